@@ -1,0 +1,1 @@
+"""The command line: build, run, measure, report."""

@@ -1,0 +1,89 @@
+"""A pinhole camera with OpenCV axes: x right, y down, z forward."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spec.error import InputError
+
+SIZE_MAX = 16384
+"""Pixels along a side that any part of this project accepts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Intrinsics in pixels and the world-to-camera transform.
+
+    A world point x is seen at p = rotation @ x + translation and lands on
+    u = fx·p.x/p.z + cx − 0.5, v likewise (pixel centres are integers).
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    rotation: np.ndarray  # [3, 3] world to camera
+    translation: np.ndarray  # [3] scene units
+    name: str = ""
+
+    def __post_init__(self):
+        object.__setattr__(self, "rotation", np.asarray(self.rotation, np.float64))
+        object.__setattr__(self, "translation", np.asarray(self.translation, np.float64))
+        for field in ("width", "height"):
+            size = getattr(self, field)
+            if not 1 <= size <= SIZE_MAX:
+                raise InputError(f"camera {self.name}: {field} {size} is not in 1 … {SIZE_MAX}")
+        for field in ("fx", "fy"):
+            if not (np.isfinite(getattr(self, field)) and getattr(self, field) > 0):
+                raise InputError(f"camera {self.name}: {field} {getattr(self, field)} is not > 0")
+        for field, shape in (("cx", ()), ("cy", ()), ("rotation", (3, 3)), ("translation", (3,))):
+            value = np.asarray(getattr(self, field))
+            if value.shape != shape or not np.isfinite(value).all():
+                raise InputError(f"camera {self.name}: {field} is not a finite {shape} array")
+
+    @property
+    def position(self) -> np.ndarray:
+        """Camera centre in world coordinates, [3]."""
+        return -self.rotation.T @ self.translation
+
+    @property
+    def tan_half_fov(self) -> tuple[float, float]:
+        """tan(fov/2) horizontally and vertically, as the original renderer defines it."""
+        return self.width / (2 * self.fx), self.height / (2 * self.fy)
+
+    def resized(self, width: int, height: int) -> "Camera":
+        """The same view with another number of pixels; intrinsics are scaled with the sides."""
+        kx, ky = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * kx,
+            fy=self.fy * ky,
+            cx=self.cx * kx,
+            cy=self.cy * ky,
+        )
+
+
+def look_at(
+    position: np.ndarray,
+    target: np.ndarray,
+    width: int,
+    height: int,
+    focal: float,
+    down: np.ndarray = (0.0, 1.0, 0.0),
+    name: str = "",
+) -> Camera:
+    """A camera at `position` [3] that looks at `target` [3]; `down` [3] is the image's +y.
+
+    `focal` is in pixels. The default `down` is that of 3DGS scenes (y points down).
+    """
+    forward = np.asarray(target, np.float64) - position
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(np.asarray(down, np.float64), forward)
+    right = right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    translation = -rotation @ np.asarray(position, np.float64)
+    return Camera(width, height, focal, focal, width / 2, height / 2, rotation, translation, name)

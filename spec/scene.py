@@ -1,0 +1,104 @@
+"""A scene as files hold it, and the Gaussians that a renderer sees."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spec.error import InputError
+
+
+def sh_count(degree: int) -> int:
+    """Number of spherical-harmonics coefficients per channel up to `degree`."""
+    return (degree + 1) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """N Gaussians in world space, float64: what every renderer of this project starts from.
+
+    The covariance is factor @ factor.T; `factor` is R·S of a scene file or the lower-triangular L
+    of a packed model. `sh` holds the real spherical-harmonics coefficients in the order of 3DGS
+    (degree 0, then 1: −y, z, −x, …); colour = Σ sh·basis + 0.5.
+    """
+
+    position: np.ndarray  # [N, 3] scene units
+    factor: np.ndarray  # [N, 3, 3] scene units
+    opacity: np.ndarray  # [N] in [0, 1]
+    sh: np.ndarray  # [N, (degree+1)², 3] RGB
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene in the PLY frame of 3DGS with every activation applied (exp, sigmoid), float64.
+
+    Quaternions need not be normalised: `gaussians` does it (a zero quaternion is the identity, as
+    in the original). NaN and Inf may occur; packing drops and counts them. `notes` are lines that
+    the reader wants the user to see (anything odd in the file).
+    """
+
+    position: np.ndarray  # [N, 3] scene units
+    scale: np.ndarray  # [N, 3] standard deviations, scene units, ≥ 0
+    quaternion: np.ndarray  # [N, 4] (w, x, y, z)
+    opacity: np.ndarray  # [N] in [0, 1]
+    sh: np.ndarray  # [N, (degree+1)², 3] RGB
+    name: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self):
+        count = len(self.position)
+        shapes = {"position": (3,), "scale": (3,), "quaternion": (4,), "opacity": ()}
+        for name, shape in shapes.items():
+            array = np.ascontiguousarray(getattr(self, name), np.float64)
+            if array.shape != (count, *shape):
+                raise InputError(f"{self.name}: {name} has shape {array.shape}")
+            object.__setattr__(self, name, array)
+        sh = np.ascontiguousarray(self.sh, np.float64)
+        if sh.ndim != 3 or len(sh) != count or sh.shape[1] not in (1, 4, 9, 16):
+            raise InputError(f"{self.name}: sh has shape {sh.shape}")
+        object.__setattr__(self, "sh", sh)
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def sh_degree(self) -> int:
+        return int(np.sqrt(self.sh.shape[1])) - 1
+
+    def __getitem__(self, index) -> "Scene":
+        """The Gaussians that a numpy index (slice, mask or integers) selects."""
+        return Scene(
+            self.position[index],
+            self.scale[index],
+            self.quaternion[index],
+            self.opacity[index],
+            self.sh[index],
+            self.name,
+            self.notes,
+        )
+
+    def with_sh_degree(self, degree: int) -> "Scene":
+        """The scene with the coefficients above `degree` dropped."""
+        sh = self.sh[:, : sh_count(degree)]
+        return Scene(
+            self.position, self.scale, self.quaternion, self.opacity, sh, self.name, self.notes
+        )
+
+    def gaussians(self) -> Gaussians:
+        """What a renderer sees: factor = rotation matrix · diag(scale)."""
+        rotation = rotation_matrix(self.quaternion)  # [N, 3, 3]
+        return Gaussians(self.position, rotation * self.scale[:, None, :], self.opacity, self.sh)
+
+
+def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z), normalised first."""
+    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    w, x, y, z = (quaternion / np.where(norm == 0, 1.0, norm)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)

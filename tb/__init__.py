@@ -1,0 +1,1 @@
+"""cocotb benches and pytest tests, one file per word."""
