@@ -1,0 +1,220 @@
+"""The float64 reference renderer: 3D Gaussian Splatting as the textbook has it, no formats.
+
+Everything else in this project is measured against it. Scene to image in four words: `project`
+Gaussians to splats, `bin` splats to tiles (depth-ordered lists), blend them (`rasterize`), count.
+Source of the formulas: Kerbl et al. 2023 (3DGS) and Zwicker et al. 2001 (EWA splatting).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden import harmonics
+from golden.reference_tiles import bin_splats, count_rows, rasterize
+from spec.camera import Camera
+from spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
+from spec.scene import Gaussians
+
+Progress = Callable[[int, int], None]
+"""Called with (tiles done, tiles in all)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """Gaussians projected to the image, in pixels, sorted by depth (ties by storage order)."""
+
+    index: np.ndarray  # [M] which Gaussian
+    centre: np.ndarray  # [M, 2] u, v
+    depth: np.ndarray  # [M] camera z, scene units
+    covariance: np.ndarray  # [M, 3] xx, xy, yy with the blur added, square pixels
+    conic: np.ndarray  # [M, 3] inverse covariance A, B, C: Q = A·dx² + 2·B·dx·dy + C·dy²
+    opacity: np.ndarray  # [M]
+    reach: np.ndarray  # [M] largest Q at which alpha ≥ alpha_min: 2·ln(opacity / alpha_min)
+    colour: np.ndarray  # [M, 3] RGB ≥ 0
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def __getitem__(self, keep) -> "Splats":
+        return Splats(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+    @property
+    def extent(self) -> np.ndarray:
+        """Half-widths [M, 2] of the box around the pixels with alpha ≥ alpha_min."""
+        return np.sqrt(np.maximum(self.reach, 0)[:, None] * self.covariance[:, [0, 2]])
+
+    @property
+    def radius(self) -> np.ndarray:
+        """Half-width [M] of the original renderer's square: ⌈3·√λmax⌉."""
+        xx, xy, yy = self.covariance.T
+        largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+        return np.ceil(SIGMA_EXTENT * np.sqrt(largest))
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A rendered frame. `counts` are those of the work tables; see `docs/json.md`."""
+
+    image: np.ndarray  # [H, W, 3] RGB, not clipped
+    transmittance: np.ndarray  # [H, W] what is left of the background
+    tile_list: np.ndarray  # [⌈H/16⌉, ⌈W/16⌉] splats in each tile's list
+    counts: dict[str, int | float]
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """The 8-bit image [H, W, 3]: clipped to [0, 1], rounded to nearest."""
+        return np.rint(np.clip(self.image, 0, 1) * 255).astype(np.uint8)
+
+
+def render(
+    gaussians: Gaussians,
+    camera: Camera,
+    convention: Convention = SPLATCORE,
+    progress: Progress | None = None,
+) -> Frame:
+    """Render one frame; Gaussians that hold NaN or Inf are left out and counted."""
+    splats, counts = project(gaussians, camera, convention)
+    boxes = tile_boxes(splats, camera, convention)
+    lists = bin_splats(
+        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height,
+        convention.footprint == "exact",
+    )  # fmt: skip
+    image, transmittance, work = rasterize(
+        lists, splats, camera.width, camera.height, convention, progress
+    )
+    lengths = np.diff(lists.start)
+    counts |= {
+        "pairs": int(lengths.sum()),
+        "pairs_after_termination": int(work[0]),
+        "blocks": int(work[1]),
+        "contributions": int(work[2]),
+        "tile_rows": count_rows(splats.centre, splats.extent, camera.width, camera.height),
+        "tile_list_mean": float(lengths.mean()),
+        "tile_list_p99": float(np.percentile(lengths, 99)),
+        "tile_list_max": int(lengths.max()),
+        "pixels_ended": int(work[3]),
+    }
+    image += transmittance[..., None] * np.asarray(convention.background, np.float64)
+    return Frame(image, transmittance, lengths.reshape(tile_grid(camera)), counts)
+
+
+def tile_grid(camera: Camera) -> tuple[int, int]:
+    """Rows and columns of tiles that cover the image."""
+    return -(-camera.height // TILE), -(-camera.width // TILE)
+
+
+def project(
+    gaussians: Gaussians, camera: Camera, convention: Convention = SPLATCORE
+) -> tuple[Splats, dict[str, int | float]]:
+    """Visible splats in depth order, and how many Gaussians went where."""
+    finite = np.isfinite(gaussians.position).all(1) & np.isfinite(gaussians.opacity)
+    finite &= np.isfinite(gaussians.factor).all((1, 2)) & np.isfinite(gaussians.sh).all((1, 2))
+    index = np.flatnonzero(finite)
+    point = gaussians.position[index] @ camera.rotation.T + camera.translation  # [N, 3]
+    front = point[:, 2] > convention.near_plane
+    counts = {
+        "gaussians": len(gaussians),
+        "not_finite": len(gaussians) - len(index),
+        "near_culled": int(len(index) - front.sum()),
+    }
+    index, point = index[front], point[front]
+    order = np.argsort(point[:, 2], kind="stable")
+    index, point = index[order], point[order]
+
+    depth = point[:, 2]
+    centre = point[:, :2] / depth[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    with np.errstate(all="ignore"):  # what overflows is counted as not finite just below
+        covariance, conic = covariance_and_conic(gaussians.factor[index], point, camera, convention)
+    opacity = gaussians.opacity[index]
+    with np.errstate(divide="ignore"):
+        reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
+    splats = Splats(
+        index, centre - convention.principal_point_shift, depth, covariance, conic,
+        opacity, reach, np.zeros_like(point),
+    )  # fmt: skip
+    sound = np.isfinite(splats.centre).all(1) & np.isfinite(conic).all(1)
+    counts["not_finite"] += int(len(splats) - sound.sum())
+    splats = splats[sound]
+    counts["pairs_3sigma"] = int(areas(square_boxes(splats, camera, convention)).sum())
+    if convention.footprint == "exact":
+        seen = splats.opacity > convention.alpha_min
+        seen &= areas(pixel_boxes(splats, camera, convention)) > 0
+    else:
+        seen = areas(square_boxes(splats, camera, convention)) > 0
+    splats = splats[seen]
+    counts["visible"] = len(splats)
+    splats.colour[:] = colours(gaussians, splats.index, camera, convention)
+    return splats, counts
+
+
+def covariance_and_conic(
+    factor: np.ndarray, point: np.ndarray, camera: Camera, convention: Convention
+) -> tuple[np.ndarray, np.ndarray]:
+    """2D covariance (xx, xy, yy) [N, 3] and its inverse (A, B, C) [N, 3].
+
+    With M = J·R·factor (2×3, J the Jacobian of the projection, R the camera's rotation) the
+    covariance is M·Mᵀ + blur·I. Its determinant is taken as |m₀ × m₁|² + blur·(|m₀|² + |m₁|²) +
+    blur² (Lagrange's identity), a sum of squares: needles lose no digits to cancellation.
+    """
+    limit = convention.frustum_margin * np.array(camera.tan_half_fov)
+    z = point[:, 2:]
+    slope = np.clip(point[:, :2] / z, -limit, limit)  # [N, 2] X/Z, Y/Z
+    focal = np.array([camera.fx, camera.fy])
+    jacobian = np.zeros((len(point), 2, 3))
+    jacobian[:, 0, 0], jacobian[:, 1, 1] = (focal / z).T
+    jacobian[:, :, 2] = -focal * slope / z
+    m0, m1 = np.moveaxis(jacobian @ camera.rotation @ factor, 1, 0)  # [N, 3] each
+    blur = convention.covariance_blur
+    xx, xy, yy = (m0 * m0).sum(1), (m0 * m1).sum(1), (m1 * m1).sum(1)
+    determinant = (np.cross(m0, m1) ** 2).sum(1) + blur * (xx + yy) + blur**2
+    xx, yy = xx + blur, yy + blur
+    covariance = np.stack([xx, xy, yy], axis=1)
+    return covariance, np.stack([yy, -xy, xx], axis=1) / determinant[:, None]
+
+
+def colours(
+    gaussians: Gaussians, index: np.ndarray, camera: Camera, convention: Convention
+) -> np.ndarray:
+    """RGB [M, 3] ≥ 0 of Gaussians `index` [M] as seen from the camera."""
+    sh = gaussians.sh[index]  # [M, (degree+1)², 3]
+    ray = gaussians.position[index] - camera.position
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    basis = harmonics.basis(ray, int(np.sqrt(sh.shape[1])) - 1)
+    return np.maximum(np.einsum("nk,nkc->nc", basis, sh) + convention.colour_offset, 0)
+
+
+def pixel_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
+    """Inclusive pixel ranges [M, 4] x0, x1, y0, y1 of the exact footprint's bounding box."""
+    low = np.ceil(splats.centre - splats.extent - convention.pixel_centre)
+    high = np.floor(splats.centre + splats.extent - convention.pixel_centre)
+    return clip_boxes(low, high, (camera.width - 1, camera.height - 1))
+
+
+def square_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
+    """Inclusive tile ranges [M, 4] of the original renderer's 3σ square (its `getRect`)."""
+    rows, columns = tile_grid(camera)
+    radius = splats.radius[:, None]
+    low = np.trunc((splats.centre - radius) / TILE)
+    high = np.trunc((splats.centre + radius + TILE - 1) / TILE) - 1
+    return clip_boxes(low, high, (columns - 1, rows - 1))
+
+
+def clip_boxes(low: np.ndarray, high: np.ndarray, last: tuple[int, int]) -> np.ndarray:
+    """Inclusive ranges [M, 4] x0, x1, y0, y1 cut to 0 … last; empty ones have x1 < x0."""
+    low = np.clip(low, 0, np.add(last, 1)).astype(np.int32)
+    high = np.clip(high, -1, last).astype(np.int32)
+    return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
+
+
+def areas(boxes: np.ndarray) -> np.ndarray:
+    """Number of cells in inclusive ranges [M, 4]; 0 for an empty one."""
+    sides = np.maximum(boxes[:, [1, 3]] - boxes[:, [0, 2]] + 1, 0)
+    return sides[:, 0].astype(np.int64) * sides[:, 1]
+
+
+def tile_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
+    """Inclusive tile ranges [M, 4] within which a splat's tiles are looked for."""
+    if convention.footprint == "exact":
+        return pixel_boxes(splats, camera, convention) // TILE
+    return square_boxes(splats, camera, convention)

@@ -1,0 +1,158 @@
+"""The reference renderer's inner loops: which tiles a splat touches, and blending a tile.
+
+Compiled by numba, parallel over tiles; every tile is computed by one thread in a fixed order, so
+the result does not depend on the number of threads.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from spec.convention import BLOCK, TILE
+
+SLACK = 1e-9
+"""Relative widening of a box or a reach before the exact comparison decides."""
+
+
+@dataclass(frozen=True, eq=False)
+class TileLists:
+    """Depth-ordered splat lists of all tiles, row by row, one after the other."""
+
+    start: np.ndarray  # [tiles + 1] where a tile's list begins in `splat`
+    splat: np.ndarray  # [pairs] indices into the splats, front to back
+
+
+def bin_splats(centre, conic, reach, boxes, width, height, exact) -> TileLists:
+    """Lists of the tiles in `boxes` [M, 4], narrowed to those really reached if `exact`."""
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    lengths = np.zeros(columns * rows, np.int64)
+    _visit_tiles(centre, conic, reach, boxes, columns, width, height, exact, lengths, lengths[:0])
+    start = np.concatenate([[0], np.cumsum(lengths)])
+    splat = np.empty(start[-1], np.int32)
+    _visit_tiles(
+        centre, conic, reach, boxes, columns, width, height, exact, start[:-1].copy(), splat
+    )
+    return TileLists(start, splat)
+
+
+@njit(cache=True)
+def _visit_tiles(centre, conic, reach, boxes, columns, width, height, exact, slot, splat):
+    """Count pairs per tile in `slot` (if `splat` is empty), else write them from `slot` on."""
+    for m in range(len(boxes)):
+        for row in range(boxes[m, 2], boxes[m, 3] + 1):
+            y0 = row * TILE - centre[m, 1]
+            y1 = min(row * TILE + TILE, height) - 1 - centre[m, 1]
+            for column in range(boxes[m, 0], boxes[m, 1] + 1):
+                x0 = column * TILE - centre[m, 0]
+                x1 = min(column * TILE + TILE, width) - 1 - centre[m, 0]
+                if exact and smallest_q(conic[m], x0, x1, y0, y1) > reach[m]:
+                    continue
+                tile = row * columns + column
+                if len(splat):
+                    splat[slot[tile]] = m
+                slot[tile] += 1
+
+
+@njit(cache=True)
+def smallest_q(conic, x0, x1, y0, y1):
+    """Minimum of A·x² + 2·B·x·y + C·y² over the rectangle [x0, x1] × [y0, y1].
+
+    The form is convex with its minimum 0 at the origin, so outside of it the minimum lies on an
+    edge that faces the origin.
+    """
+    if x0 <= 0 <= x1 and y0 <= 0 <= y1:
+        return 0.0
+    a, b, c = conic
+    best = np.inf
+    for x in (x0, x1):
+        y = min(max(-b * x / c, y0), y1)
+        best = min(best, a * x * x + 2 * b * x * y + c * y * y)
+    for y in (y0, y1):
+        x = min(max(-b * y / a, x0), x1)
+        best = min(best, a * x * x + 2 * b * x * y + c * y * y)
+    return best
+
+
+def count_rows(centre, extent, width, height) -> int:
+    """Tile rows that the splats' boxes cover, summed: what a row-interval test steps through."""
+    low = np.clip(np.ceil(centre[:, 1] - extent[:, 1]), 0, height) // TILE
+    high = np.clip(np.floor(centre[:, 1] + extent[:, 1]), -1, height - 1) // TILE
+    return int(np.maximum(high - low + 1, 0).sum())
+
+
+def rasterize(lists, splats, width, height, convention, progress=None):
+    """Blend all tiles: image [H, W, 3], transmittance [H, W] and the work done [4].
+
+    Work: pairs met before all pixels of their tile had ended, 4×4 blocks in which a live pixel
+    had alpha ≥ alpha_min, contributions, pixels that ended.
+    """
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    image, transmittance = np.zeros((height, width, 3)), np.ones((height, width))
+    work = np.zeros((columns * rows, 4), np.int64)
+    limits = np.array(
+        [convention.alpha_min, convention.alpha_max, convention.transmittance_min]
+    )  # fmt: skip
+    for row in range(rows):
+        _blend_tile_row(
+            row, columns, lists.start, lists.splat, splats.centre - convention.pixel_centre,
+            splats.conic, splats.opacity, splats.reach, splats.extent, splats.colour, limits,
+            image, transmittance, work,
+        )  # fmt: skip
+        if progress:
+            progress((row + 1) * columns, rows * columns)
+    return image, transmittance, work.sum(0)
+
+
+@njit(parallel=True, cache=True)
+def _blend_tile_row(
+    row, columns, start, splat, centre, conic, opacity, reach, extent, colour, limits,
+    image, transmittance, work,
+):  # fmt: skip
+    alpha_min, alpha_max, transmittance_min = limits
+    height, width = transmittance.shape
+    for column in prange(columns):
+        tile = row * columns + column
+        left, top = column * TILE, row * TILE
+        right, bottom = min(left + TILE, width), min(top + TILE, height)
+        live = np.ones((TILE, TILE), np.bool_)
+        alive = (right - left) * (bottom - top)
+        for pair in range(start[tile], start[tile + 1]):
+            if alive == 0:
+                break
+            work[tile, 0] += 1
+            m = splat[pair]
+            u, v = centre[m]
+            a, b, c = conic[m]
+            red, green, blue = colour[m]
+            wide, high = extent[m] * (1 + SLACK) + SLACK
+            limit = reach[m] * (1 + SLACK) + SLACK
+            blocks = 0
+            for y in range(max(top, int(np.ceil(v - high))), min(bottom, int(v + high) + 1)):
+                dy = y - v
+                for x in range(max(left, int(np.ceil(u - wide))), min(right, int(u + wide) + 1)):
+                    if not live[y - top, x - left]:
+                        continue
+                    dx = x - u
+                    q = a * dx * dx + 2 * b * dx * dy + c * dy * dy
+                    if q > limit:
+                        continue
+                    alpha = min(alpha_max, opacity[m] * np.exp(-0.5 * q))
+                    if alpha < alpha_min:
+                        continue
+                    blocks |= 1 << ((y - top) // BLOCK * (TILE // BLOCK) + (x - left) // BLOCK)
+                    rest = transmittance[y, x] * (1 - alpha)
+                    if rest < transmittance_min:
+                        live[y - top, x - left] = False
+                        alive -= 1
+                        work[tile, 3] += 1
+                        continue
+                    weight = transmittance[y, x] * alpha
+                    image[y, x, 0] += weight * red
+                    image[y, x, 1] += weight * green
+                    image[y, x, 2] += weight * blue
+                    transmittance[y, x] = rest
+                    work[tile, 2] += 1
+            while blocks:
+                blocks &= blocks - 1
+                work[tile, 1] += 1
