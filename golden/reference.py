@@ -25,7 +25,7 @@ class Splats:
     """Gaussians projected to the image, in pixels, sorted by depth (ties by storage order)."""
 
     index: np.ndarray  # [M] which Gaussian
-    centre: np.ndarray  # [M, 2] u, v
+    centre: np.ndarray  # [M, 2] u, v; the centre of pixel (x, y) is at u = x, v = y
     depth: np.ndarray  # [M] camera z, scene units
     covariance: np.ndarray  # [M, 3] xx, xy, yy with the blur added, square pixels
     conic: np.ndarray  # [M, 3] inverse covariance A, B, C: Q = A·dx² + 2·B·dx·dy + C·dy²
@@ -124,24 +124,24 @@ def project(
 
     depth = point[:, 2]
     centre = point[:, :2] / depth[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    centre -= convention.principal_point_shift + convention.pixel_centre
     with np.errstate(all="ignore"):  # what overflows is counted as not finite just below
         covariance, conic = covariance_and_conic(gaussians.factor[index], point, camera, convention)
     opacity = gaussians.opacity[index]
     with np.errstate(divide="ignore"):
         reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
     splats = Splats(
-        index, centre - convention.principal_point_shift, depth, covariance, conic,
-        opacity, reach, np.zeros_like(point),
+        index, centre, depth, covariance, conic, opacity, reach, np.zeros_like(point)
     )  # fmt: skip
     sound = np.isfinite(splats.centre).all(1) & np.isfinite(conic).all(1)
     counts["not_finite"] += int(len(splats) - sound.sum())
     splats = splats[sound]
-    counts["pairs_3sigma"] = int(areas(square_boxes(splats, camera, convention)).sum())
+    counts["pairs_3sigma"] = int(areas(square_boxes(splats, camera)).sum())
     if convention.footprint == "exact":
         seen = splats.opacity > convention.alpha_min
-        seen &= areas(pixel_boxes(splats, camera, convention)) > 0
+        seen &= areas(pixel_boxes(splats, camera)) > 0
     else:
-        seen = areas(square_boxes(splats, camera, convention)) > 0
+        seen = areas(square_boxes(splats, camera)) > 0
     splats = splats[seen]
     counts["visible"] = len(splats)
     splats.colour[:] = colours(gaussians, splats.index, camera, convention)
@@ -184,14 +184,14 @@ def colours(
     return np.maximum(np.einsum("nk,nkc->nc", basis, sh) + convention.colour_offset, 0)
 
 
-def pixel_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
+def pixel_boxes(splats: Splats, camera: Camera) -> np.ndarray:
     """Inclusive pixel ranges [M, 4] x0, x1, y0, y1 of the exact footprint's bounding box."""
-    low = np.ceil(splats.centre - splats.extent - convention.pixel_centre)
-    high = np.floor(splats.centre + splats.extent - convention.pixel_centre)
+    low = np.ceil(splats.centre - splats.extent)
+    high = np.floor(splats.centre + splats.extent)
     return clip_boxes(low, high, (camera.width - 1, camera.height - 1))
 
 
-def square_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
+def square_boxes(splats: Splats, camera: Camera) -> np.ndarray:
     """Inclusive tile ranges [M, 4] of the original renderer's 3σ square (its `getRect`)."""
     rows, columns = tile_grid(camera)
     radius = splats.radius[:, None]
@@ -216,5 +216,5 @@ def areas(boxes: np.ndarray) -> np.ndarray:
 def tile_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
     """Inclusive tile ranges [M, 4] within which a splat's tiles are looked for."""
     if convention.footprint == "exact":
-        return pixel_boxes(splats, camera, convention) // TILE
-    return square_boxes(splats, camera, convention)
+        return pixel_boxes(splats, camera) // TILE
+    return square_boxes(splats, camera)

@@ -95,7 +95,7 @@ def rasterize(lists, splats, width, height, convention, progress=None):
     )  # fmt: skip
     for row in range(rows):
         _blend_tile_row(
-            row, columns, lists.start, lists.splat, splats.centre - convention.pixel_centre,
+            row, columns, lists.start, lists.splat, splats.centre,
             splats.conic, splats.opacity, splats.reach, splats.extent, splats.colour, limits,
             image, transmittance, work,
         )  # fmt: skip

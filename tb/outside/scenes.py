@@ -1,0 +1,93 @@
+"""The scenes that gsplat renders for us, from seeded generators.
+
+Each is small, of a size that is no multiple of a tile, with fx ≠ fy and a camera that is turned
+about all axes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spec.camera import Camera, look_at
+from spec.scene import Scene, sh_count
+from tb.outside.stored import Case
+
+
+def exact(array: np.ndarray) -> np.ndarray:
+    """The nearest numbers that are exact in float32, as float64."""
+    return np.asarray(array, np.float32).astype(np.float64)
+
+
+def build(rng, name: str, position, scale, opacity, degree: int, detail: float) -> Scene:
+    """A scene of turned Gaussians; quaternions are random and not normalised.
+
+    `position` [N, 3], `scale` [N, 3], `opacity` [N]; `detail` is the standard deviation of the
+    spherical harmonics above degree 0 (those of degree 0 have 1, so that some colours are < 0).
+    """
+    count = len(position)
+    quaternion = rng.normal(size=(count, 4))
+    sh = rng.normal(size=(count, sh_count(degree), 3))
+    sh[:, 1:] *= detail
+    arrays = (exact(array) for array in (position, scale, quaternion, opacity, sh))
+    return Scene(*arrays, name=name)
+
+
+def cloud() -> Case:
+    """A general scene: a ball of Gaussians of all sizes and opacities, SH of degree 3."""
+    rng = np.random.default_rng(1)
+    count = 800
+    position = rng.normal(size=(count, 3))
+    scale = np.exp(rng.normal(-3.1, 0.8, size=(count, 3)))
+    opacity = 1 / (1 + np.exp(-rng.normal(0.5, 2.0, size=count)))
+    scene = build(rng, "cloud", position, scale, opacity, 3, 0.25)
+    camera = look_at((1.6, -1.1, -3.1), (0.1, 0.05, 0.0), 131, 89, 118.0, (0.1, 1.0, 0.05))
+    return Case(scene, replace(camera, fy=103.0))
+
+
+def needles() -> Case:
+    """Axis ratios to 1e4, from far below a pixel to across the screen, nearly opaque.
+
+    One pixel in twenty ends early. Some Gaussians are flat (a scale of 0), some have opacity 1,
+    some are just above and below 1/255.
+    """
+    rng = np.random.default_rng(2)
+    count = 700
+    position = rng.uniform(-1.5, 1.5, size=(count, 3))
+    longest = 10 ** rng.uniform(-3.0, 0.15, size=(count, 1))
+    scale = longest * 10 ** -rng.uniform(0.4, 4.0, size=(count, 3))
+    scale[:, 0] = longest[:, 0]
+    scale[::50, 2] = 0.0
+    opacity = 1 - 0.4 * rng.uniform(size=count) ** 2
+    opacity[::9] = 1.0
+    opacity[4::40] = rng.uniform(0.8 / 255, 2 / 255, size=opacity[4::40].shape)
+    scene = build(rng, "needles", position, scale, opacity, 0, 0.0)
+    camera = look_at((-0.7, 1.9, 3.4), (0.0, 0.1, -0.2), 117, 95, 97.0, (-0.2, 1.0, 0.1))
+    return Case(scene, replace(camera, fy=109.0))
+
+
+def near() -> Case:
+    """A camera amid its scene: 120° wide, Gaussians behind, at and just beyond the near plane.
+
+    Many centres lie outside 1.3·tan(fov/2), where the Jacobian is clamped, with splats that still
+    reach the screen; one splat covers all of it. SH of degree 1, a background that is not black.
+    """
+    rng = np.random.default_rng(3)
+    amid = rng.uniform((-4.0, -4.0, -0.6), (4.0, 4.0, 3.0), size=(300, 3))
+    edge = rng.uniform((-0.3, -0.3, 0.15), (0.3, 0.3, 0.3), size=(60, 3))
+    position = np.concatenate([amid, edge, [(0.2, -0.1, 2.2)]])  # [361, 3] camera space
+    sizes = np.repeat([-2.2, -3.8, 1.8], [300, 60, 1])  # logarithms
+    scale = np.exp(rng.normal(sizes[:, None], 0.6, size=(361, 3)))
+    opacity = rng.uniform(0.05, 0.95, size=361)
+    opacity[-1] = 0.35
+    camera = look_at((5.0, -3.0, 7.0), (4.3, -2.4, 5.5), 107, 91, 31.0, (0.1, 1.0, -0.2))
+    camera = replace(camera, fy=34.0)
+    scene = build(rng, "near", world(camera, position), scale, opacity, 1, 0.4)
+    return Case(scene, camera, background=(0.2, 0.5, 0.8))
+
+
+def world(camera: Camera, position: np.ndarray) -> np.ndarray:
+    """World coordinates [N, 3] of camera coordinates [N, 3]."""
+    return (position - camera.translation) @ camera.rotation
+
+
+CASES = {"cloud": cloud, "needles": needles, "near": near}
