@@ -179,6 +179,7 @@ def colours(
     """RGB [M, 3] ≥ 0 of Gaussians `index` [M] as seen from the camera."""
     sh = gaussians.sh[index]  # [M, (degree+1)², 3]
     ray = gaussians.position[index] - camera.position
+    ray /= np.abs(ray).max(axis=1, keepdims=True)  # the square of a large one would overflow
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     basis = harmonics.basis(ray, int(np.sqrt(sh.shape[1])) - 1)
     return np.maximum(np.einsum("nk,nkc->nc", basis, sh) + convention.colour_offset, 0)

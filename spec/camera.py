@@ -6,7 +6,7 @@ import numpy as np
 
 from spec.error import InputError
 
-SIZE_MAX = 16384
+SIZE_MAX = 8192
 """Pixels along a side that any part of this project accepts."""
 
 

@@ -1,0 +1,47 @@
+# Two commands: `make demo` runs the main job on the embedded scene, `make test` passes the tests.
+# Both make .venv and install everything first. `make check` is the quick one while working.
+
+PYTHON ?= python3
+BIN := .venv/bin
+SPLATCORE := $(BIN)/splatcore
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test check clean
+
+help:
+	@echo "make demo   install, then render the embedded scene and compare: pictures in out/"
+	@echo "make test   install, then run every test"
+	@echo "make check  lint, the import rule and the quick tests: seconds"
+	@echo "make clean  remove what the others made"
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "Splatcore needs Python 3.11 or newer: make PYTHON=python3.12 …"; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@touch $@
+
+demo: install
+	@mkdir -p out
+	$(SPLATCORE) scene garden -o out/garden.ply
+	$(SPLATCORE) info out/garden.ply
+	$(SPLATCORE) pack out/garden.ply -o out/garden.splatcore
+	$(SPLATCORE) render out/garden.ply -o out/scene.png
+	$(SPLATCORE) render out/garden.splatcore -o out/model.png --heat-map out/tiles.png \
+		--json out/model.json
+	$(SPLATCORE) compare out/scene.png out/model.png -o out/error.png
+
+test: install demo
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest
+
+check: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest -m "not slow and not scenes"
+
+clean:
+	rm -rf .venv out build *.egg-info

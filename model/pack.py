@@ -1,0 +1,122 @@
+"""Scene to packed model: drop what cannot be seen, order, quantise, lay out, and say the loss."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from model.chunk import chunk_positions
+from model.codebook import quantise
+from model.factor import largest_axis, lower_triangular
+from model.layout import Quantised, lay_out
+from model.packed import SH_C0, PackedModel, slopes_from_sh
+from spec.config import DEFAULT, Config
+from spec.convention import ALPHA_MIN
+from spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
+from spec.scene import Scene
+
+STEPS = ("order", "colour", "harmonics", "layout")
+Progress = Callable[[str], None]
+"""Called with the name of each of `STEPS` as it begins."""
+
+
+@dataclass(frozen=True)
+class PackReport:
+    """What packing did to a scene. Errors are of the packed Gaussians against the scene's."""
+
+    gaussians: int  # in the scene
+    packed: int
+    not_finite: int  # dropped: NaN or Inf
+    transparent: int  # dropped: opacity below 1/255
+    sh_degree: int
+    bytes: int
+    codebook_bytes: int
+    bytes_per_gaussian: float  # without the codebooks
+    position_error: float  # largest, scene units
+    factor_error: float  # largest error of an element of L over the Gaussian's largest axis
+    opacity_error: float  # largest
+    colour_rms: float
+    sh_rms: float  # of degree-1 slopes
+
+    def as_dict(self) -> dict:
+        return asdict(self)
+
+
+def pack(
+    scene: Scene,
+    config: Config = DEFAULT,
+    sh_degree: int | None = None,
+    progress: Progress | None = None,
+) -> tuple[PackedModel, PackReport]:
+    """Pack a scene for a machine, with harmonics up to `sh_degree` (default: as many as fit).
+
+    Gaussians that hold NaN or Inf, or can never reach alpha 1/255, are dropped and counted.
+    """
+    progress = progress or (lambda step: None)
+    degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
+    format = model_format(config, degree)
+    progress("order")
+    finite, visible = keep(scene)
+    kept = scene[finite & visible].with_sh_degree(degree)
+    chunks = chunk_positions(kept.position)
+    kept = kept[chunks.order]  # from here on in the order in which they are stored
+    lower = lower_triangular(kept.gaussians().factor)
+    progress("colour")
+    colour = quantise(kept.sh[:, 0] * SH_C0 + 0.5, format.colour_index, COMPONENT)
+    progress("harmonics")
+    slopes = slopes_from_sh(kept.sh[:, 1:4]).reshape(-1, 9) if degree else np.zeros((0, 9))
+    harmonics = quantise(slopes, format.sh_index, SLOPE)
+    progress("layout")
+    absolute = format.position == "absolute"
+    image = lay_out(
+        Quantised(
+            format,
+            chunks,
+            ABSOLUTE.encode(kept.position) if absolute else chunks.stored,
+            *quantise_factor(lower),
+            OPACITY.round(-np.log2(np.minimum(kept.opacity, 1))),
+            colour,
+            harmonics,
+        )
+    )
+    model = PackedModel(image, scene.name)
+    packed = model.gaussians()
+    axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)
+    report = PackReport(
+        gaussians=len(scene),
+        packed=len(model),
+        not_finite=int((~finite).sum()),
+        transparent=int((finite & ~visible).sum()),
+        sh_degree=degree,
+        bytes=len(image),
+        codebook_bytes=format.codebook_bytes,
+        bytes_per_gaussian=model.bytes_per_gaussian,
+        position_error=_largest(packed.position - kept.position),
+        factor_error=_largest((packed.factor - lower) / axis[:, None, None]),
+        opacity_error=_largest(packed.opacity - kept.opacity),
+        colour_rms=_rms((packed.sh[:, 0] - kept.sh[:, 0]) * SH_C0),
+        sh_rms=_rms(harmonics.decode() - slopes) if degree else 0.0,
+    )
+    return model, report
+
+
+def _largest(error: np.ndarray) -> float:
+    return float(np.abs(error).max(initial=0))
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt((error**2).mean())) if error.size else 0.0
+
+
+def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Masks [N]: Gaussians without NaN and Inf, and Gaussians that can reach alpha 1/255."""
+    finite = np.isfinite(scene.opacity) & np.isfinite(scene.sh).all((1, 2))
+    for array in (scene.position, scene.scale, scene.quaternion):
+        finite &= np.isfinite(array).all(1)
+    return finite, scene.opacity >= ALPHA_MIN
+
+
+def quantise_factor(lower: np.ndarray) -> tuple[np.ndarray, int]:
+    """L [N, 3, 3] rounded to FACTOR in units of 2^exponent, and the smallest exponent that fits."""
+    _, exponent = np.frexp(np.abs(lower).max(initial=0) / FACTOR.max)
+    return FACTOR.round(np.ldexp(lower, -int(exponent))), int(exponent)

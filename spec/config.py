@@ -1,0 +1,159 @@
+"""`Config`: every size and number format of one machine, and the presets.
+
+A sized hardware module takes a `Config` as its only constructor argument; twins, packing and
+reports take the same object. Whatever can be computed from other fields is a property here or a
+function of `spec.memory`, never a second field.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from spec.error import InputError
+from spec.number import FP16, FP24, Float
+
+KB = 1024
+MEMORY_MAX = 120 * KB
+"""Bytes of on-chip memory that the paper's design has: the bound for ours."""
+
+CLOCK_HZ = 800_000_000
+"""The clock of the paper's design; frames per second are quoted at it."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """One machine. Raises InputError, naming the field, for values that cannot be built."""
+
+    name: str = "DEFAULT"
+
+    # What the image may be at most (pixels).
+    width_max: int = 1920
+    height_max: int = 1080
+
+    # The packed model. `sh_degree` is the highest that the colour program evaluates; index bits
+    # are those of each codebook stage, for models of degree 0 and 1 in turn (see `spec.memory`).
+    sh_degree: int = 1
+    position: Literal["chunk", "absolute"] = "chunk"
+    colour_index: tuple[tuple[int, ...], ...] = ((9, 9), (7, 6))
+    sh_index: tuple[tuple[int, ...], ...] = ((), (7, 7))
+
+    # Stages 0 and 1: cull and project.
+    arithmetic: Float = FP24
+    depth: Float = Float(7, 16, signed=False)
+    screen_fraction: int = 5  # bits of a screen coordinate below one pixel
+    pe_arrays: int = 1
+    pes: int = 6
+    depth_interval: bool = False  # cull by z + Δz instead of the centre's z
+    skip_zeros: bool = True  # leave out the products with zeros of the Jacobian
+
+    # Binning.
+    tile_test: Literal["exact", "3sigma"] = "exact"
+    group: int = 4  # tiles along the side of a group
+
+    # Stage 2: sort.
+    sub_sorters: int = 4
+    sub_sorter_entries: int = 256
+    sort_digits: tuple[int, ...] = (3, 4, 4, 4)  # bits of a key, most significant group first
+    key_buffer: int = 4 * KB  # bytes for each sub-sorter
+    value_buffer: int = 4 * KB
+    overflow_keys: int = 12 * KB  # bytes shared by all sub-sorters
+    overflow_values: int = 12 * KB
+
+    # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
+    rasterizers: int = 4
+    lanes: int = 16  # pixels at a time for each rasterizer
+    exponent_fraction: int = 10  # bits of E's constant and linear coefficients below the point
+    power_fraction: int = 6  # bits of E below the point that index the table of 2^x
+    power_mantissa: int = 8  # bits of an entry of that table
+    transmittance: int = 16  # bits of T, all below the point
+    weight: int = 14  # bits of T·alpha, all below the point
+
+    # Other on-chip memories (bytes).
+    codebook: int = 8 * KB
+    feature_memory: int = 32 * KB
+    view_memory: int = 12 * KB
+    process_memory: int = 12 * KB
+
+    def __post_init__(self):
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if type(value) is int and value < 0:
+                raise self._error(field.name, "is negative")
+        for name, low, high in (
+            ("width_max", 1, 4096), ("height_max", 1, 4096), ("sh_degree", 0, 1),
+            ("pe_arrays", 1, 4), ("pes", 1, 12), ("sub_sorters", 1, 16),
+            ("sub_sorter_entries", 2, 512), ("rasterizers", 1, 16), ("lanes", 1, 256),
+            ("group", 1, 16),
+        ):  # fmt: skip
+            if not low <= getattr(self, name) <= high:
+                raise self._error(name, f"is not in {low} … {high}")
+        if not 8 <= self.sort_key_bits <= 24:
+            raise self._error("sort_digits", "do not sum to 8 … 24 bits")
+        for name in ("colour_index", "sh_index"):
+            if len(getattr(self, name)) <= self.sh_degree:
+                raise self._error(name, f"says nothing about models of degree {self.sh_degree}")
+
+    def _error(self, field: str, why: str) -> InputError:
+        return InputError(f"preset {self.name}: {field} {getattr(self, field)} {why}")
+
+    @property
+    def sort_key_bits(self) -> int:
+        """Width of a sub-sorter's key."""
+        return sum(self.sort_digits)
+
+    @property
+    def memories(self) -> dict[str, int]:
+        """On-chip memories in bytes, by name."""
+        return {
+            "codebook": self.codebook,
+            "sort": self.sub_sorters * (self.key_buffer + self.value_buffer)
+            + self.overflow_keys
+            + self.overflow_values,
+            "feature": self.feature_memory,
+            "view": self.view_memory,
+            "process": self.process_memory,
+        }
+
+
+DEFAULT = Config()
+"""The machine that `docs/` describes."""
+
+PAPER = Config(
+    name="PAPER",
+    position="absolute",
+    colour_index=((9,), (9,)),
+    sh_index=((), (8,)),
+    arithmetic=FP16,
+    depth=Float(5, 10, signed=False, overflow="infinity"),
+    tile_test="3sigma",
+)
+"""The paper's choices to the letter where it states them: FP16 positions, arithmetic and depth
+keys, one codebook stage, 3σ tile bounds; the rest as DEFAULT."""
+
+TINY = Config(
+    name="TINY",
+    width_max=64,
+    height_max=64,
+    group=2,
+    sub_sorters=2,
+    sub_sorter_entries=16,
+    key_buffer=64,
+    value_buffer=64,
+    overflow_keys=96,
+    overflow_values=96,
+    rasterizers=2,
+    lanes=4,
+    feature_memory=1 * KB,
+    view_memory=256,
+    process_memory=256,
+)
+"""Small enough to reach overflow and full states within seconds of simulation."""
+
+PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY)}
+
+
+def preset(name: str) -> Config:
+    """The preset of that name in any case; InputError lists the names."""
+    try:
+        return PRESETS[name.upper()]
+    except KeyError:
+        raise InputError(f"preset '{name}': unknown (there are {', '.join(PRESETS)})") from None

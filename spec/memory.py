@@ -1,0 +1,197 @@
+"""The packed model as it lies in DRAM: records, their order, their addresses.
+
+    header │ chunk headers │ positions │ attributes │ colour codebook │ SH codebook
+
+Every part begins at a multiple of `ALIGNMENT`. Gaussians are stored in chunks of `CHUNK` along the
+Morton curve. A coordinate is an integer on the model's grid: the chunk's origin plus an offset of
+`OFFSET_BITS` shifted left by the chunk's shift for that axis, times 2^position_exponent:
+
+    coordinate = (origin + (offset << shift)) · 2^position_exponent
+
+so adding is exact and multiplying by the step is a change of exponent. Within a chunk Gaussians
+are ordered by octant (the top bits of the three offsets, x lowest), so those bits follow from a
+Gaussian's place and the header's octant ends; only the rest is stored, 45 bits a Gaussian.
+
+Attributes hold L, the lower-triangular factor of the 3D covariance L·Lᵀ, times
+2^−factor_exponent (its diagonal is never negative and has no sign bit), −log2(opacity), and one
+index for each codebook stage. Colours are residual-quantised: the sum of one entry per stage,
+times 2^colour_exponent, is the colour that the original renderer has as SH0·C0 + 0.5; likewise the
+SH entries sum to the 3×3 matrix G (times 2^sh_exponent) in colour + G·direction, with the unit
+direction from camera to Gaussian: the degree-1 harmonics with their constants multiplied in.
+"""
+
+from dataclasses import dataclass
+from itertools import accumulate
+
+from spec.config import KB, Config
+from spec.number import FP16, Bits, Fixed, Float
+from spec.record import Array, Format, Record
+
+MAGIC = int.from_bytes(b"SPLT", "little")
+VERSION = 1
+ALIGNMENT = 64
+"""Bytes: parts begin at a multiple of a short burst."""
+
+CODEBOOK_MAX = 8 * KB
+"""Bytes of both codebooks together, in DRAM as on chip."""
+
+CHUNK = 256
+"""Gaussians in a chunk (the last one of a model may have fewer)."""
+
+ORIGIN_BITS = 40
+OFFSET_BITS = 16
+STORED_BITS = OFFSET_BITS - 1
+OCTANTS = 8
+EXTENT_SHIFT = 8
+"""A chunk's extent is its largest offset shifted right by this."""
+
+ABSOLUTE = FP16
+"""Coordinates that are stored as such (`position` "absolute")."""
+
+FACTOR = Float(5, 10)
+DIAGONAL = Float(5, 10, signed=False)
+"""Elements of L below and on its diagonal: FP16's bits without infinities."""
+
+OPACITY = Fixed(3, 5)
+"""−log2(opacity)."""
+
+ATTRIBUTE_BITS = 128
+"""One AXI beat."""
+
+COMPONENT = Fixed(11, 0, signed=True)
+SLOPE = Fixed(9, 0, signed=True)
+"""Components of a colour entry and of an SH entry, in units of 2^exponent of the header."""
+
+REACH = Float(7, 9, signed=False)
+"""Bound on how far from its centre a Gaussian of the chunk has alpha ≥ 1/255 (scene units)."""
+
+POSITION_FORMATS = ("chunk", "absolute")
+"""What the header's `position` field counts."""
+
+HEADER = Record(
+    "header",
+    {
+        "magic": Bits(32),
+        "version": Bits(16),
+        "sh_degree": Bits(8),
+        "position": Bits(8),
+        "count": Bits(32),
+        "checksum": Bits(32),  # CRC-32 of everything but this field
+        "position_exponent": Fixed(15, 0, signed=True),
+        "factor_exponent": Fixed(15, 0, signed=True),
+        "colour_exponent": Fixed(15, 0, signed=True),
+        "sh_exponent": Fixed(15, 0, signed=True),
+        "colour_index": Array(Bits(8), 4),  # index bits of each stage, 0 where there is none
+        "sh_index": Array(Bits(8), 4),
+        "reserved": Array(Bits(64), 4),
+    },
+)
+
+CHUNK_HEADER = Record(
+    "chunk_header",
+    {
+        "origin": Array(Fixed(ORIGIN_BITS - 1, 0, signed=True), 3),
+        "shift": Array(Bits(5), 3),
+        "extent": Array(Bits(OFFSET_BITS - EXTENT_SHIFT), 3),
+        "reach": REACH,
+        "octant_end": Array(Bits(9), OCTANTS - 1),  # Gaussians of the chunk up to that octant
+        "reserved": Bits(18),
+    },
+)
+
+
+COLOUR_ENTRY = Record("colour", {"rgb": Array(COMPONENT, 3), "reserved": Bits(28)})
+"""One entry of a colour codebook stage, 64 bits."""
+
+SH_ENTRY = Record("sh", {"g": Array(SLOPE, 9), "reserved": Bits(38)})
+"""One entry of an SH codebook stage, 128 bits: G row by row (red·x, red·y, … blue·z)."""
+
+
+@dataclass(frozen=True)
+class ModelFormat:
+    """What the parts of a model look like: everything but the number of Gaussians.
+
+    `colour_index` and `sh_index` hold the index bits of each codebook stage.
+    """
+
+    sh_degree: int
+    position: str
+    colour_index: tuple[int, ...]
+    sh_index: tuple[int, ...]
+
+    @property
+    def position_record(self) -> Record:
+        """One Gaussian's stored position; those of a chunk lie back to back."""
+        format = Bits(STORED_BITS) if self.position == "chunk" else ABSOLUTE
+        return Record("position", {axis: format for axis in "xyz"})
+
+    @property
+    def attribute_record(self) -> Record:
+        """One Gaussian's attributes."""
+        fields: dict[str, Format] = {name: DIAGONAL for name in ("l00", "l11", "l22")}
+        fields |= {name: FACTOR for name in ("l10", "l20", "l21")}
+        fields["opacity"] = OPACITY
+        for part, stages in (("colour", self.colour_index), ("sh", self.sh_index)):
+            fields |= {f"{part}{stage}": Bits(bits) for stage, bits in enumerate(stages)}
+        spare = ATTRIBUTE_BITS - sum(format.width for format in fields.values())
+        if spare < 0:
+            raise ValueError(f"{self}: attributes are {-spare} bits too wide")
+        return Record("attribute", fields | ({"reserved": Bits(spare)} if spare else {}))
+
+    @property
+    def position_stride(self) -> int:
+        """Bytes from one chunk's positions to the next chunk's."""
+        return CHUNK * self.position_record.width // 8
+
+    @property
+    def colour_entries(self) -> int:
+        """Entries of all colour stages together."""
+        return sum(1 << bits for bits in self.colour_index)
+
+    @property
+    def sh_entries(self) -> int:
+        """Entries of all SH stages together."""
+        return sum(1 << bits for bits in self.sh_index)
+
+    @property
+    def codebook_bytes(self) -> int:
+        """Bytes of both codebooks."""
+        return self.colour_entries * COLOUR_ENTRY.size + self.sh_entries * SH_ENTRY.size
+
+    def layout(self, count: int) -> "Layout":
+        """Where the parts of a model of `count` Gaussians lie."""
+        chunks, rest = divmod(count, CHUNK)
+        sizes = (
+            HEADER.size,
+            chunk_count(count) * CHUNK_HEADER.size,
+            chunks * self.position_stride + -(-rest * self.position_record.width // 8),
+            count * ATTRIBUTE_BITS // 8,
+            self.colour_entries * COLOUR_ENTRY.size,
+            self.sh_entries * SH_ENTRY.size,
+        )
+        return Layout(*accumulate((-(-n // ALIGNMENT) * ALIGNMENT for n in sizes), initial=0))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Byte offsets of a model's parts from its base address, and its end."""
+
+    header: int
+    chunks: int
+    positions: int
+    attributes: int
+    colours: int
+    sh: int
+    end: int
+
+
+def model_format(config: Config, degree: int) -> ModelFormat:
+    """The format in which a machine wants its models of that SH degree."""
+    return ModelFormat(
+        degree, config.position, config.colour_index[degree], config.sh_index[degree]
+    )
+
+
+def chunk_count(count: int) -> int:
+    """Chunks that `count` Gaussians fill."""
+    return -(-count // CHUNK)
