@@ -96,7 +96,8 @@ def coordinates(
 
 def morton_order(grid: np.ndarray) -> np.ndarray:
     """Order [N] of integer points [N, 3] along the Morton (Z) curve; equal points keep theirs."""
-    point = (grid - grid.min(axis=0, initial=0)).astype(np.uint64)
+    corner = grid.min(axis=0, initial=1 << ORIGIN_BITS)  # the initial value is for no points
+    point = (grid - corner).astype(np.uint64)
     high = interleave(point >> (ORIGIN_BITS - MORTON_BITS))
     low = interleave(point & ((1 << (ORIGIN_BITS - MORTON_BITS)) - 1))
     return np.lexsort((low, high))

@@ -158,10 +158,6 @@ class PackedModel:
         """Bytes of the whole model but its codebooks, for each Gaussian."""
         return (len(self.image) - self.format.codebook_bytes) / max(len(self), 1)
 
-    def save(self, path: str | Path):
-        """Write the image as it lies in DRAM."""
-        Path(path).write_bytes(self.image.tobytes())
-
 
 def checksum(image: np.ndarray) -> int:
     """CRC-32 of everything but the checksum itself."""

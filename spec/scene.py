@@ -1,6 +1,6 @@
 """A scene as files hold it, and the Gaussians that a renderer sees."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -69,22 +69,12 @@ class Scene:
 
     def __getitem__(self, index) -> "Scene":
         """The Gaussians that a numpy index (slice, mask or integers) selects."""
-        return Scene(
-            self.position[index],
-            self.scale[index],
-            self.quaternion[index],
-            self.opacity[index],
-            self.sh[index],
-            self.name,
-            self.notes,
-        )
+        arrays = ("position", "scale", "quaternion", "opacity", "sh")
+        return replace(self, **{name: getattr(self, name)[index] for name in arrays})
 
     def with_sh_degree(self, degree: int) -> "Scene":
         """The scene with the coefficients above `degree` dropped."""
-        sh = self.sh[:, : sh_count(degree)]
-        return Scene(
-            self.position, self.scale, self.quaternion, self.opacity, sh, self.name, self.notes
-        )
+        return replace(self, sh=self.sh[:, : sh_count(degree)])
 
     def gaussians(self) -> Gaussians:
         """What a renderer sees: factor = rotation matrix · diag(scale)."""

@@ -1,0 +1,146 @@
+"""A camera for a scene file that comes without cameras."""
+
+import numpy as np
+
+from spec.camera import Camera, look_at
+from spec.convention import NEAR_PLANE
+from spec.scene import Gaussians
+
+FIELD_OF_VIEW = np.radians(55.0)
+"""Angle across the longer side of the image."""
+
+ELEVATION = np.radians(17.0)
+"""Angle at which the camera looks down on its target."""
+
+OPAQUE = 0.3
+"""Opacity from which a Gaussian counts as something to look at, if a tenth of them reach it."""
+
+SHELL_RATIO = 4.0
+"""Gaussians beyond this many median distances from the middle are sky or floaters."""
+
+ROUNDS = 10
+"""How often middle and median distance are taken again from what is left."""
+
+CORE = (8.0, 92.0)
+"""Percentiles along x and z that bound the core of a scene."""
+
+CORE_TALL = (2.0, 98.0)
+"""Percentiles along y: what stands on a wide ground has few of the Gaussians."""
+
+FILL = 0.9
+"""Share of the image's half sides that the core takes up."""
+
+NEAREST = 3 * NEAR_PLANE
+"""Least distance of the camera from its target, scene units."""
+
+DIRECTIONS = 24
+"""Compass directions that are tried."""
+
+CLOSER = {1.0: 0.0, 0.7: 0.35, 0.5: 0.55}
+"""Shares of the distance that are tried, each with its handicap against an open view."""
+
+EDGEWISE = 0.5
+"""Handicap, times what is missing from the greatest breadth, of directions that see a narrow
+side."""
+
+DETOUR = 0.1
+"""Handicap of seeing the scene from half a turn away from −z."""
+
+SAMPLE = 100_000
+"""Gaussians that are looked at, evenly picked; more would not change the view."""
+
+
+def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
+    """A camera that shows what the scene is about; y points down.
+
+    Rule: only finite Gaussians of opacity ≥ 0.3 count (the more opaque half if fewer than a tenth
+    are). What lies more than 4 median distances from their coordinate-wise median is dropped and
+    both are taken again until nothing changes: sky shells and floaters go. The box between the 8th
+    and 92nd percentile (2nd and 98th along y) is the core. The camera looks at its centre from 17°
+    above, from where the core fills the image, 0.6 units at least. Of 24 compass directions (and of
+    that distance and two shorter ones, which cost) it takes the one where the least matter stands
+    between camera and core and the scene shows its broad side; of equals, the one nearest to −z. A
+    scene in which nothing counts is seen as if it were a point at the origin.
+    """
+    position, area = _solid(gaussians)
+    position, area = _without_shell(position, area)
+    low, high = np.zeros((2, 3))
+    if len(position):
+        low, high = np.percentile(position, CORE, axis=0)
+        low[1], high[1] = np.percentile(position[:, 1], CORE_TALL)
+    middle = (low + high) / 2
+    body = 3 * np.sqrt(np.median(area) / (2 * np.pi)) if len(area) else 0.0
+    half = np.maximum((high - low) / 2, body)
+    focal = max(width, height) / (2 * np.tan(FIELD_OF_VIEW / 2))
+    wide = np.hypot(half[0], half[2]) * 2 * focal / width
+    tall = half[1] * np.cos(ELEVATION) + half[[0, 2]].max() * np.sin(ELEVATION)
+    distance = max(wide, tall * 2 * focal / height) / FILL + half[[0, 2]].min() / 2
+    distance = max(distance, NEAREST)
+    eye = _open_viewpoint(position - middle, area, half, distance)
+    return look_at(middle + eye, middle, width, height, focal, name="sensible")
+
+
+def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
+    """Positions [N, 3] and areas [N] (2π·product of the two larger axes, times opacity) of the
+    Gaussians that count."""
+    finite = np.isfinite(gaussians.position).all(axis=1) & np.isfinite(gaussians.opacity)
+    finite &= np.isfinite(gaussians.factor).all(axis=(1, 2))
+    index = np.flatnonzero(finite)
+    opacity = gaussians.opacity[index]
+    if len(index):
+        bound = OPAQUE if np.mean(opacity >= OPAQUE) >= 0.1 else np.median(opacity)
+        index = index[opacity >= bound]
+    index = index[:: -(-len(index) // SAMPLE) or 1]
+    axes = np.linalg.svd(gaussians.factor[index], compute_uv=False)  # [N, 3], largest first
+    area = 2 * np.pi * gaussians.opacity[index] * axes[:, 0] * axes[:, 1]
+    return gaussians.position[index], area * (finite.sum() / max(len(index), 1))
+
+
+def _without_shell(position: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The Gaussians within SHELL_RATIO median distances of their median, taken to rest."""
+    for _ in range(ROUNDS if len(position) else 0):
+        away = np.linalg.norm(position - np.median(position, axis=0), axis=1)
+        near = away <= SHELL_RATIO * np.median(away)
+        if near.all():
+            break
+        position, area = position[near], area[near]
+    return position, area
+
+
+def _open_viewpoint(
+    point: np.ndarray, area: np.ndarray, half: np.ndarray, distance: float
+) -> np.ndarray:
+    """Where to stand [3] relative to the target: the best of all directions and distances.
+
+    `point` [N, 3] is relative to the target, `half` [3] the core's half sides.
+    """
+    azimuth = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS  # 0 is −z
+    sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)  # the image's x, in (x, z)
+    breadth = np.std(point[:, [0, 2]] @ sideways.T, axis=0) if len(point) else np.ones(DIRECTIONS)
+    missing = 1 - breadth / max(breadth.max(), np.finfo(float).tiny)
+    best, choice = np.inf, None
+    for share, handicap in CLOSER.items():
+        for step, turn in enumerate(azimuth):
+            level = np.cos(ELEVATION)
+            way = np.array([level * np.sin(turn), -np.sin(ELEVATION), -level * np.cos(turn)])
+            eye = max(share * distance, NEAREST) * way
+            detour = 2 * min(step, DIRECTIONS - step) / DIRECTIONS
+            score = round(_blocked(point, area, half, eye), 1) + handicap
+            score += EDGEWISE * missing[step] + DETOUR * detour
+            if score < best:
+                best, choice = score, eye
+    return choice
+
+
+def _blocked(point: np.ndarray, area: np.ndarray, half: np.ndarray, eye: np.ndarray) -> float:
+    """Share of the view from `eye` to the target that matter outside the core hides, 0 … 1."""
+    distance = np.linalg.norm(eye)
+    way = -eye / distance
+    from_eye = point - eye
+    depth = from_eye @ way
+    aside = np.linalg.norm(from_eye - depth[:, None] * way, axis=1)
+    outside = (np.abs(point) > half).any(axis=1)
+    between = outside & (depth > -0.05 * distance) & (depth < 0.8 * distance)
+    between &= aside < 0.06 * distance + 0.25 * np.abs(depth)
+    spread = np.pi * (0.06 * distance + 0.25 * np.abs(depth[between])) ** 2
+    return float(-np.expm1(-np.sum(area[between] / spread)))

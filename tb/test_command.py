@@ -1,0 +1,203 @@
+"""The command line as a user meets it: results on disk, one-line errors, exit status."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from model.camera_file import read_cameras
+from model.generate import GENERATORS
+from model.packed import read_model
+from model.ply import write_ply
+from model.read import read_scene
+from sim.command import main
+from sim.picture import read_png
+from sim.result import Result
+from tb.test_reference import cloud
+
+KEYS = [
+    "engine", "preset", "scene", "camera", "size", "seconds", "counts", "psnr_db", "ssim",
+    "max_error", "identical", "cycles", "fps_at_800mhz", "traffic_bytes",
+]  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder with a small scene and two cameras."""
+    monkeypatch.chdir(tmp_path)
+    write_ply("scene.ply", cloud(0, count=200))
+    cameras = [
+        {"id": n, "img_name": f"view_{n}", "width": 64, "height": 48, "fx": 60.0, "fy": 60.0,
+         "position": [0.1 * n, 0, -3], "rotation": np.eye(3).tolist()}
+        for n in (4, 7)
+    ]  # fmt: skip
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras))
+    return tmp_path
+
+
+def run(*arguments: str) -> int:
+    """Exit status of `splatcore ARGUMENTS`."""
+    with pytest.raises(SystemExit) as stop:
+        main([str(argument) for argument in arguments])
+    return stop.value.code or 0
+
+
+def load(path) -> dict:
+    return json.loads(path.read_text())
+
+
+def test_render(folder, capsys):
+    assert run("render", "scene.ply", "--camera", "cameras.json:7", "-o", "a.png",
+               "--json", "a.json", "--heat-map", "tiles.png") == 0  # fmt: skip
+    result = load(folder / "a.json")
+    assert list(result) == KEYS
+    assert result["engine"] == "reference" and result["preset"] == "DEFAULT"
+    assert result["size"] == [64, 48] and result["camera"] == "cameras.json:7"
+    assert result["counts"]["gaussians"] == 200 and result["seconds"] > 0
+    assert result["psnr_db"] is None and result["cycles"] is None
+    picture = read_png("a.png")
+    assert picture.shape == (48, 64, 3) and picture.std() > 5
+    assert read_png("tiles.png").shape[2] == 3
+    assert "contributions" in capsys.readouterr().out
+
+
+def test_size_scales_the_intrinsics(folder):
+    run("render", "scene.ply", "--camera", "cameras.json:4", "-o", "a.png")
+    run("render", "scene.ply", "--camera", "cameras.json:4", "--size", "256x192", "-o", "b.png")
+    small, large = read_png("a.png").astype(float), read_png("b.png").astype(float)
+    shrunk = large.reshape(48, 4, 64, 4, 3).mean((1, 3))
+    assert np.abs(shrunk - small).mean() < 6  # the same view
+
+
+def test_options_reach_the_renderer(folder):
+    run("render", "scene.ply", "--camera", "cameras.json", "-o", "a.png")
+    run("render", "scene.ply", "--camera", "cameras.json", "-o", "b.png", "--background", "0,0,1")
+    run("render", "scene.ply", "--camera", "cameras.json", "-o", "c.png", "--original",
+        "--json", "c.json")  # fmt: skip
+    a, b = read_png("a.png").astype(int), read_png("b.png").astype(int)
+    assert (b - a)[..., 2].max() > 100 and (a[..., :2] == b[..., :2]).all()
+    counts = load(folder / "c.json")["counts"]
+    assert counts["pairs"] == counts["pairs_3sigma"]
+
+
+def test_a_generated_scene_by_name(folder):
+    assert run("render", "needles", "-o", "a.png", "--json", "a.json") == 0
+    assert load(folder / "a.json")["scene"] == "needles"
+
+
+def test_without_a_camera_there_is_something_to_see(folder):
+    assert run("render", "scene.ply", "--size", "96x54", "-o", "a.png") == 0
+    assert read_png("a.png").shape == (54, 96, 3) and read_png("a.png").std() > 5
+
+
+def test_pack_render_compare(folder, capsys):
+    assert run("pack", "scene.ply", "-o", "scene.splatcore", "--json", "pack.json",
+               "--camera", "cameras.json") == 0  # fmt: skip
+    report = load(folder / "pack.json")
+    assert report["packed"] + report["transparent"] == 200 and report["psnr_db"] > 30
+    assert len(read_model("scene.splatcore")) == report["packed"]
+    for name in ("scene.ply", "scene.splatcore"):
+        run("render", name, "--camera", "cameras.json", "-o", name + ".png")
+    assert run("compare", "scene.ply.png", "scene.splatcore.png", "-o", "map.png",
+               "--json", "c.json") == 0  # fmt: skip
+    result = load(folder / "c.json")
+    assert list(result) == KEYS
+    assert result["psnr_db"] == pytest.approx(report["psnr_db"]) and not result["identical"]
+    assert read_png("map.png").size > 0
+    run("compare", "scene.ply.png", "reference", "scene.ply.png", "--scene", "scene.ply",
+        "--camera", "cameras.json", "--json", "three.json")  # fmt: skip
+    images = load(folder / "three.json")["images"]
+    assert [image["identical"] for image in images] == [True, True]
+    assert "identical" in capsys.readouterr().out
+
+
+def test_scene_and_info(folder, capsys):
+    assert run("scene", "garden", "-o", "g.ply", "--count", "500", "--cameras", "g.json") == 0
+    assert len(read_scene("g.ply")) == 500 and len(read_cameras("g.json")) == 1
+    assert run("info", "g.ply", "--json", "info.json") == 0
+    facts = load(folder / "info.json")
+    assert facts["gaussians"] == 500 and facts["sh_degree"] == 1 and facts["notes"] == []
+    run("pack", "g.ply", "-o", "g.splatcore", "--camera", "g.json", "--size", "32x18")
+    assert run("info", "g.splatcore", "--json", "info.json") == 0
+    assert load(folder / "info.json")["bytes_per_gaussian"] > 20
+    assert "SH degree 1" in capsys.readouterr().out
+
+
+BAD = {
+    "missing scene": ("render none.ply -o a.png", "none.ply"),
+    "not a scene": ("render cameras.json -o a.png", "cameras.json"),
+    "missing camera file": ("render scene.ply --camera none.json -o a.png", "none.json"),
+    "unknown camera": ("render scene.ply --camera cameras.json:5 -o a.png", "cameras.json.*5"),
+    "no intrinsics": ("render scene.ply --camera bare.json -o a.png", "bare.json.*fx"),
+    "size 0": ("render scene.ply --size 0x10 -o a.png", "width 0"),
+    "huge size": ("render scene.ply --size 99999x10 -o a.png", "width 99999"),
+    "size": ("render scene.ply --size big -o a.png", "--size 'big'"),
+    "golden": ("render scene.ply --engine golden -o a.png", "golden: not built yet"),
+    "rtl": ("render scene.ply --engine rtl -o a.png", "rtl: not built yet"),
+    "engine": ("render scene.ply --engine gpu -o a.png", "gpu"),
+    "preset": ("render scene.ply --preset HUGE -o a.png", "HUGE.*DEFAULT, PAPER, TINY"),
+    "no folder": ("render scene.ply -o none/a.png", "none/a.png"),
+    "background": ("render scene.ply --background 1,2 -o a.png", "--background '1,2'"),
+    "truncated": ("pack cut.ply -o a.splatcore", "cut.ply"),
+    "property": ("info less.ply", "less.ply.*rot_3"),
+    "model twice": ("pack scene.splatcore -o a.splatcore", "scene.splatcore.*packed"),
+    "damaged model": ("render damaged.splatcore -o a.png", "damaged.splatcore: checksum"),
+    "generator": ("scene jungle -o a.ply", "jungle.*garden"),
+    "count": ("scene garden --count 0 -o a.ply", "count: 0"),
+    "one image": ("compare scene.ply", "two images"),
+    "no png": ("compare scene.ply scene.ply -o a.png", "scene.ply: is not an image"),
+    "engine without scene": ("compare reference reference -o a.png", "--scene"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(folder, capsys, case):
+    run("pack", "scene.ply", "-o", "scene.splatcore", "--camera", "cameras.json")
+    image = bytearray((folder / "scene.splatcore").read_bytes())
+    image[1000] ^= 1
+    (folder / "damaged.splatcore").write_bytes(image)
+    (folder / "bare.json").write_text('[{"id": 0, "width": 4, "height": 4}]')
+    data = (folder / "scene.ply").read_bytes()
+    (folder / "cut.ply").write_bytes(data[:5000])
+    (folder / "less.ply").write_bytes(data.replace(b"property float rot_3\n", b"", 1))
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    capsys.readouterr()
+    arguments, message = BAD[case]
+    assert run(*arguments.split()) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert re.fullmatch(r"error: [^\n]+\n", printed.err), printed.err
+    assert re.search(message, printed.err), printed.err
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("command", ["", "scene", "info", "pack", "render", "compare"])
+def test_help(command, capsys):
+    assert run(*command.split(), "--help") == 0
+    text = capsys.readouterr().out
+    assert len(text) > 300
+    if command == "scene":
+        assert all(name in text for name in list(GENERATORS)[:3])
+
+
+def test_usage_errors_exit_with_2(capsys):
+    assert run("render") == 2
+    assert run("fly") == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_result_has_the_documented_keys():
+    assert list(vars(Result("reference", "DEFAULT"))) == KEYS
+    with open("docs/json.md") as file:
+        documented = file.read()
+    for key in (*KEYS, "psnr_db_all_harmonics", "bytes_per_gaussian", "middle_98_percent"):
+        assert f"`{key}`" in documented
+
+
+def test_python_m_sim():
+    command = [sys.executable, "-m", "sim", "render", "none.ply", "-o", "none.png"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr == "error: none.ply: No such file or directory\n"
