@@ -27,7 +27,7 @@ CORE = (8.0, 92.0)
 CORE_TALL = (2.0, 98.0)
 """Percentiles along y: what stands on a wide ground has few of the Gaussians."""
 
-FILL = 0.9
+FILL = 0.85
 """Share of the image's half sides that the core takes up."""
 
 NEAREST = 3 * NEAR_PLANE
@@ -66,8 +66,8 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
     position, area = _without_shell(position, area)
     low, high = np.zeros((2, 3))
     if len(position):
-        low, high = np.percentile(position, CORE, axis=0)
-        low[1], high[1] = np.percentile(position[:, 1], CORE_TALL)
+        low, high = np.percentile(position, CORE, axis=0, method="nearest")
+        low[1], high[1] = np.percentile(position[:, 1], CORE_TALL, method="nearest")
     middle = (low + high) / 2
     body = 3 * np.sqrt(np.median(area) / (2 * np.pi)) if len(area) else 0.0
     half = np.maximum((high - low) / 2, body)

@@ -189,7 +189,7 @@ def render_command(
     )  # fmt: skip
     write_png(output, frame.pixels)
     if heat_map:
-        write_heat_map(heat_map, frame.tile_list, f"{source.name}: lists of {view.name or 'view'}")
+        write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
     console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))
     write_json(json, result)
 
