@@ -19,18 +19,18 @@ install: .venv/installed
 .venv/installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "Splatcore needs Python 3.11 or newer: make PYTHON=python3.12 …"; exit 1; }
-	$(PYTHON) -m venv .venv
+	$(PYTHON) -m.venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 
 demo: install
 	@mkdir -p out
-	$(SPLATCORE) scene garden -o out/garden.ply
+	$(SPLATCORE) scene garden -o out/garden.ply --cameras out/garden.json
 	$(SPLATCORE) info out/garden.ply
-	$(SPLATCORE) pack out/garden.ply -o out/garden.splatcore
-	$(SPLATCORE) render out/garden.ply -o out/scene.png
-	$(SPLATCORE) render out/garden.splatcore -o out/model.png --heat-map out/tiles.png \
-		--json out/model.json
+	$(SPLATCORE) pack out/garden.ply -o out/garden.splatcore --camera out/garden.json
+	$(SPLATCORE) render out/garden.ply --camera out/garden.json -o out/scene.png
+	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json -o out/model.png \
+		--heat-map out/tiles.png --json out/model.json
 	$(SPLATCORE) compare out/scene.png out/model.png -o out/error.png
 
 test: install demo

@@ -159,7 +159,8 @@ def hills(rng: np.random.Generator, count: int) -> Part:
         noise(k * np.cos(azimuth) + 20 + k, k * np.sin(azimuth) + 20, seed=41) for k in (5, 9)
     ]
     crest = np.where(far, 5.0 + 16 * rolling[0], 1.0 + 9 * rolling[1])
-    size = np.minimum(0.85 * np.sqrt(2 * np.pi * distance * 8 / max(count, 1)), 12.0)
+    skin = 2 * np.pi * distance * np.where(far, 14.0, 6.0)  # area of a ridge seen from inside
+    size = np.minimum(0.95 * np.sqrt(skin / (count * np.where(far, 1 / 3, 2 / 3))), 12.0)
     tall = np.minimum(0.5 * size, 0.35 * crest)
     height = rng.random(count) ** 0.8 * np.maximum(crest - tall, 0.5) - 0.5
     position = np.stack([distance * np.sin(azimuth), -height, distance * np.cos(azimuth)], axis=1)
@@ -185,7 +186,8 @@ def clouds(rng: np.random.Generator, count: int) -> Part:
     azimuth = 2 * np.pi * (np.arange(CLOUDS) + layout.uniform(-0.3, 0.3, CLOUDS)) / CLOUDS
     base = layout.uniform(0.13, 0.42, CLOUDS)  # elevation of the flat underside, radians
     width = layout.uniform(0.09, 0.20, CLOUDS) * (0.6 + base)
-    puffs = min(count, 12 * CLOUDS)
+    puffs = min(count, 200 * CLOUDS)
+    finer = min(1.0, 12 * CLOUDS / puffs) ** 0.3
     which = np.arange(puffs) % CLOUDS
     along = np.clip(rng.normal(0, 0.75, puffs), -1.6, 1.6)
     lift = rng.random(puffs) * np.exp(-(along**2)) * 0.6
@@ -193,7 +195,7 @@ def clouds(rng: np.random.Generator, count: int) -> Part:
     rise = base[which] + (lift + 0.12) * width[which]
     level = np.cos(rise)
     direction = np.stack([level * np.sin(turn), -np.sin(rise), level * np.cos(turn)], axis=1)
-    size = 120 * width[which] * rng.uniform(0.2, 0.36, puffs)
+    size = 120 * width[which] * rng.uniform(0.2, 0.36, puffs) * finer
     bright = np.clip(0.35 + 1.3 * lift, 0, 1)[:, None]
     colour = np.array([0.95, 1.0, 1.1]) + bright * np.array([1.3, 1.15, 0.95])
     scale = np.stack([size * 1.5, size * 0.62, 0.3 * size], axis=1)

@@ -64,13 +64,13 @@ def planks(rng: np.random.Generator, count: int, boxes: list[Box], colour: np.nd
     first, second = np.where(swap, axes[:, 1], axes[:, 0]), np.where(swap, axes[:, 0], axes[:, 1])
     rows = np.arange(count)
     spacing = np.sqrt(4 * area.ravel()[face] / np.maximum(number[face], 1))
-    long = np.minimum(2.0 * spacing, 0.4 * side[rows, first])
+    long = np.minimum(2.0 * spacing, 0.25 * side[rows, first])
     short = 0.34 * spacing * np.maximum(2 * spacing / long, 1)
     short = np.minimum(short, 0.45 * side[rows, second])
     spread = even_pairs(number.max(initial=1))[rank] + rng.random((count, 2)) * 0.5
     spread = 1 - 2 * np.abs(2 * np.modf(spread)[0] - 1)
     local = np.zeros((count, 3))
-    local[rows, first] = spread[:, 0] * (side[rows, first] - 1.25 * long)
+    local[rows, first] = spread[:, 0] * (side[rows, first] - 1.6 * long)
     local[rows, second] = spread[:, 1] * (side[rows, second] - short)
     local[rows, axes[:, 2]] = sign * side[rows, axes[:, 2]]
     tilt = np.array([b.tilt for b in boxes])[box]

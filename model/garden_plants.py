@@ -114,7 +114,7 @@ def bark(rng: np.random.Generator, count: int, wood: np.ndarray) -> Part:
     side = frames(along, random_directions(rng, count))[:, :, 0]
     area = 2 * np.pi * radius * length[piece] / np.maximum(number[piece], 1)
     size = np.minimum(1.1 * np.sqrt(area), 0.25 * length[piece])
-    width = np.minimum(0.5 * np.sqrt(area), 0.55 * radius)
+    width = np.minimum(0.6 * np.sqrt(area), 0.6 * radius)
     middle = start[piece] + along * (share * length[piece])[:, None]
     position = middle + side * (0.85 * radius)[:, None] + TREE_PLACE
     colour = np.array([0.21, 0.145, 0.095]) * rng.uniform(0.55, 1.3, (count, 1))

@@ -5,7 +5,7 @@ import pytest
 from golden.reference import render
 from model.camera_file import read_camera
 from model.read import read_scene
-from tb.scenes import scene_path
+from tb.scenes import needs_scenes, scene_path
 
 WITHIN = 0.01
 
@@ -36,7 +36,7 @@ def printed(text: str) -> tuple[float, float]:
 
 
 @pytest.mark.slow
-@pytest.mark.scenes
+@needs_scenes
 @pytest.mark.parametrize("file", TABLE)
 def test_counts(file):
     scene = read_scene(scene_path(file)).with_sh_degree(1)
