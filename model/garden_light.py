@@ -73,7 +73,7 @@ def transmittance(part: Part, direction: np.ndarray, cell: float, bias: float) -
         order = np.argsort(key)
         depth = np.concatenate([[0.0], np.cumsum(thickness[order])])
         first = np.searchsorted(key[order], column)
-        total += np.exp(depth[first] - depth[np.searchsorted(key[order], key)])
+        total += np.exp(depth[first] - depth[np.searchsorted(key[order], key - bias)])
     return total / 4
 
 
