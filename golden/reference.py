@@ -138,7 +138,7 @@ def project(
     splats = splats[sound]
     counts["pairs_3sigma"] = int(areas(square_boxes(splats, camera)).sum())
     if convention.footprint == "exact":
-        seen = splats.opacity > convention.alpha_min
+        seen = splats.opacity >= convention.alpha_min
         seen &= areas(pixel_boxes(splats, camera)) > 0
     else:
         seen = areas(square_boxes(splats, camera)) > 0

@@ -73,27 +73,6 @@ def smallest_shift(span: np.ndarray) -> np.ndarray:
     return shift + ((span + half(shift)) >> shift >> OFFSET_BITS)
 
 
-def offsets(stored: np.ndarray, octant_end: np.ndarray) -> np.ndarray:
-    """Whole offsets [N, 3] from their stored bits [N, 3] and the octant ends [C, 7]."""
-    of, place = np.divmod(np.arange(len(stored)), CHUNK)
-    octant = (place[:, None] >= octant_end[of]).sum(1)  # [N]
-    top = octant[:, None] >> np.arange(3) & 1
-    return stored.astype(np.int64) | top << STORED_BITS
-
-
-def coordinates(
-    stored: np.ndarray,
-    octant_end: np.ndarray,
-    origin: np.ndarray,
-    shift: np.ndarray,
-    exponent: int,
-) -> np.ndarray:
-    """Positions [N, 3] in scene units, exact in float64: what `chunk_positions` has stored."""
-    of = np.arange(len(stored)) // CHUNK
-    grid = origin[of] + (offsets(stored, octant_end) << shift[of].astype(np.int64))
-    return np.ldexp(grid.astype(np.float64), exponent)
-
-
 def morton_order(grid: np.ndarray) -> np.ndarray:
     """Order [N] of integer points [N, 3] along the Morton (Z) curve; equal points keep theirs."""
     corner = grid.min(axis=0, initial=1 << ORIGIN_BITS)  # the initial value is for no points

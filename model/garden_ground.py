@@ -187,7 +187,7 @@ def clouds(rng: np.random.Generator, count: int) -> Part:
     base = layout.uniform(0.13, 0.42, CLOUDS)  # elevation of the flat underside, radians
     width = layout.uniform(0.09, 0.20, CLOUDS) * (0.6 + base)
     puffs = min(count, 200 * CLOUDS)
-    finer = min(1.0, 12 * CLOUDS / puffs) ** 0.3
+    finer = min(1.0, 12 * CLOUDS / max(puffs, 1)) ** 0.3
     which = np.arange(puffs) % CLOUDS
     along = np.clip(rng.normal(0, 0.75, puffs), -1.6, 1.6)
     lift = rng.random(puffs) * np.exp(-(along**2)) * 0.6

@@ -75,20 +75,21 @@ def planks(rng: np.random.Generator, count: int, boxes: list[Box], colour: np.nd
     local[rows, axes[:, 2]] = sign * side[rows, axes[:, 2]]
     tilt = np.array([b.tilt for b in boxes])[box]
     middle = np.array([b.middle for b in boxes])[box]
-
-    def placed(v: np.ndarray) -> np.ndarray:
-        y = v[:, 1] * np.cos(tilt) - v[:, 2] * np.sin(tilt)
-        z = v[:, 1] * np.sin(tilt) + v[:, 2] * np.cos(tilt)
-        return np.stack([v[:, 0], -y, z], axis=1)
-
     grain = local[rows, second] + box * 3.7
     streak = noise(local[rows, first] * 2 + box, grain * 40, seed=51)[:, None]
     albedo = np.asarray(colour)[box] * (0.6 + 0.8 * streak)
     scale = np.stack([long, short, np.full(count, 0.004)], axis=1)
     eye = np.eye(3)
-    aim = frames(placed(sign[:, None] * eye[axes[:, 2]]), placed(eye[first]))
-    position = placed(local) + middle * [1, -1, 1]
+    aim = frames(_leaning(sign[:, None] * eye[axes[:, 2]], tilt), _leaning(eye[first], tilt))
+    position = _leaning(local, tilt) + middle * [1, -1, 1]
     return splats(position, scale, aim, rng.uniform(0.86, 1.0, count), albedo, gloss=0.06)
+
+
+def _leaning(vector: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """Plank coordinates [N, 3] (x, height, z) turned about x by `tilt` [N], as (x, −height, z)."""
+    x, height, z = vector.T
+    c, s = np.cos(tilt), np.sin(tilt)
+    return np.stack([x, z * s - height * c, height * s + z * c], axis=1)
 
 
 def moved(part: Part, place: np.ndarray, angle: float) -> Part:

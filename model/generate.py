@@ -39,7 +39,7 @@ def generate(name: str, count: int | None = None, seed: int = 0) -> Scene:
     scene does not take, and a negative seed.
     """
     _check_name(name)
-    if count is not None and not 1 <= count:
+    if count is not None and not 1 <= count <= COUNT_MAX:
         raise InputError(f"count: {count} is not in 1 … {COUNT_MAX}")
     if seed < 0:
         raise InputError(f"seed: {seed} is not ≥ 0")

@@ -7,7 +7,6 @@ import numpy as np
 from model.chunk import Chunks
 from model.codebook import Codebook
 from model.factor import largest_axis
-from model.packed import checksum
 from spec.convention import ALPHA_MIN
 from spec.memory import (
     CHUNK,
@@ -21,6 +20,7 @@ from spec.memory import (
     VERSION,
     ModelFormat,
 )
+from spec.packed import checksum
 from spec.record import Record, pack_bits
 
 

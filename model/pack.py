@@ -9,10 +9,10 @@ from model.chunk import chunk_positions
 from model.codebook import quantise
 from model.factor import largest_axis, lower_triangular
 from model.layout import Quantised, lay_out
-from model.packed import SH_C0, PackedModel, slopes_from_sh
 from spec.config import DEFAULT, Config
 from spec.convention import ALPHA_MIN
 from spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
+from spec.packed import SH_C0, PackedModel, slopes_from_sh
 from spec.scene import Scene
 
 STEPS = ("order", "colour", "harmonics", "layout")

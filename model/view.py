@@ -46,6 +46,13 @@ side."""
 DETOUR = 0.1
 """Handicap of seeing the scene from half a turn away from −z."""
 
+INSIDE = 0.75
+"""Share of the core's sides within which matter is what one came to see; a room's walls are
+outside."""
+
+WALLS = 0.25
+"""Handicap of a direction in which matter before the inside hides it, seen from full distance."""
+
 SAMPLE = 100_000
 """Gaussians that are looked at, evenly picked; more would not change the view."""
 
@@ -57,22 +64,23 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
     are). What lies more than 4 median distances from their coordinate-wise median is dropped and
     both are taken again until nothing changes: sky shells and floaters go. The box between the 8th
     and 92nd percentile (2nd and 98th along y) is the core. The camera looks at its centre from 17°
-    above, from where the core fills the image, 0.6 units at least. Of 24 compass directions (and of
-    that distance and two shorter ones, which cost) it takes the one where the least matter stands
-    between camera and core and the scene shows its broad side; of equals, the one nearest to −z. A
-    scene in which nothing counts is seen as if it were a point at the origin.
+    above, from where the core fills the image, 0.6 units at least. Of 24 compass directions, that
+    distance and two shorter ones, it takes the view with the fewest handicaps: matter outside the
+    core before it; walls, which hide the inside of the core; a narrow side of the core; a shorter
+    distance; a detour from −z. A scene in which nothing counts is seen as if it were a point at the
+    origin.
     """
     position, area = _solid(gaussians)
     position, area = _without_shell(position, area)
     low, high = np.zeros((2, 3))
     if len(position):
-        low, high = np.percentile(position, CORE, axis=0, method="nearest")
-        low[1], high[1] = np.percentile(position[:, 1], CORE_TALL, method="nearest")
+        low, high = np.percentile(position, CORE, axis=0)
+        low[1], high[1] = np.percentile(position[:, 1], CORE_TALL)
     middle = (low + high) / 2
     body = 3 * np.sqrt(np.median(area) / (2 * np.pi)) if len(area) else 0.0
     half = np.maximum((high - low) / 2, body)
     focal = max(width, height) / (2 * np.tan(FIELD_OF_VIEW / 2))
-    wide = np.hypot(half[0], half[2]) * 2 * focal / width
+    wide = 1.15 * half[[0, 2]].max() * 2 * focal / width
     tall = half[1] * np.cos(ELEVATION) + half[[0, 2]].max() * np.sin(ELEVATION)
     distance = max(wide, tall * 2 * focal / height) / FILL + half[[0, 2]].min() / 2
     distance = max(distance, NEAREST)
@@ -81,8 +89,8 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
 
 
 def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
-    """Positions [N, 3] and areas [N] (2π·product of the two larger axes, times opacity) of the
-    Gaussians that count."""
+    """Positions [N, 3] of the Gaussians that count and the area [N] each stands for (2π·product of
+    the two larger axes, times opacity, times how many it was picked from)."""
     finite = np.isfinite(gaussians.position).all(axis=1) & np.isfinite(gaussians.opacity)
     finite &= np.isfinite(gaussians.factor).all(axis=(1, 2))
     index = np.flatnonzero(finite)
@@ -90,10 +98,11 @@ def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
     if len(index):
         bound = OPAQUE if np.mean(opacity >= OPAQUE) >= 0.1 else np.median(opacity)
         index = index[opacity >= bound]
-    index = index[:: -(-len(index) // SAMPLE) or 1]
+    step = max(-(-len(index) // SAMPLE), 1)
+    index = index[::step]
     axes = np.linalg.svd(gaussians.factor[index], compute_uv=False)  # [N, 3], largest first
     area = 2 * np.pi * gaussians.opacity[index] * axes[:, 0] * axes[:, 1]
-    return gaussians.position[index], area * (finite.sum() / max(len(index), 1))
+    return gaussians.position[index], area * step
 
 
 def _without_shell(position: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,31 +125,41 @@ def _open_viewpoint(
     """
     azimuth = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS  # 0 is −z
     sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)  # the image's x, in (x, z)
-    breadth = np.std(point[:, [0, 2]] @ sideways.T, axis=0) if len(point) else np.ones(DIRECTIONS)
+    core = point[(np.abs(point) <= half).all(axis=1)][:, [0, 2]]
+    breadth = np.std(core @ sideways.T, axis=0) if len(core) else np.ones(DIRECTIONS)
     missing = 1 - breadth / max(breadth.max(), np.finfo(float).tiny)
+    level = np.cos(ELEVATION)
+    down = np.full(DIRECTIONS, -np.sin(ELEVATION))
+    ways = np.stack([level * np.sin(azimuth), down, -level * np.cos(azimuth)], axis=1)
+    hidden = [
+        WALLS * round(_blocked(point, area, INSIDE * half, distance * w, 1.0), 1) for w in ways
+    ]
     best, choice = np.inf, None
     for share, handicap in CLOSER.items():
-        for step, turn in enumerate(azimuth):
-            level = np.cos(ELEVATION)
-            way = np.array([level * np.sin(turn), -np.sin(ELEVATION), -level * np.cos(turn)])
+        for step, way in enumerate(ways):
             eye = max(share * distance, NEAREST) * way
             detour = 2 * min(step, DIRECTIONS - step) / DIRECTIONS
-            score = round(_blocked(point, area, half, eye), 1) + handicap
+            score = round(_blocked(point, area, half, eye, 0.8), 1) + handicap + hidden[step]
             score += EDGEWISE * missing[step] + DETOUR * detour
             if score < best:
                 best, choice = score, eye
     return choice
 
 
-def _blocked(point: np.ndarray, area: np.ndarray, half: np.ndarray, eye: np.ndarray) -> float:
-    """Share of the view from `eye` to the target that matter outside the core hides, 0 … 1."""
+def _blocked(
+    point: np.ndarray, area: np.ndarray, half: np.ndarray, eye: np.ndarray, until: float
+) -> float:
+    """Share of the view that matter outside the box ±`half` [3] hides, 0 … 1.
+
+    The view is a cone from `eye` [3] to the share `until` of the way to the target.
+    """
     distance = np.linalg.norm(eye)
     way = -eye / distance
     from_eye = point - eye
     depth = from_eye @ way
     aside = np.linalg.norm(from_eye - depth[:, None] * way, axis=1)
     outside = (np.abs(point) > half).any(axis=1)
-    between = outside & (depth > -0.05 * distance) & (depth < 0.8 * distance)
-    between &= aside < 0.06 * distance + 0.25 * np.abs(depth)
-    spread = np.pi * (0.06 * distance + 0.25 * np.abs(depth[between])) ** 2
+    between = outside & (depth > -0.05 * distance) & (depth < until * distance)
+    between &= aside < 0.04 * distance + 0.15 * np.abs(depth)
+    spread = np.pi * (0.04 * distance + 0.15 * np.abs(depth[between])) ** 2
     return float(-np.expm1(-np.sum(area[between] / spread)))

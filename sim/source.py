@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from model.camera_file import read_camera
 from model.generate import GENERATORS, generate, generated_camera
-from model.packed import PackedModel, is_packed, read_model
+from model.packed import is_packed, read_model
 from model.read import read_scene
 from model.view import sensible_view
 from spec.camera import SIZE_MAX, Camera
 from spec.error import InputError
+from spec.packed import PackedModel
 from spec.scene import Gaussians, Scene
 
 ENGINES = ("reference", "golden", "rtl")

@@ -84,8 +84,9 @@ class Scene:
 
 def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
     """Rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z), normalised first."""
-    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    w, x, y, z = (quaternion / np.where(norm == 0, 1.0, norm)).T
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite ones give NaN
+        norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+        w, x, y, z = (quaternion / np.where(norm == 0, 1.0, norm)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.chunk import chunk_positions, coordinates, interleave, morton_order
+from model.chunk import chunk_positions, interleave, morton_order
 from spec.memory import CHUNK, EXTENT_SHIFT, OFFSET_BITS, chunk_count
+from spec.packed import coordinates, offsets
 
 COUNTS = [1, 2, CHUNK - 1, CHUNK, CHUNK + 1, 5 * CHUNK + 7]
 
@@ -25,9 +26,8 @@ def points(kind: str, count: int) -> np.ndarray:
 
 
 def unpacked(chunks):
-    return coordinates(
-        chunks.stored, chunks.octant_end, chunks.origin, chunks.shift, chunks.exponent
-    )
+    offset = offsets(chunks.stored, chunks.octant_end)
+    return coordinates(offset, chunks.origin, chunks.shift, chunks.exponent)
 
 
 @pytest.mark.parametrize("kind", ["cloud", "equal", "far", "outlier", "wide"])

@@ -7,11 +7,12 @@ from golden.reference import render
 from model.codebook import quantise
 from model.factor import largest_axis, lower_triangular
 from model.pack import pack
-from model.packed import PackedModel, is_packed, read_model, sh_from_slopes, slopes_from_sh
+from model.packed import is_packed, read_model
 from spec.config import DEFAULT, PAPER, PRESETS
 from spec.convention import ALPHA_MIN
 from spec.error import InputError
 from spec.memory import CHUNK, CODEBOOK_MAX, COMPONENT, HEADER, model_format
+from spec.packed import PackedModel, sh_from_slopes, slopes_from_sh
 from tb.test_reference import camera, cloud
 
 BYTES_MAX = 22

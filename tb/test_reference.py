@@ -224,3 +224,12 @@ def test_smallest_q_against_a_fine_grid():
         found = smallest_q(conic, x0, x1, y0, y1)
         assert found <= grid.min() + 1e-12
         assert found >= grid.min() - 0.03 * (grid.max() + 1)
+
+
+def test_opacity_of_exactly_the_minimum():
+    """The one pixel at the centre has alpha 1/255: drawn; the next smaller opacity is not."""
+    sharp = straight([1.0], opacity=1 / 255)
+    frame = render(sharp, axis_camera())
+    assert frame.counts["contributions"] == 1 and frame.image[8, 8].any()
+    below = render(straight([1.0], opacity=np.nextafter(1 / 255, 0)), axis_camera())
+    assert below.counts["visible"] == below.counts["contributions"] == 0

@@ -129,13 +129,30 @@ def test_broad_side():
 def test_open_side():
     """A screen between the default viewpoint and the object makes it go round."""
     rng = np.random.default_rng(5)
-    screen = rng.uniform(-1, 1, (3_000, 3)) * [2.6, 1.6, 0.01] + [0, -1.0, -3.2]
+    screen = rng.uniform(-1, 1, (200, 3)) * [2.4, 1.2, 0.01] + np.array([0, -1.0, -3.2])
     subject = gaussians(ball(20_000))
-    assert sensible_view(subject, 320, 180).position[2] < -2
-    camera = sensible_view(joined(subject, gaussians(screen, 0.1)), 320, 180)
-    p = camera.position
-    inside = p[2] > -3.2
-    assert inside or abs(p[0] * (3.2 / -p[2])) > 2
+    x, _, z = sensible_view(subject, 320, 180).position
+    assert abs(x) < 0.1 and z < -3.5
+    x, _, z = sensible_view(joined(subject, gaussians(screen, 0.4)), 320, 180).position
+    assert np.hypot(x, z) > 3.5 and (z > -3.2 or abs(x * 3.2 / z) > 2.4)
+
+
+def test_room():
+    """A room without its wall at +z is looked into from there, not at its back from outside."""
+    rng = np.random.default_rng(6)
+    walls = [
+        rng.uniform(-1, 1, (count, 3)) * half + np.array(middle)
+        for count, half, middle in (
+            (12_000, [2, 1.2, 0.0], [0, 0, -1.6]),
+            (4_000, [0.02, 1.2, 1.6], [-2, 0, 0]),
+            (4_000, [0.02, 1.2, 1.6], [2, 0, 0]),
+            (4_000, [2, 0.02, 1.6], [0, 1.2, 0]),
+        )
+    ]
+    room = np.concatenate(walls)
+    camera = sensible_view(gaussians(room, 0.04), 320, 180)
+    assert camera.rotation[2, 2] < -0.8
+    assert seen(camera, room) > 0.9
 
 
 def test_garden():
@@ -171,3 +188,10 @@ def test_real_scenes(file, cameras):
     assert seen(camera, core) > 0.95
     lit = render(scene.gaussians(), camera).transmittance < 0.5
     assert lit.mean() > 0.05
+
+
+@needs_scenes
+def test_kitchen_from_its_open_side():
+    """The kitchen has no wall at +z; its other walls are part of its core."""
+    camera = sensible_view(read_scene(scene_path("kitchen.spz")).gaussians(), 192, 108)
+    assert camera.rotation[2, 2] < -0.8
