@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.chunk import chunk_positions, interleave, morton_order
+from model.chunk import chunk_positions, interleave, morton_order, smallest_shift
 from spec.memory import CHUNK, EXTENT_SHIFT, OFFSET_BITS, chunk_count
 from spec.packed import coordinates, offsets
 
@@ -69,6 +69,11 @@ def test_fields_fit():
         assert chunks.stored.min() >= 0 and chunks.stored.max() < 2**15
         assert chunks.extent.max() < 2**8
         assert (np.diff(chunks.octant_end, axis=1) >= 0).all() and chunks.octant_end.max() <= CHUNK
+
+
+def test_a_span_that_rounds_up_past_16_bits_takes_one_shift_more():
+    spans = np.array([0, 65535, 65536, 131070, 131071, 131072, 2**40 - 1])
+    assert list(smallest_shift(spans)) == [0, 0, 1, 1, 2, 2, 25]
 
 
 def plain_morton(x: int, y: int, z: int, bits: int) -> int:

@@ -140,6 +140,8 @@ BAD = {
     "engine": ("render scene.ply --engine gpu -o a.png", "gpu"),
     "preset": ("render scene.ply --preset HUGE -o a.png", "HUGE.*DEFAULT, PAPER, TINY"),
     "no folder": ("render scene.ply -o none/a.png", "none/a.png"),
+    "no folder for results": ("render scene.ply -o a.png --json none/a.json", "none/a.json"),
+    "no folder for the map": ("render scene.ply -o a.png --heat-map none/h.png", "none/h.png"),
     "background": ("render scene.ply --background 1,2 -o a.png", "--background '1,2'"),
     "truncated": ("pack cut.ply -o a.splatcore", "cut.ply"),
     "property": ("info less.ply", "less.ply.*rot_3"),

@@ -205,7 +205,7 @@ def test_needles_keep_their_thickness():
 
 
 def test_chunk_headers_are_bounds():
-    scene = cloud(9, count=1000)
+    scene = cloud(9, count=10_000)
     model, _ = pack(scene)
     chunks, gaussians = model.chunks, model.gaussians()
     of = np.arange(len(model)) // CHUNK
