@@ -38,12 +38,15 @@ class Config:
 
     # Stages 0 and 1: cull and project.
     arithmetic: Float = FP24
-    depth: Float = Float(7, 16, signed=False)
+    depth: Float = Float(7, 16, signed=False, subnormal=False)
     screen_fraction: int = 5  # bits of a screen coordinate below one pixel
     pe_arrays: int = 1
     pes: int = 6
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
     skip_zeros: bool = True  # leave out the products with zeros of the Jacobian
+    multiply_latency: int = 2  # clock cycles of the units of stages 0 and 1
+    add_latency: int = 3
+    unary_latency: int = 4  # reciprocal and reciprocal root
 
     # Binning.
     tile_test: Literal["exact", "3sigma"] = "exact"

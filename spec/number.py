@@ -278,5 +278,6 @@ class Float:
 FP16 = Float(5, 10, overflow="infinity")
 """IEEE 754 binary16, numpy's float16."""
 
-FP24 = Float(7, 16)
-"""17 significant bits from 2^−62 to 2^65, saturating, one zero."""
+FP24 = Float(7, 16, subnormal=False)
+"""17 significant bits from 2^−62 to 2^65, saturating, one zero. No subnormal values: a PE would be
+a tenth larger, and no picture needs them."""

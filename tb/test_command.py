@@ -142,6 +142,9 @@ BAD = {
     "no folder": ("render scene.ply -o none/a.png", "none/a.png"),
     "no folder for results": ("render scene.ply -o a.png --json none/a.json", "none/a.json"),
     "no folder for the map": ("render scene.ply -o a.png --heat-map none/h.png", "none/h.png"),
+    "stage": ("synth --stage roof", "'roof'.*project"),
+    "program": ("programs --show roof", "'roof'.*cull"),
+    "no folder for Verilog": ("verilog -o none/rtl", "none/rtl"),
     "background": ("render scene.ply --background 1,2 -o a.png", "--background '1,2'"),
     "truncated": ("pack cut.ply -o a.splatcore", "cut.ply"),
     "property": ("info less.ply", "less.ply.*rot_3"),
@@ -176,7 +179,33 @@ def test_bad_input(folder, capsys, case):
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-@pytest.mark.parametrize("command", ["", "scene", "info", "pack", "render", "compare"])
+def test_programs(folder, capsys):
+    assert run("programs", "--json", "p.json") == 0
+    facts = load(folder / "p.json")["programs"]
+    assert facts["project_sh"]["cycles_an_item"] == 10 and facts["project_sh"]["pes_busy"] > 0.9
+    assert facts["project_sh_dense"]["operations"] > facts["project_sh"]["operations"]
+    capsys.readouterr()
+    assert run("programs", "--show", "cull") == 0
+    assert "z0 = vz0 * offset_x + origin_z" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_synth_and_verilog(folder, capsys):
+    assert run("synth", "--stage", "add", "--stage", "cull", "--json", "s.json") == 0
+    stages = load(folder / "s.json")["stages"]
+    assert 1000 < stages["add"]["nand2"] < stages["cull"]["nand2"] < stages["cull"]["paper_nand2"]
+    assert stages["add"]["flip_flops"] > 50 and stages["add"]["depth"] > 5
+    assert run("verilog", "-o", "rtl") == 0
+    for name in ("chunk", "cull", "place", "project"):
+        text = (folder / "rtl" / f"splatcore_{name}.v").read_text()
+        assert text.startswith(f"// Splatcore {name}, preset DEFAULT")
+        assert f"module splatcore_{name}(" in text
+
+
+COMMANDS = "scene info pack render compare programs verilog synth".split()
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_help(command, capsys):
     assert run(*command.split(), "--help") == 0
     text = capsys.readouterr().out
@@ -195,7 +224,14 @@ def test_result_has_the_documented_keys():
     assert list(vars(Result("reference", "DEFAULT"))) == KEYS
     with open("docs/json.md") as file:
         documented = file.read()
-    for key in (*KEYS, "psnr_db_all_harmonics", "bytes_per_gaussian", "middle_98_percent"):
+    for key in (
+        *KEYS,
+        "psnr_db_all_harmonics",
+        "bytes_per_gaussian",
+        "middle_98_percent",
+        "pes_busy",
+        "nand2",
+    ):
         assert f"`{key}`" in documented
 
 

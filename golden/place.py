@@ -1,0 +1,22 @@
+"""The twin of stage 1's front: x and y of the points that stage 0 kept, and the guard band."""
+
+import numpy as np
+
+from golden.program import Values, run
+from spec.config import Config
+from spec.frame import FrameConstants
+from spec.microprogram import program
+
+
+def place(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
+    """Values of the place program, and which points [M] are kept.
+
+    A point leaves if its own depth is not beyond the near plane (with a depth interval stage 0 lets
+    some of those through), or if nothing of a Gaussian that reaches as far as its chunk's farthest
+    can touch the image: |x| > z·guard + margin. That is never a point too many (`spec.frame`).
+    """
+    values = run(config, program("place"), frame.constants | points)
+    kept = values["z"] > frame.near
+    for axis in "xy":
+        kept &= np.abs(values[axis]) <= values[f"bound_{axis}"]
+    return values, kept

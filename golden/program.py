@@ -1,0 +1,35 @@
+"""The twin of the arrays of stages 0 and 1: a microprogram, step by step, on all items at once."""
+
+import numpy as np
+
+from golden.unary import reciprocal, reciprocal_root
+from spec.config import Config
+from spec.microprogram import Program, Step
+
+Values = dict[str, np.ndarray | float]
+"""Float64 values that `Config.arithmetic` holds, by name: [N], or one number for a constant."""
+
+UNARY = {"reciprocal": reciprocal, "root": reciprocal_root}
+
+
+def run(config: Config, program: Program, inputs: Values) -> Values:
+    """Every value that the program makes, with its inputs."""
+    values = {name: inputs[name] for name in program.inputs}
+    for step in program.steps:
+        values[step.name] = _evaluate(config, step, values)
+    return values
+
+
+def _evaluate(config: Config, step: Step, values: Values) -> np.ndarray:
+    format = config.arithmetic
+    a, b, c = (values[name] if name else None for name in (step.a, step.b, step.c))
+    if step.unit == "pe":
+        product = a if b is None else format.round(a * b)
+        if c is None:
+            return -product if step.negate else product
+        return format.round(c - product if step.negate else c + product)
+    if step.unit == "clamp":
+        return np.clip(a, -b, b)
+    if step.unit == "maximum":
+        return np.maximum(a, b)
+    return format.decode(UNARY[step.unit](format, format.encode(a)))

@@ -1,0 +1,86 @@
+"""Sum of two floats."""
+
+from amaranth.hdl import Cat, Const, Module, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from hdl.float import Round, Unpack, Unpacked, operand
+from hdl.latency import Pipeline, spread
+from hdl.shift import shift_right_sticky
+from spec.number import Float
+
+BELOW = 3
+"""Bits below the fraction that the smaller summand needs: after a subtraction that lost one leading
+bit there still are a guard bit and, below one more, the sticky bit."""
+
+
+class Add(wiring.Component):
+    """o = a + b, rounded once.
+
+    Members
+        a, b: codes of `format`.
+        o: code of `format`.
+        enable: the pipeline moves; while it is low everything stays where it is.
+
+    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    Registers stand where the summands are in order of magnitude, where the smaller one is aligned
+    to the larger one, at the sum, and in `Round`.
+    """
+
+    def __init__(self, format: Float, latency: int):
+        self.format = format
+        self.layout = Unpacked(
+            operand(format).exponents, format.fraction + 2 + BELOW, operand(format).special
+        )
+        # A difference can lose all bits but the guard bit if the exponents differ by one at most:
+        # then there is nothing below that bit.
+        self.zeros = format.fraction + 2
+        self.registers = spread(latency, ("order", "align", "sum", *Round.cuts(format, self.zeros)))
+        code = format.width
+        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        format = self.format
+        pipeline = Pipeline(m, self.enable, self.registers)
+        m.submodules.a = a = Unpack(format)
+        m.submodules.b = b = Unpack(format)
+        m.d.comb += [a.i.eq(self.a), b.i.eq(self.b)]
+
+        large, small = Signal(operand(format)), Signal(operand(format))
+        distance = Signal(format.exponent)
+        magnitude = format.exponent + format.fraction
+        with m.If(self.a[:magnitude] < self.b[:magnitude]):
+            m.d.comb += [large.eq(b.o), small.eq(a.o)]
+        with m.Else():
+            m.d.comb += [large.eq(a.o), small.eq(b.o)]
+        large, small = pipeline.cut("order", large, small)
+
+        m.d.comb += distance.eq(large.exponent - small.exponent)
+        whole = Cat(Const(0, BELOW), small.significand)
+        aligned = shift_right_sticky(m, whole, distance, len(whole))
+        large, small, aligned = pipeline.cut("align", large, small, aligned)
+
+        total = Signal(self.layout)
+        m.d.comb += self._add(total, large, small, aligned)
+        m.submodules.round = rounder = Round(format, self.layout, self.zeros, self.registers)
+        m.d.comb += rounder.i.eq(*pipeline.cut("sum", total))
+        m.d.comb += [rounder.enable.eq(self.enable), self.o.eq(rounder.o)]
+        return m
+
+    def _add(self, total: data.View, large: data.View, small: data.View, aligned) -> list:
+        """Statements that make the sum."""
+        subtract = large.sign ^ small.sign
+        shifted = Cat(Const(0, BELOW), large.significand)
+        significand = shifted + (aligned ^ subtract.replicate(len(aligned))) + subtract
+        carry = significand[len(aligned)] & ~subtract
+        sign = large.sign
+        if self.format.overflow == "infinity":  # only there −0 is not 0: x − x is +0
+            sign &= ~(subtract & (large.significand == aligned[BELOW:]))
+        return [
+            total.sign.eq(sign),
+            total.exponent.eq(large.exponent),
+            total.significand.eq(Cat(significand[: len(aligned)], carry)),
+            total.infinity.eq(large.infinity | small.infinity),
+            total.nan.eq(large.nan | small.nan | (large.infinity & small.infinity & subtract)),
+        ]

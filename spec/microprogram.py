@@ -1,0 +1,144 @@
+"""Microprograms: what a line means, and a program's steps and names.
+
+A line `name = …` makes one value, once. Products and sums run on the processing elements (PEs), a
+multiplier followed by an adder, each of which rounds; either can be bypassed:
+
+    a * b        a * b + c        c - a * b        a + c        c - a
+
+The other steps have units of their own, of which there is one each:
+
+    reciprocal(a)     1/a
+    root(a)           1/√a
+    clamp(a, limit)   a within ± limit
+    maximum(a, b)     the larger one
+
+What no line makes is an input: one of `CONSTANTS`, which stay for a frame, or a field that comes
+with each item. Values are floats of `Config.arithmetic`. Lines may stand in any order that makes a
+value before it is used; when each runs is decided in `spec.schedule`. The programs are in
+`spec.programs`.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import cache
+
+from spec.programs import CONSTANTS, TEXTS
+
+UNITS = ("pe", "reciprocal", "root", "clamp", "maximum")
+"""What a step runs on."""
+
+PATTERNS = (
+    (r"(?P<a>\w+) \* (?P<b>\w+)", "pe", False),
+    (r"(?P<a>\w+) \* (?P<b>\w+) \+ (?P<c>\w+)", "pe", False),
+    (r"(?P<c>\w+) - (?P<a>\w+) \* (?P<b>\w+)", "pe", True),
+    (r"(?P<a>\w+) \+ (?P<c>\w+)", "pe", False),
+    (r"(?P<c>\w+) - (?P<a>\w+)", "pe", True),
+    (r"(?P<unit>\w+)\((?P<a>\w+)(, (?P<b>\w+))?\)", None, False),
+)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One line: `name = c ± a·b` on a PE, or `name = unit(a, b)`; absent operands are None."""
+
+    name: str
+    unit: str
+    a: str
+    b: str | None = None
+    c: str | None = None
+    negate: bool = False  # subtract the product
+
+    def __str__(self) -> str:
+        """The line that says it."""
+        if self.unit != "pe":
+            return f"{self.name} = {self.unit}({self.a}{f', {self.b}' if self.b else ''})"
+        product = f"{self.a} * {self.b}" if self.b else self.a
+        if self.c is None:
+            return f"{self.name} = {product}"
+        both = f"{self.c} - {product}" if self.negate else f"{product} + {self.c}"
+        return f"{self.name} = {both}"
+
+    @property
+    def operands(self) -> tuple[str, ...]:
+        return tuple(operand for operand in (self.a, self.b, self.c) if operand)
+
+    @property
+    def operations(self) -> dict[str, int]:
+        """Multiplications, additions, reciprocals … in the step, as the paper counts them."""
+        if self.unit != "pe":
+            return {self.unit: 1}
+        return {"multiply": int(self.b is not None), "add": int(self.c is not None)}
+
+
+def parse(text: str) -> tuple[Step, ...]:
+    """Steps of a program; ValueError, naming the line, for anything else than the lines above."""
+    steps: list[Step] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.partition("#")[0].strip()
+        if line:
+            steps.append(_parse_line(line, number, {step.name for step in steps}))
+    return tuple(steps)
+
+
+def _parse_line(line: str, number: int, made: set[str]) -> Step:
+    name, _, right = line.partition(" = ")
+    for pattern, unit, negate in PATTERNS:
+        match = re.fullmatch(pattern, right)
+        if match:
+            found = {key: value for key, value in match.groupdict().items() if value}
+            step = Step(name, **({"unit": unit} | found), negate=negate)
+            if step.unit not in UNITS or name in made:
+                break
+            return step
+    raise ValueError(f"microprogram line {number}: '{line}'")
+
+
+@dataclass(frozen=True)
+class Program:
+    """Steps and what goes in and out: names of values."""
+
+    name: str
+    steps: tuple[Step, ...]
+    outputs: tuple[str, ...]
+
+    @property
+    def made(self) -> set[str]:
+        return {step.name for step in self.steps}
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What no step makes, in the order of its first use."""
+        read = [operand for step in self.steps for operand in step.operands]
+        return tuple(
+            dict.fromkeys(name for name in (*read, *self.outputs) if name not in self.made)
+        )
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        return tuple(name for name in self.inputs if name in CONSTANTS)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Inputs that come with each item."""
+        return tuple(name for name in self.inputs if name not in CONSTANTS)
+
+
+@cache
+def program(name: str) -> Program:
+    """One of `TEXTS`, parsed."""
+    text, outputs = TEXTS[name]
+    return Program(name, parse(text), tuple(outputs.split()))
+
+
+def projection(sh_degree: int, skip_zeros: bool = True) -> Program:
+    """Stage 1's program for models of that degree."""
+    return program("project" + "_sh" * (sh_degree > 0) + "_dense" * (not skip_zeros))
+
+
+def operation_counts(steps: tuple[Step, ...]) -> dict[str, int]:
+    """Operations of a program by kind."""
+    counts: dict[str, int] = {}
+    for step in steps:
+        for kind, count in step.operations.items():
+            counts[kind] = counts.get(kind, 0) + count
+    return counts

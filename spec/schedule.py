@@ -1,0 +1,176 @@
+"""When each step of a microprogram runs, and where its value waits: modulo scheduling.
+
+A new Gaussian enters every `interval` cycles and several are in flight, so a step that runs at
+time t of its own Gaussian occupies its unit in phase t mod interval of every round. Steps do not
+depend on other Gaussians; placing them one after the other, each as late as its readers allow and
+where its unit is free, always succeeds with the smallest interval that the units' number permits.
+As late as possible keeps few values alive: sums take in more than they give out.
+
+A value leaves its unit for one cycle. If it is read later it waits in a register of that unit's
+bank, taken over in the same phase of every round; a value that waits longer than a round moves on
+to a second register. Registers of a bank are shared by values whose waiting times do not overlap.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+from spec.config import Config
+from spec.microprogram import Program, Step
+
+LATENCY_OF_CHOICE = 1
+"""Cycles of clamp and maximum."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A step at time `time` on unit number `number` of its kind."""
+
+    step: Step
+    time: int
+    number: int
+
+
+@dataclass(frozen=True)
+class Wait:
+    """A register that holds a value: taken over at time `begin`, last read at time `end`."""
+
+    value: str
+    begin: int
+    end: int
+    bank: tuple[str, int]  # unit and number
+    register: int
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """All steps, in the order of their times, and all waits."""
+
+    interval: int
+    places: tuple[Place, ...]
+    waits: tuple[Wait, ...]
+    latencies: tuple[tuple[str, int], ...]
+
+    @property
+    def length(self) -> int:
+        """Cycles from the first step's start to the last result, when all outputs are read."""
+        latency = dict(self.latencies)
+        return max(place.time + latency[place.step.unit] for place in self.places)
+
+    @property
+    def registers(self) -> int:
+        """Registers of all banks together."""
+        return len({(wait.bank, wait.register) for wait in self.waits})
+
+    def utilisation(self, units: int) -> float:
+        """Part of the PEs' cycles in which a step begins."""
+        return sum(place.step.unit == "pe" for place in self.places) / (units * self.interval)
+
+
+def latencies(config: Config) -> dict[str, int]:
+    """Clock cycles of each unit."""
+    return {
+        "pe": config.multiply_latency + config.add_latency,
+        "reciprocal": config.unary_latency,
+        "root": config.unary_latency,
+        "clamp": LATENCY_OF_CHOICE,
+        "maximum": LATENCY_OF_CHOICE,
+    }
+
+
+PES = {"chunk": 1, "cull": 1, "place": 2}
+"""PEs of the arrays of stages 0 and 1; that of the projection is sized by `Config`."""
+
+INTERVAL_MIN = {"cull": 4, "place": 4}
+"""Cycles an item at least: memory brings a point every four cycles."""
+
+
+def pes(config: Config, program: Program) -> int:
+    """PEs of the array that runs a program."""
+    return PES.get(program.name, config.pes * config.pe_arrays)
+
+
+@cache
+def schedule(config: Config, program: Program) -> Schedule:
+    """The schedule of a program on a machine's array for it."""
+    units = {unit: 1 for unit in latencies(config)} | {"pe": pes(config, program)}
+    demand = {unit: sum(step.unit == unit for step in program.steps) for unit in units}
+    interval = max(-(-demand[unit] // units[unit]) for unit in units)
+    interval = max(interval, INTERVAL_MIN.get(program.name, 1))
+    places = place_steps(program.steps, units, latencies(config), interval)
+    waits = place_waits(places, latencies(config), interval, program.outputs)
+    return Schedule(interval, places, waits, tuple(latencies(config).items()))
+
+
+def readers(steps: tuple[Step, ...]) -> dict[str, list[str]]:
+    """Names of the steps that read each value."""
+    found: dict[str, list[str]] = {}
+    for step in steps:
+        for operand in set(step.operands):
+            found.setdefault(operand, []).append(step.name)
+    return found
+
+
+def place_steps(
+    steps: tuple[Step, ...], units: dict[str, int], latency: dict[str, int], interval: int
+) -> tuple[Place, ...]:
+    """Times and units of all steps; the earliest begins at time 0."""
+    reading = readers(steps)
+    time: dict[str, int] = {}  # counted backwards from the end
+    number: dict[str, int] = {}
+    busy: dict[tuple[str, int], int] = {}  # (unit, phase) → units taken
+    depth = depths(steps, latency)
+    waiting = list(reversed(steps))
+    while waiting:
+        # Of the steps whose readers all have a time, the one with the longest way to come first.
+        ready = [step for step in waiting if all(r in time for r in reading.get(step.name, []))]
+        step = max(ready, key=lambda step: depth[step.name])
+        waiting.remove(step)
+        latest = min((time[r] for r in reading.get(step.name, [])), default=0)
+        latest -= latency[step.unit]
+        while busy.get((step.unit, latest % interval), 0) == units[step.unit]:
+            latest -= 1
+        key = (step.unit, latest % interval)
+        number[step.name] = busy.get(key, 0)
+        busy[key] = number[step.name] + 1
+        time[step.name] = latest
+    first = min(time.values())
+    shift = -first
+    placed = [Place(step, time[step.name] + shift, number[step.name]) for step in steps]
+    return tuple(sorted(placed, key=lambda place: (place.time, place.number)))
+
+
+def depths(steps: tuple[Step, ...], latency: dict[str, int]) -> dict[str, int]:
+    """Cycles from the inputs to the end of each step, were units unlimited."""
+    depth: dict[str, int] = {}
+    for step in steps:
+        begin = max((depth.get(operand, 0) for operand in step.operands), default=0)
+        depth[step.name] = begin + latency[step.unit]
+    return depth
+
+
+def place_waits(
+    places: tuple[Place, ...], latency: dict[str, int], interval: int, outputs: tuple[str, ...]
+) -> tuple[Wait, ...]:
+    """Registers for all values that are read later than in the cycle in which they appear.
+
+    `outputs` are read when the last result appears.
+    """
+    at = {place.step.name: place for place in places}
+    out = max(place.time + latency[place.step.unit] for place in places)
+    reading = readers(tuple(place.step for place in places))
+    waits: list[Wait] = []
+    taken: dict[tuple[tuple[str, int], int], set[int]] = {}  # (bank, register) → phases
+    for place in places:
+        appears = place.time + latency[place.step.unit]
+        last = max((at[r].time for r in reading.get(place.step.name, [])), default=appears)
+        last = out if place.step.name in outputs else last
+        bank = (place.step.unit, place.number)
+        for begin in range(appears, last, interval):
+            end = min(last, begin + interval)
+            phases = {t % interval for t in range(begin + 1, end + 1)}
+            register = 0
+            while taken.get((bank, register), set()) & phases:
+                register += 1
+            taken.setdefault((bank, register), set()).update(phases)
+            waits.append(Wait(place.step.name, begin, end, bank, register))
+    return tuple(waits)

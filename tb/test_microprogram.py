@@ -1,0 +1,171 @@
+"""The microprogram and its schedule, run by a machine that moves names instead of numbers."""
+
+from dataclasses import replace
+
+import pytest
+
+from spec.config import DEFAULT
+from spec.microprogram import (
+    Step,
+    operation_counts,
+    parse,
+    program,
+    projection,
+)
+from spec.programs import CONSTANTS, TEXTS
+from spec.schedule import Schedule, latencies, pes, schedule
+
+CONFIGS = {
+    "one array": DEFAULT,
+    "two arrays": replace(DEFAULT, pe_arrays=2),
+    "slow units": replace(DEFAULT, multiply_latency=4, add_latency=5, unary_latency=9),
+    "quick units": replace(DEFAULT, multiply_latency=0, add_latency=1, unary_latency=1),
+    "three PEs": replace(DEFAULT, pes=3),
+}
+CYCLES = {"one array": 10, "two arrays": 5, "slow units": 10, "quick units": 10, "three PEs": 20}
+"""Cycles a Gaussian of degree 1; the bounds are 12 with one array and 7 with two."""
+
+
+def test_lines():
+    steps = parse("a = x * y  # product\nb = a * z + x\nc = b - a * y\nd = c + z\ne = root(d)")
+    assert steps == (
+        Step("a", "pe", "x", "y"),
+        Step("b", "pe", "a", "z", "x"),
+        Step("c", "pe", "a", "y", "b", negate=True),
+        Step("d", "pe", "c", None, "z"),
+        Step("e", "root", "d"),
+    )
+    assert parse("\n".join(map(str, steps))) == steps
+    assert operation_counts(steps) == {"multiply": 3, "add": 3, "root": 1}
+
+
+@pytest.mark.parametrize(
+    "line", ["a = x / y", "a = x * y\na = x * z", "a x * y", "a = cube(x)", "a = root(x, y, z)"]
+)
+def test_a_line_that_is_none_is_named(line):
+    with pytest.raises(ValueError, match=r"microprogram line \d: '"):
+        parse(line)
+
+
+INPUTS = {
+    "chunk": "away_x away_y away_z chunk_reach",
+    "cull": "offset_x offset_y offset_z origin_z",
+    "place": "offset_x offset_y offset_z origin_x origin_y z margin_x margin_y",
+    "project": "x y z l00 l10 l11 l20 l21 l22 attenuation",
+}
+"""Fields of the programs: a misspelt operand would be one more."""
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_values_are_made_once_and_before_their_use(name):
+    made = set()
+    for step in program(name).steps:
+        assert step.name not in made | set(CONSTANTS)
+        assert not (set(step.operands) & program(name).made) - made
+        made.add(step.name)
+    assert set(program(name).outputs) <= made | set(program(name).fields)
+    if name in INPUTS:
+        assert sorted(program(name).fields) == sorted(INPUTS[name].split())
+
+
+def test_operations_with_and_without_zeros():
+    """The dense program's steps make the same values, and as many more as its zeros cost."""
+    saved = {}
+    for degree in (0, 1):
+        sparse, dense = projection(degree), projection(degree, skip_zeros=False)
+        assert sparse.made < dense.made and sparse.outputs == dense.outputs
+        less, more = (operation_counts(program.steps) for program in (sparse, dense))
+        saved[degree] = {kind: more[kind] - less[kind] for kind in more}
+    assert saved[0] == saved[1] and saved[0]["multiply"] == 22 and saved[0]["add"] == 14
+
+
+def test_every_constant_is_used():
+    assert set(CONSTANTS) == {c for name in TEXTS for c in program(name).constants}
+
+
+@pytest.mark.parametrize("program_name", TEXTS)
+@pytest.mark.parametrize("name", CONFIGS)
+def test_units_are_never_taken_twice(name, program_name):
+    config, steps = CONFIGS[name], program(program_name)
+    plan = schedule(config, steps)
+    assert {place.step for place in plan.places} == set(steps.steps)
+    slots = [(p.step.unit, p.number, p.time % plan.interval) for p in plan.places]
+    assert len(set(slots)) == len(slots)
+    numbers = {p.number for p in plan.places if p.step.unit == "pe"}
+    assert max(numbers) < pes(config, steps)
+    assert all(p.number == 0 for p in plan.places if p.step.unit != "pe")
+    assert min(p.time for p in plan.places) == 0
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_cycles_a_gaussian(name):
+    config = CONFIGS[name]
+    plan = schedule(config, projection(1))
+    assert plan.interval == CYCLES[name]
+    assert plan.utilisation(pes(config, projection(1))) > 0.516  # the paper's
+    assert schedule(config, program("cull")).interval == 4
+
+
+def run_names(plan: Schedule, outputs, latency: dict[str, int], gaussians: int) -> set:
+    """Run the schedule cycle by cycle on (Gaussian, value) pairs; what every step read is checked.
+
+    A register takes over in the cycle that its wait begins and can be read from the next one on.
+    """
+    results: dict[tuple[str, int], dict[int, tuple[int, str]]] = {}  # unit → cycle → value
+    registers: dict = {}
+    done = set()
+    reads = 0
+    made = {place.step.name for place in plan.places}
+    for cycle in range(gaussians * plan.interval + plan.length):
+        takeover = {}
+        gaussian, phase = divmod(cycle - plan.length, plan.interval)
+        if not phase and 0 <= gaussian < gaussians:
+            for output in made & set(outputs):
+                assert (gaussian, output) in visible(plan, output, cycle, results, registers)
+        for place in plan.places:
+            gaussian, phase = divmod(cycle - place.time, plan.interval)
+            if phase or not 0 <= gaussian < gaussians:
+                continue
+            for operand in place.step.operands:
+                if operand in made:
+                    assert (gaussian, operand) in visible(plan, operand, cycle, results, registers)
+                    reads += 1
+            unit = (place.step.unit, place.number)
+            results.setdefault(unit, {})[cycle + latency[place.step.unit]] = (
+                gaussian, place.step.name,
+            )  # fmt: skip
+            done.add((gaussian, place.step.name))
+        for wait in plan.waits:
+            gaussian, phase = divmod(cycle - wait.begin, plan.interval)
+            if phase or not 0 <= gaussian < gaussians:
+                continue
+            source = visible(plan, wait.value, cycle, results, registers)
+            assert (gaussian, wait.value) in source
+            takeover[wait.bank, wait.register] = (gaussian, wait.value)
+        registers.update(takeover)
+    return done
+
+
+def visible(plan, value, cycle, results, registers) -> set:
+    """What can be read of a value's unit in a cycle: its result and its bank's registers."""
+    place = next(p for p in plan.places if p.step.name == value)
+    unit = (place.step.unit, place.number)
+    seen = {held for (bank, _), held in registers.items() if bank == unit}
+    return seen | {results.get(unit, {}).get(cycle)}
+
+
+@pytest.mark.parametrize("program_name", TEXTS)
+@pytest.mark.parametrize("name", CONFIGS)
+def test_every_step_finds_its_operands(name, program_name):
+    config, steps = CONFIGS[name], program(program_name)
+    plan = schedule(config, steps)
+    done = run_names(plan, steps.outputs, latencies(config), 12)
+    assert len(done) == 12 * len(plan.places)
+
+
+def test_a_wait_that_is_missing_is_seen():
+    plan, outputs = schedule(DEFAULT, projection(1)), projection(1).outputs
+    for k in range(0, len(plan.waits), 7):
+        broken = replace(plan, waits=plan.waits[:k] + plan.waits[k + 1 :])
+        with pytest.raises(AssertionError):
+            run_names(broken, outputs, latencies(DEFAULT), 12)
