@@ -7,7 +7,7 @@ from sim.options import app
 from sim.output import messages
 from spec.error import InputError
 
-ORDER = ("scene", "info", "pack", "render", "compare", "programs", "verilog", "synth")
+ORDER = ("scene", "info", "pack", "render", "compare", "error", "programs", "verilog", "synth")
 """The commands as the help lists them: the way of the data."""
 
 COMMANDS = (scene_commands, image_commands, hardware_commands)

