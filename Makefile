@@ -11,7 +11,7 @@ SPLATCORE := $(BIN)/splatcore
 help:
 	@echo "make demo   install, then render the embedded scene and compare: pictures in out/"
 	@echo "make test   install, then run every test"
-	@echo "make check  lint, the import rule and the quick tests: seconds"
+	@echo "make check  lint, the import rule and the quick tests: under a minute"
 	@echo "make clean  remove what the others made"
 
 install: .venv/installed

@@ -119,6 +119,7 @@ def test_float16_compare():
 
 
 @pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
+@pytest.mark.slow
 def test_exact(format):
     """Products, sums and order by rationals: all pairs of small formats, hard ones of large."""
     small = format in SMALL

@@ -25,6 +25,9 @@ from sim import vectors
 from spec.number import FP16, FP24, Fixed, Float
 from tb.float_pairs import every_pair, pairs
 
+pytestmark = pytest.mark.slow
+"""Every test compiles hardware."""
+
 GRADUAL = Float(7, 16)
 EIGHT_BITS = [
     Float(3, 2),

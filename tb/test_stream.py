@@ -62,6 +62,7 @@ def test_broken_promise_is_named(name, promise, test):
     shutil.which("iverilog") is None,
     reason="needs Icarus Verilog: apt-get install iverilog",
 )
+@pytest.mark.slow
 def test_under_icarus():
     run("icarus", PROMISES, few=True)
 

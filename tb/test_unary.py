@@ -127,6 +127,7 @@ def test_error(format, function):
 
 @pytest.mark.parametrize("function", FUNCTIONS)
 @pytest.mark.parametrize("fraction", [19, 20, 21, 22, 23])
+@pytest.mark.slow
 def test_error_wide(fraction, function):
     """Fractions up to that of binary32, whose bound is ⅘."""
     format = Float(8, fraction, overflow="infinity")
@@ -193,6 +194,7 @@ def test_powers_are_exact(format):
 
 @pytest.mark.parametrize("function", FUNCTIONS)
 @pytest.mark.parametrize("format", [*EVERY_CODE, GRADUAL24, NORMAL24], ids=str)
+@pytest.mark.slow
 def test_monotone(format, function):
     """Over every finite positive code, zero too."""
     results = function(format, np.append(0, positive(format))).astype(np.int32)
@@ -289,6 +291,7 @@ def assert_rtl(units: list[wiring.Component], codes: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("unit", TWINS)
+@pytest.mark.slow
 def test_rtl_every_code(unit):
     """Every code of formats of each kind and degree, every latency."""
     assert len(IN_RTL) > len(REGISTERS) + 2
@@ -296,6 +299,7 @@ def test_rtl_every_code(unit):
     assert_rtl(units, np.arange(2**16))
 
 
+@pytest.mark.slow
 def test_rtl_24_bits():
     """Every significand at both parities, every binade's ends, random codes; and their signs."""
     latencies = {Reciprocal: (0, 4), ReciprocalRoot: (3, 5)}
