@@ -2,10 +2,11 @@
 
 from collections import Counter
 
-from amaranth.hdl import Cat, Const, Module, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from hdl.latency import Pipeline
 from hdl.unary_ends import Pack, Unpack
 from spec.number import Float
 from spec.unary import Datapath, Function, coefficients, datapath, places_out
@@ -119,14 +120,7 @@ class Unary(wiring.Component):
         m.submodules.lookup = lookup = Lookup(path)
         m.submodules.pack = pack = Pack(self.function, self.format)
 
-        def cut(name, *values):
-            """Values behind the registers that stand at a place of the path."""
-            for _ in range(self.registers[name]):
-                held = tuple(Signal(v.shape(), name=name, reset_less=True) for v in values)
-                with m.If(self.enable):
-                    m.d.sync += [h.eq(v) for h, v in zip(held, values, strict=True)]
-                values = held
-            return values
+        cut = Pipeline(m, self.enable, self.registers).cut
 
         m.d.comb += unpack.a.eq(self.a)
         significand, result = cut("unpacked", unpack.significand, unpack.result)

@@ -51,7 +51,7 @@ def _ranges(scene: Scene) -> dict:
 
 def _describe_model(source: Source) -> dict:
     model = source.model
-    gaussians, position = model.gaussians(), model.position
+    position, opacity = model.position, model.opacity
     return {
         "model": source.name,
         "gaussians": len(model),
@@ -63,7 +63,7 @@ def _describe_model(source: Source) -> dict:
         "bytes_per_gaussian": round(model.bytes_per_gaussian, 3),
         "lowest_corner": _rounded(position.min(0, initial=np.inf)) if len(model) else None,
         "highest_corner": _rounded(position.max(0, initial=-np.inf)) if len(model) else None,
-        "opacity_percentiles": _rounded(np.percentile(gaussians.opacity, PERCENTILES))
+        "opacity_percentiles": _rounded(np.percentile(opacity, PERCENTILES))
         if len(model)
         else None,
     }

@@ -52,7 +52,7 @@ def render_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
-    frame = render_frame(source.gaussians(), view, convention, "rendering")
+    frame = render_frame(source.gaussians, view, convention, "rendering")
     result = Result(
         engine, config.name, source.name, camera or view.name, (view.width, view.height),
         round(time.perf_counter() - begin, 3), frame.counts,
@@ -121,7 +121,7 @@ def picture(text: str, scene: str | None, camera: str | None, size: str | None) 
         raise InputError(f"compare {text}: --scene says nothing about what to render")
     source: Source = open_source(scene)
     view = open_camera(camera, size, source)
-    return render_frame(source.gaussians(), view, SPLATCORE, text).pixels
+    return render_frame(source.gaussians, view, SPLATCORE, text).pixels
 
 
 def render_frame(gaussians: Gaussians, camera: Camera, convention: Convention, label: str) -> Frame:

@@ -23,9 +23,10 @@ from sim.options import (
 )
 from sim.output import check_writable, console, progress_bar, whole_file, write
 from sim.result import write_json
-from sim.source import open_camera, open_scene, open_source
+from sim.source import open_camera, open_source
 from spec.config import preset as find_preset
 from spec.convention import SPLATCORE
+from spec.error import InputError
 
 
 @app.command(
@@ -84,7 +85,9 @@ def pack_command(
     config = find_preset(preset)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
-        original = open_scene(scene) if source.scene is None else source.scene
+        if source.scene is None:
+            raise InputError(f"{scene}: is a packed model already, not a scene")
+        original = source.scene
         view = open_camera(camera, size, source)
     with progress_bar("packing", len(STEPS)) as advance:
         model, report = pack(
@@ -98,7 +101,7 @@ def pack_command(
         for label, gaussians in (
             ("packed model", model.gaussians()),
             ("scene, same degree", original.with_sh_degree(report.sh_degree).gaussians()),
-            ("scene", original.gaussians()),
+            ("scene", source.gaussians),
         )
     ]
     loss = difference(pictures[0], pictures[1])

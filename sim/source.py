@@ -3,6 +3,7 @@
 import os
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 from model.camera_file import read_camera
 from model.generate import GENERATORS, generate, generated_camera
@@ -30,7 +31,9 @@ class Source:
     model: PackedModel | None = None
     camera: Camera | None = None  # a generated scene's own
 
+    @cached_property
     def gaussians(self) -> Gaussians:
+        """What a renderer sees."""
         return (self.scene or self.model).gaussians()
 
 
@@ -43,14 +46,6 @@ def open_source(text: str) -> Source:
     return Source(text, scene=read_scene(text))
 
 
-def open_scene(text: str) -> Scene:
-    """A scene file or generated scene; InputError for a packed model."""
-    source = open_source(text)
-    if source.scene is None:
-        raise InputError(f"{text}: is a packed model already, not a scene")
-    return source.scene
-
-
 def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
     """The camera of FILE[:ID], else the scene's own, else a sensible view of it; then resized."""
     width, height = parse_size(size) if size else VIEW_SIZE
@@ -59,7 +54,7 @@ def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
     elif source.camera:
         camera = source.camera
     else:
-        return sensible_view(source.gaussians(), width, height)
+        return sensible_view(source.gaussians, width, height)
     return camera.resized(width, height) if size else camera
 
 

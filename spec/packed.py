@@ -98,7 +98,7 @@ class PackedModel:
         part = self.image[start : start + count * record.size]
         return record.unpack(part.reshape(count, record.size))
 
-    @property
+    @cached_property
     def chunks(self) -> dict[str, np.ndarray]:
         """Values of the chunk headers: the fields of `spec.memory.CHUNK_HEADER`."""
         codes = self._records(CHUNK_HEADER, self.layout.chunks, chunk_count(len(self)))
@@ -116,7 +116,7 @@ class PackedModel:
         """Offsets [N, 3] from the chunk's origin, of models with chunk positions."""
         return offsets(self.stored_positions, self.chunks["octant_end"])
 
-    @property
+    @cached_property
     def attributes(self) -> dict[str, np.ndarray]:
         """Codes of the attributes, by field [N]."""
         return self._records(self.format.attribute_record, self.layout.attributes, len(self))
