@@ -18,7 +18,7 @@ FLAKE_RATIO = 1000.0
 
 def describe(source: Source) -> dict:
     """Facts by name: numbers, or lists of numbers (percentiles are `PERCENTILES`)."""
-    if source.model:
+    if source.model is not None:
         return _describe_model(source)
     scene = source.scene
     finite = np.isfinite(scene.position).all(1) & np.isfinite(scene.scale).all(1)

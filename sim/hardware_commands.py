@@ -156,8 +156,10 @@ def error_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
-        model = source.model or pack(source.scene)[0]
+        model = pack(source.scene)[0] if source.model is None else source.model
     exact = exact_splats(model, view)
+    if not len(exact):
+        raise InputError(f"{scene}: no Gaussian is visible from this camera")
     results = {}
     with progress_bar("measuring", len(configs)) as advance:
         for done, config in enumerate(configs):

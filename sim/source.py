@@ -34,7 +34,7 @@ class Source:
     @cached_property
     def gaussians(self) -> Gaussians:
         """What a renderer sees."""
-        return (self.scene or self.model).gaussians()
+        return (self.model if self.scene is None else self.scene).gaussians()
 
 
 def open_source(text: str) -> Source:

@@ -88,6 +88,17 @@ def test_a_generated_scene_by_name(folder):
     assert load(folder / "a.json")["scene"] == "needles"
 
 
+def test_an_empty_scene_is_a_black_picture(folder):
+    """A scene of no Gaussians is false in Python; it is a scene all the same."""
+    assert run("render", "empty", "-o", "a.png", "--json", "a.json") == 0
+    assert load(folder / "a.json")["counts"]["gaussians"] == 0 and not read_png("a.png").any()
+    assert run("info", "empty") == 0
+    assert run("pack", "empty", "-o", "empty.splatcore") == 0
+    assert run("info", "empty.splatcore") == 0
+    assert run("render", "empty.splatcore", "--size", "20x10", "-o", "b.png") == 0
+    assert not read_png("b.png").any()
+
+
 def test_without_a_camera_there_is_something_to_see(folder):
     assert run("render", "scene.ply", "--size", "96x54", "-o", "a.png") == 0
     assert read_png("a.png").shape == (54, 96, 3) and read_png("a.png").std() > 5
@@ -143,6 +154,7 @@ BAD = {
     "no folder for results": ("render scene.ply -o a.png --json none/a.json", "none/a.json"),
     "no folder for the map": ("render scene.ply -o a.png --heat-map none/h.png", "none/h.png"),
     "width": ("error scene.ply --width wide", "'wide'.*7/16"),
+    "error of nothing": ("error empty", "empty: no Gaussian is visible"),
     "error of a stage": ("error scene.ply --stage roof", "'roof'"),
     "stage": ("synth --stage roof", "'roof'.*project"),
     "program": ("programs --show roof", "'roof'.*cull"),
