@@ -16,7 +16,7 @@ def place(config: Config, frame: FrameConstants, points: Values) -> tuple[Values
     can touch the image: |x| > z·guard + margin. That is never a point too many (`spec.frame`).
     """
     values = run(config, program("place"), frame.constants | points)
-    kept = values["z"] > frame.near
+    kept = values["z"] > frame.near_plane
     for axis in "xy":
         kept &= np.abs(values[axis]) <= values[f"bound_{axis}"]
     return values, kept

@@ -15,8 +15,9 @@ UNARY = {"reciprocal": reciprocal, "root": reciprocal_root}
 def run(config: Config, program: Program, inputs: Values) -> Values:
     """Every value that the program makes, with its inputs."""
     values = {name: inputs[name] for name in program.inputs}
-    for step in program.steps:
-        values[step.name] = _evaluate(config, step, values)
+    with np.errstate(invalid="ignore"):  # NaN is a result like others where the format has it
+        for step in program.steps:
+            values[step.name] = _evaluate(config, step, values)
     return values
 
 

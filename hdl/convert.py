@@ -1,6 +1,6 @@
 """From one number format to another."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -55,35 +55,55 @@ class Convert(wiring.Component):
 
 
 class FromFixed(wiring.Component):
-    """o = i as a float, rounded once.
+    """o = i as a float, times a power of two if there is a range of them, rounded once.
+
+    `FromFixed.scales` says which range covers all that differ.
 
     Members
         i: code of `fixed`.
+        scale: one of the range `scale`: o = i · 2^scale. Without a range there is no such port.
         o: code of `format`.
         enable: the pipeline moves; while it is low everything stays where it is.
 
     Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
     """
 
-    def __init__(self, fixed: Fixed, format: Float, latency: int):
+    def __init__(self, fixed: Fixed, format: Float, latency: int, scale: range | None = None):
         self.fixed = fixed
         self.format = format
         self.zeros = max(fixed.width - 1, 1)
         self.registers = spread(latency, ("magnitude", *Round.cuts(format, self.zeros)))
-        super().__init__({"i": In(fixed.width), "o": Out(format.width), "enable": In(1)})
+        # The highest bit of the magnitude is the higher one before the rounder's binary point.
+        self.exponent = fixed.width - 2 - fixed.fraction + format.bias
+        self.exponents = range(self.exponent, self.exponent + 1)
+        ports = {"i": In(fixed.width), "o": Out(format.width), "enable": In(1)}
+        self.scaled = scale is not None
+        if self.scaled:
+            # The rounder wants to know an exponent from 0 on, be it never reached.
+            highest = max(self.exponent + scale[-1], 0)
+            self.exponents = range(self.exponent + scale[0], highest + 1)
+            ports["scale"] = In(Shape.cast(range(min(scale[0], -1), scale[-1] + 1)))
+        super().__init__(ports)
+
+    @staticmethod
+    def scales(fixed: Fixed, format: Float) -> range:
+        """Any scale beyond an end of this range gives what that end gives."""
+        # Codes are 1 … 2^width steps of 2^−fraction: at the lowest scale the largest of them is
+        # below half of `format`'s smallest value, at the highest one step is beyond its largest.
+        smallest = 1 - format.bias - format.subnormal * format.fraction
+        lowest = smallest - 1 - fixed.width + fixed.fraction
+        return range(lowest, (1 << format.exponent) - format.bias + fixed.fraction + 1)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        # The highest bit of the magnitude is the higher one before the rounder's binary point.
-        exponent = self.fixed.width - 2 - self.fixed.fraction + self.format.bias
-        layout = Unpacked(range(exponent, exponent + 1), self.fixed.width, special=False)
-        number = Signal(layout)
+        number = Signal(Unpacked(self.exponents, self.fixed.width, special=False))
         negative = self.i[-1] if self.fixed.signed else Const(0)
         m.d.comb += [
             number.sign.eq(negative),
-            number.exponent.eq(exponent),
+            number.exponent.eq(self.exponent + (self.scale if self.scaled else 0)),
             number.significand.eq(Mux(negative, -self.i, self.i)),
         ]
+        layout = number.shape()
         m.submodules.round = rounder = Round(self.format, layout, self.zeros, self.registers)
         pipeline = Pipeline(m, self.enable, self.registers)
         m.d.comb += rounder.i.eq(*pipeline.cut("magnitude", number))

@@ -9,6 +9,7 @@ import numpy as np
 
 from spec.memory import (
     CHUNK,
+    EXPONENT_MAX,
     EXTENT_SHIFT,
     OCTANTS,
     OFFSET_BITS,
@@ -40,7 +41,7 @@ class Chunks:
 def chunk_positions(position: np.ndarray) -> Chunks:
     """Cut finite positions [N, 3] (scene units) into chunks."""
     _, exponent = np.frexp(np.abs(position).max(initial=0))
-    exponent = int(exponent) - GRID_BITS
+    exponent = max(int(exponent) - GRID_BITS, -EXPONENT_MAX)
     grid = np.rint(np.ldexp(position, -exponent)).astype(np.int64)  # [N, 3]
     order = morton_order(grid)
     grid = grid[order]

@@ -95,16 +95,16 @@ def chunk_headers(model: Quantised) -> np.ndarray:
     reach = np.maximum.reduceat(reach, starts) if len(starts) else reach
     code = REACH.encode(reach)
     code += REACH.decode(code) < reach  # a bound is rounded up
-    return CHUNK_HEADER.pack(
-        {
-            "origin": CHUNK_HEADER["origin"].encode(chunks.origin),
-            "shift": chunks.shift,
-            "extent": chunks.extent,
-            "reach": code,
-            "octant_end": chunks.octant_end,
-            "reserved": np.zeros(len(starts), np.uint64),
-        }
-    )
+    fields = {
+        "origin": CHUNK_HEADER["origin"].encode(chunks.origin),
+        "shift": chunks.shift,
+        "extent": chunks.extent,
+        "octant_end": chunks.octant_end,
+    }
+    if model.format.position == "absolute":
+        fields = {name: np.zeros_like(codes) for name, codes in fields.items()}
+    reserved = np.zeros(len(starts), np.uint64)
+    return CHUNK_HEADER.pack(fields | {"reach": code, "reserved": reserved})
 
 
 def attributes(model: Quantised) -> np.ndarray:

@@ -11,6 +11,7 @@ from model.factor import largest_axis, lower_triangular
 from model.layout import Quantised, lay_out
 from spec.config import DEFAULT, Config
 from spec.convention import ALPHA_MIN
+from spec.error import InputError
 from spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
 from spec.packed import SH_C0, PackedModel, slopes_from_sh
 from spec.scene import Scene
@@ -68,6 +69,8 @@ def pack(
     harmonics = quantise(slopes, format.sh_index, SLOPE)
     progress("layout")
     absolute = format.position == "absolute"
+    if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
+        raise InputError(f"{scene.name}: a position is too large for preset {config.name}'s floats")
     image = lay_out(
         Quantised(
             format,

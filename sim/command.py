@@ -2,7 +2,7 @@
 
 import sys
 
-from sim import hardware_commands, image_commands, scene_commands
+from sim import error_command, hardware_commands, image_commands, scene_commands
 from sim.options import app
 from sim.output import messages
 from spec.error import InputError
@@ -10,7 +10,7 @@ from spec.error import InputError
 ORDER = ("scene", "info", "pack", "render", "compare", "error", "programs", "verilog", "synth")
 """The commands as the help lists them: the way of the data."""
 
-COMMANDS = (scene_commands, image_commands, hardware_commands)
+COMMANDS = (scene_commands, image_commands, error_command, hardware_commands)
 """Modules whose import has registered their commands with `app`."""
 
 app.registered_commands.sort(key=lambda command: ORDER.index(command.name))

@@ -1,4 +1,4 @@
-"""Commands about the hardware: verilog, synth."""
+"""Commands about the hardware: verilog, synth, programs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,14 +8,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from hdl.stages import PAPER_GATES, PRIMITIVES, STAGES
-from model.pack import pack
 from sim import verilog
-from sim.error import WIDTHS, exact_splats, measure, with_width
-from sim.error_plot import write_error_plot
-from sim.options import CameraOption, JsonOption, PresetOption, SizeOption, SourceArgument, app
+from sim.options import JsonOption, PresetOption, app
 from sim.output import check_writable, console, progress_bar
 from sim.result import write_json
-from sim.source import open_camera, open_source
 from sim.synth import gates
 from spec.config import Config
 from spec.config import preset as find_preset
@@ -128,54 +124,3 @@ def program_facts(config: Config, steps: Program) -> dict[str, int | float]:
         "pes_busy": round(plan.utilisation(pes(config, steps)), 3),
         "registers": plan.registers,
     }
-
-
-@app.command("error")
-def error_command(
-    scene: SourceArgument,
-    stage: Annotated[str, typer.Option(help="Which stage's errors; so far project.")] = "project",
-    width: Annotated[
-        list[str] | None,
-        typer.Option(metavar="E/F", help=f"Exponent/fraction bits; default {', '.join(WIDTHS)}."),
-    ] = None,
-    camera: CameraOption = None,
-    size: SizeOption = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", metavar="PLOT.png", help="Draw the errors.")
-    ] = None,
-    json: JsonOption = None,
-):
-    """Error of stage 1's numbers by width: each field, and the picture that they make.
-
-    The bit-accurate twin of stages 0 and 1 against the float64 reference on the same packed model.
-    """
-    check_writable(output, json)
-    if stage != "project":
-        raise InputError(f"--stage '{stage}': unknown (there is project)")
-    configs = [with_width(text) for text in width or WIDTHS]
-    with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
-        view = open_camera(camera, size, source)
-        model = pack(source.scene)[0] if source.model is None else source.model
-    exact = exact_splats(model, view)
-    if not len(exact):
-        raise InputError(f"{scene}: no Gaussian is visible from this camera")
-    results = {}
-    with progress_bar("measuring", len(configs)) as advance:
-        for done, config in enumerate(configs):
-            advance(done, len(configs), f"measuring {config.name}")
-            results[config.name] = measure(config, model, view, exact)
-    table = Table(
-        box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="RMS error by exponent/fraction bits"
-    )
-    table.add_column("field", no_wrap=True)
-    for name in results:
-        table.add_column(name, justify="right", no_wrap=True)
-    for field in next(iter(results.values()))["fields"]:
-        table.add_row(field, *(f"{r['fields'][field]['rms']:.2e}" for r in results.values()))
-    for key in ("psnr_db", "max_error", "projected", "visible", "lost"):
-        table.add_row(key.replace("_", " "), *(f"{r[key]:.5g}" for r in results.values()))
-    console.print(table)
-    if output:
-        write_error_plot(output, results, f"stage 1 on {source.name}, camera {view.name}")
-    write_json(json, {"stage": stage, "scene": source.name, "widths": results})

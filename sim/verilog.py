@@ -1,5 +1,6 @@
-"""Verilog of stages: a file each, with a header that says what it is."""
+"""Verilog of stages: a file each, with a header that says what it is; and lint."""
 
+import subprocess
 from pathlib import Path
 
 from amaranth.back import verilog
@@ -7,6 +8,7 @@ from amaranth.lib import wiring
 
 from hdl.stages import STAGES
 from sim.output import write
+from sim.verilator import environment
 from spec.config import Config
 
 HEADER = """\
@@ -15,6 +17,9 @@ HEADER = """\
 //
 {about}
 """
+
+WAIVERS = Path(__file__).with_name("waivers.vlt")
+"""What lint may say about generated Verilog, each with its reason."""
 
 
 def stage_source(name: str, component: wiring.Component, config: Config) -> str:
@@ -26,11 +31,21 @@ def stage_source(name: str, component: wiring.Component, config: Config) -> str:
 
 
 def write_stages(config: Config, folder: Path) -> list[Path]:
-    """Write every stage of a machine into a folder; the paths of the files."""
+    """Write every stage of a machine into a folder, and the waivers; the paths of the files."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, make in STAGES.items():
         path = folder / f"splatcore_{name}.v"
         write(path, stage_source(name, make(config), config).encode())
         paths.append(path)
-    return paths
+    write(folder / WAIVERS.name, WAIVERS.read_bytes())
+    return [*paths, folder / WAIVERS.name]
+
+
+def lint(path: Path, top: str) -> list[str]:
+    """What `verilator --lint-only -Wall` says about a file beyond the waivers; none if clean."""
+    done = subprocess.run(
+        ["verilator", "--lint-only", "-Wall", "--top-module", top, WAIVERS, path],
+        env=environment(), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return [line for line in done.stderr.splitlines() if line.startswith("%")]

@@ -39,6 +39,7 @@ class Config:
     # Stages 0 and 1: cull and project.
     arithmetic: Float = FP24
     depth: Float = Float(7, 16, signed=False, subnormal=False)
+    screen_exponent: int = 0  # stages 0 and 1 measure the screen in units of 2^this pixels
     screen_fraction: int = 5  # bits of a screen coordinate below one pixel
     pe_arrays: int = 1
     pes: int = 6
@@ -47,6 +48,7 @@ class Config:
     multiply_latency: int = 2  # clock cycles of the units of stages 0 and 1
     add_latency: int = 3
     unary_latency: int = 4  # reciprocal and reciprocal root
+    projection_slots: int = 32  # points that wait for their attributes or are being projected
 
     # Binning.
     tile_test: Literal["exact", "3sigma"] = "exact"
@@ -89,6 +91,9 @@ class Config:
         ):  # fmt: skip
             if not low <= getattr(self, name) <= high:
                 raise self._error(name, f"is not in {low} … {high}")
+        slots = self.projection_slots
+        if slots < 8 or slots & (slots - 1):
+            raise self._error("projection_slots", "is not a power of two from 8 on")
         if not 8 <= self.sort_key_bits <= 24:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
         for name in ("colour_index", "sh_index"):
@@ -127,10 +132,12 @@ PAPER = Config(
     sh_index=((), (8,)),
     arithmetic=FP16,
     depth=Float(5, 10, signed=False, overflow="infinity"),
+    screen_exponent=5,
     tile_test="3sigma",
 )
 """The paper's choices to the letter where it states them: FP16 positions, arithmetic and depth
-keys, one codebook stage, 3σ tile bounds; the rest as DEFAULT."""
+keys, one codebook stage, 3σ tile bounds; the rest as DEFAULT. Units of 32 pixels keep FP16 within
+its range where one has the choice: in pixels, x · focal length overflows beyond 65 scene units."""
 
 TINY = Config(
     name="TINY",

@@ -17,10 +17,21 @@ from spec.convention import (
     NEAR_PLANE,
     PRINCIPAL_POINT_SHIFT,
 )
+from spec.error import InputError
 from spec.memory import OPACITY
+from spec.number import Fixed
+from spec.programs import LIMITED
 
 EXTENT_MARGIN = 2.0
-"""Pixels by which a point splat of opacity 1 reaches beyond its centre: √(2·ln 255 · 0.3) < 2."""
+"""Pixels by which a point splat of opacity 1 reaches beyond its centre: √(2·ln 255·0.3) < 1.83."""
+
+GUARD_ROUNDINGS = 8
+"""Roundings of the largest slope by which the guard band is wider than it need be: what a point's
+x, y and bound may be off by, together."""
+
+
+CAMERA = Fixed(47, 0, signed=True)
+"""The camera's coordinates in grid steps: up to 2^9 times as far as the scene's farthest point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,44 +39,53 @@ class FrameConstants:
     """Registers of one frame."""
 
     camera: np.ndarray  # [3] int64, grid steps
-    principal: np.ndarray  # [2] int64, steps of the screen grid
-    near: float
-    constants: dict[str, float]  # `spec.microprogram.CONSTANTS`, values the format holds
+    near_plane: float
+    constants: dict[str, float]  # `spec.programs.CONSTANTS` and `LIMITED`, which the format holds
 
 
 def frame_constants(
     config: Config, camera: Camera, position_exponent: int, factor_exponent: int
 ) -> FrameConstants:
-    """The registers for a camera and a model's exponents."""
-    focal = np.array([camera.fx, camera.fy])
+    """The registers for a camera and a model's exponents.
+
+    Raises InputError for a camera that is too far off.
+    """
+    pixel = 2.0**-config.screen_exponent
+    focal = np.array([camera.fx, camera.fy]) * pixel
     size = np.array([camera.width, camera.height])
-    rows = camera.rotation * np.array([camera.fx, camera.fy, 1.0])[:, None]
-    limit = FRUSTUM_MARGIN * size / 2  # 1.3 · tan(fov/2) · focal length
+    rows = camera.rotation * np.array([*focal, 1.0])[:, None]
+    limit = FRUSTUM_MARGIN * size / 2 * pixel  # 1.3 · tan(fov/2) · focal length
     principal = np.array([camera.cx, camera.cy]) - PRINCIPAL_POINT_SHIFT
     guard = np.maximum(size - 1 - principal, principal) + EXTENT_MARGIN
+    guard = guard * (1 + GUARD_ROUNDINGS * config.arithmetic.epsilon) * pixel
     spread = np.hypot(focal, limit)  # largest half-extent at z = 1 of what reaches one scene unit
     constants = {
         "zero": 0.0,
         "one": 1.0,
-        "grid": 2.0**position_exponent,
-        "blur": COVARIANCE_BLUR,
+        "blur": COVARIANCE_BLUR * pixel**2,
         "reach_slope": -2 * np.log(2) * OPACITY.step,
         "reach_full": -2 * np.log(ALPHA_MIN),
     }
     for axis, name in enumerate("xyz"):
         for k in range(3):
-            constants[f"v{name}{k}"] = np.ldexp(rows[axis, k], position_exponent)
+            constants[f"v{name}{k}"] = rows[axis, k]
             constants[f"w{name}{k}"] = np.ldexp(rows[axis, k], factor_exponent)
     for axis, name in enumerate("xy"):
         constants |= {
             f"guard_{name}": guard[axis],
             f"spread_{name}": spread[axis],
             f"limit_{name}": limit[axis],
+            f"principal_{name}": principal[axis] * pixel,
         }
-    round_ = config.arithmetic.round
+    rounded = {name: float(config.arithmetic.round(value)) for name, value in constants.items()}
+    sides = {"low": min, "high": max}
+    for name, (source, side) in LIMITED.items():
+        rounded[name] = sides[side](rounded[source], 0.0)
+    grid = np.rint(np.ldexp(camera.position, -position_exponent))
+    if not (np.abs(grid) <= CAMERA.max).all():
+        raise InputError(f"camera {camera.name}: is more than 512 times the scene's size away")
     return FrameConstants(
-        camera=np.rint(np.ldexp(camera.position, -position_exponent)).astype(np.int64),
-        principal=np.rint(np.ldexp(principal, config.screen_fraction)).astype(np.int64),
-        near=float(round_(NEAR_PLANE)),
-        constants={name: float(round_(value)) for name, value in constants.items()},
+        camera=grid.astype(np.int64),
+        near_plane=float(config.arithmetic.round(NEAR_PLANE)),
+        constants=rounded,
     )

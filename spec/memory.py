@@ -10,7 +10,8 @@ Morton curve. A coordinate is an integer on the model's grid: the chunk's origin
 
 so adding is exact and multiplying by the step is a change of exponent. Within a chunk Gaussians
 are ordered by octant (the top bits of the three offsets, x lowest), so those bits follow from a
-Gaussian's place and the header's octant ends; only the rest is stored, 45 bits a Gaussian.
+Gaussian's place and the header's octant ends; only the rest is stored, 45 bits a Gaussian. With
+absolute positions (`PAPER`) a coordinate is stored as a float, and headers tell only the reach.
 
 Attributes hold L, the lower-triangular factor of the 3D covariance L·Lᵀ, times
 2^−factor_exponent (its diagonal is never negative and has no sign bit), −log2(opacity), and one
@@ -65,6 +66,9 @@ SLOPE = Fixed(9, 0, signed=True)
 REACH = Float(7, 9, signed=False)
 """Bound on how far from its centre a Gaussian of the chunk has alpha ≥ 1/255 (scene units)."""
 
+EXPONENT_MAX = 255
+"""Exponents of the header are at most this, up and down."""
+
 POSITION_FORMATS = ("chunk", "absolute")
 """What the header's `position` field counts."""
 
@@ -105,6 +109,10 @@ COLOUR_ENTRY = Record("colour", {"rgb": Array(COMPONENT, 3), "reserved": Bits(28
 
 SH_ENTRY = Record("sh", {"g": Array(SLOPE, 9), "reserved": Bits(38)})
 """One entry of an SH codebook stage, 128 bits: G row by row (red·x, red·y, … blue·z)."""
+
+CODEBOOK_WORD = SH_ENTRY.size
+"""Bytes of a word of the codebook memory: an SH entry, or as many colour entries as fit, the first
+in the least significant bits. Both codebooks are copied there as they lie in DRAM."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +165,19 @@ class ModelFormat:
     def codebook_bytes(self) -> int:
         """Bytes of both codebooks."""
         return self.colour_entries * COLOUR_ENTRY.size + self.sh_entries * SH_ENTRY.size
+
+    @property
+    def codebook_words(self) -> dict[str, int]:
+        """Where in the codebook memory each stage begins, counted in words: colour0 …, sh0 …."""
+        layout, words = self.layout(0), {}
+        for part, start, entry, stages in (
+            ("colour", layout.colours, COLOUR_ENTRY, self.colour_index),
+            ("sh", layout.sh, SH_ENTRY, self.sh_index),
+        ):
+            for stage, bits in enumerate(stages):
+                words[f"{part}{stage}"] = (start - layout.colours) // CODEBOOK_WORD
+                start += entry.size << bits
+        return words
 
     def layout(self, count: int) -> "Layout":
         """Where the parts of a model of `count` Gaussians lie."""

@@ -11,6 +11,7 @@ from spec.memory import (
     CHUNK,
     CHUNK_HEADER,
     COLOUR_ENTRY,
+    EXPONENT_MAX,
     HEADER,
     MAGIC,
     POSITION_FORMATS,
@@ -206,6 +207,9 @@ def _check(model: PackedModel):
         refuse("sh_degree", f"{model.value('sh_degree')} is not 0 or 1")
     if model.value("position") >= len(POSITION_FORMATS):
         refuse("position", f"{model.value('position')} is unknown")
+    for field in ("position_exponent", "factor_exponent", "colour_exponent", "sh_exponent"):
+        if abs(model.value(field)) > EXPONENT_MAX:
+            refuse(field, f"{model.value(field)} is not within ± {EXPONENT_MAX}")
     for field in ("colour_index", "sh_index"):
         if model.header[field].max() > 16:
             refuse(field, f"of {model.header[field].max()} bits is over 16")

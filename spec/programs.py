@@ -1,13 +1,14 @@
 """The microprograms of stages 0 and 1, from a chunk's header to a splat, a line for each step.
 
-`spec.microprogram` says what a line may be. Lengths are in pixels: x and y are camera coordinates
-times the focal length, and the rows of the view rotation that belong to them likewise. Rows v turn
-grid steps into camera units, rows w units of 2^factor_exponent, in which L is. Offsets are in grid
-steps (`spec.memory`).
+`spec.microprogram` says what a line may be. Lengths on the screen are in units of
+2^`Config.screen_exponent` pixels: x and y are camera coordinates times the focal length in such
+units, and the rows of the view rotation that belong to them likewise. Rows v turn scene units into
+camera coordinates, rows w units of 2^factor_exponent, in which L is. Offsets are from the chunk's
+origin (`spec.memory`).
 """
 
 CHUNK = """
-# camera coordinates of the chunk's origin, from its way off the camera in grid steps
+# camera coordinates of the chunk's origin, from its way off the camera
 origin_x0 = vx0 * away_x
 origin_x1 = vx1 * away_y + origin_x0
 origin_x = vx2 * away_z + origin_x1
@@ -18,18 +19,41 @@ origin_z0 = vz0 * away_x
 origin_z1 = vz1 * away_y + origin_z0
 origin_z = vz2 * away_z + origin_z1
 
-# the same way in scene units, and how far a Gaussian of the chunk reaches sideways at z = 1
-from_x = away_x * grid
-from_y = away_y * grid
-from_z = away_z * grid
+# how far a Gaussian of the chunk reaches sideways at z = 1
 margin_x = spread_x * chunk_reach
 margin_y = spread_y * chunk_reach
+
+# bounds of the points' camera coordinates. Each repeats the steps that its points will go through
+# with the largest offsets where they count upwards (downwards) and none elsewhere; as rounding
+# keeps the order of numbers, no point is beyond its chunk's bounds.
+x_low0 = vx0_low * extent_x + origin_x
+x_low1 = vx1_low * extent_y + x_low0
+x_low = vx2_low * extent_z + x_low1
+x_high0 = vx0_high * extent_x + origin_x
+x_high1 = vx1_high * extent_y + x_high0
+x_high = vx2_high * extent_z + x_high1
+y_low0 = vy0_low * extent_x + origin_y
+y_low1 = vy1_low * extent_y + y_low0
+y_low = vy2_low * extent_z + y_low1
+y_high0 = vy0_high * extent_x + origin_y
+y_high1 = vy1_high * extent_y + y_high0
+y_high = vy2_high * extent_z + y_high1
+z_high0 = vz0_high * extent_x + origin_z
+z_high1 = vz1_high * extent_y + z_high0
+z_high = vz2_high * extent_z + z_high1
+far_x = z_high * guard_x + margin_x
+far_y = z_high * guard_y + margin_y
 """
 
 CULL = """
 z0 = vz0 * offset_x + origin_z
 z1 = vz1 * offset_y + z0
 z = vz2 * offset_z + z1
+"""
+
+INTERVAL = """
+# the depth to which the chunk's farthest-reaching Gaussian would reach from here
+farthest = z + chunk_reach
 """
 
 PLACE = """
@@ -46,10 +70,12 @@ bound_y = z * guard_y + margin_y
 """
 
 PERSPECTIVE = """
-# perspective: x/z and y/z in pixels, limited for the Jacobian
+# perspective: x/z and y/z, from the principal point on and limited for the Jacobian
 z_inverse = reciprocal(z)
 slope_x = x * z_inverse
 slope_y = y * z_inverse
+u = slope_x + principal_x
+v = slope_y + principal_y
 limited_x = clamp(slope_x, limit_x)
 limited_y = clamp(slope_y, limit_y)
 """
@@ -168,9 +194,9 @@ half_height = height_squared * height_root
 
 COLOUR = """
 # direction from the camera in world axes, and its length
-ray_x = offset_x * grid + from_x
-ray_y = offset_y * grid + from_y
-ray_z = offset_z * grid + from_z
+ray_x = offset_x + away_x
+ray_y = offset_y + away_y
+ray_z = offset_z + away_z
 length0 = ray_x * ray_x
 length1 = ray_y * ray_y + length0
 length2 = ray_z * ray_z + length1
@@ -192,24 +218,45 @@ blue = blue2 * length_inverse + colour_blue
 """
 
 CONSTANTS = (
-    "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 grid spread_x spread_y guard_x guard_y "
+    "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 spread_x spread_y guard_x guard_y principal_x principal_y "
     "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full"
 ).split()
 """Inputs that stay for a whole frame."""
 
-SPLAT = "slope_x slope_y z across shear along half_width half_height attenuation"
+LIMITED = {
+    f"v{axis}{k}_{side}": (f"v{axis}{k}", side)
+    for axis, side in (("x", "low"), ("x", "high"), ("y", "low"), ("y", "high"), ("z", "high"))
+    for k in range(3)
+}
+"""Constants made of others: name → constant, and which side of zero is taken of it, the other side
+being replaced by zero."""
+
+PROJECTED = "u v z across shear along half_width half_height attenuation"
+
+COLOURS = ("colour_red", "colour_green", "colour_blue")
+SLOPES = tuple(f"g_{channel}_{axis}" for channel in ("red", "green", "blue") for axis in "xyz")
+"""Fields that come from the codebooks."""
+
+PLAIN = " ".join((PROJECTED, *COLOURS))
+SHADED = f"{PROJECTED} red green blue"
+"""Outputs of the projection of models without and with harmonics."""
 
 TEXTS = {
-    "chunk": (CHUNK, "origin_x origin_y origin_z from_x from_y from_z margin_x margin_y"),
-    "cull": (CULL, "z"),
-    "place": (PLACE, "x y bound_x bound_y"),
-    "project": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC, SPLAT),
-    "project_sh": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC + COLOUR, SPLAT + " red green blue"),
-    "project_dense": (PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED + CONIC, SPLAT),
+    "chunk": (
+        CHUNK,
+        "origin_x origin_y origin_z margin_x margin_y z_high x_low x_high y_low y_high far_x far_y",
+    ),
+    "cull": (CULL, "z offset_x offset_y offset_z"),
+    "cull_interval": (CULL + INTERVAL, "z farthest offset_x offset_y offset_z"),
+    "place": (PLACE, "x y z offset_x offset_y offset_z bound_x bound_y"),
+    "project": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC, PLAIN),
+    "project_sh": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC + COLOUR, SHADED),
+    "project_dense": (PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED + CONIC, PLAIN),
     "project_sh_dense": (
         PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED + CONIC + COLOUR,
-        SPLAT + " red green blue",
+        SHADED,
     ),
 }
-"""Name → lines and outputs. Models without harmonics need no colour program; the dense programs
-multiply by zeros as well and give the same bits: they show what leaving them out saves."""
+"""Name → lines and outputs, which may be inputs. Models without harmonics need no colour program;
+the dense programs multiply by zeros as well and give the same bits: they show what leaving them out
+saves."""

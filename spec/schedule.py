@@ -61,6 +61,11 @@ class Schedule:
         """Registers of all banks together."""
         return len({(wait.bank, wait.register) for wait in self.waits})
 
+    def first_round(self, names: tuple[str, ...]) -> int:
+        """The round in which the first of these values is read."""
+        times = [p.time for p in self.places if set(names) & set(p.step.operands)]
+        return min(times, default=self.length) // self.interval
+
     def utilisation(self, units: int) -> float:
         """Part of the PEs' cycles in which a step begins."""
         return sum(place.step.unit == "pe" for place in self.places) / (units * self.interval)
@@ -77,10 +82,10 @@ def latencies(config: Config) -> dict[str, int]:
     }
 
 
-PES = {"chunk": 1, "cull": 1, "place": 2}
+PES = {"chunk": 1, "cull": 1, "cull_interval": 1, "place": 2}
 """PEs of the arrays of stages 0 and 1; that of the projection is sized by `Config`."""
 
-INTERVAL_MIN = {"cull": 4, "place": 4}
+INTERVAL_MIN = {"cull": 4, "cull_interval": 4, "place": 4}
 """Cycles an item at least: memory brings a point every four cycles."""
 
 

@@ -26,11 +26,11 @@ class Ports(wiring.Component):
         m = Module()
         m.submodules.array = array = self.array
         for name in self.program.fields:
-            m.d.comb += array.i.payload[name].eq(getattr(self, f"i_{name}"))
+            m.d.comb += array.i.payload.fields[name].eq(getattr(self, f"i_{name}"))
         for name in self.program.constants:
             m.d.comb += array.constants[name].eq(getattr(self, f"i_{name}"))
         for name in self.program.outputs:
-            m.d.comb += getattr(self, f"o_{name}").eq(array.o.payload[name])
+            m.d.comb += getattr(self, f"o_{name}").eq(array.o.payload.outputs[name])
         m.d.comb += [array.i.valid.eq(self.i_valid), self.i_ready.eq(array.i.ready)]
         m.d.comb += [self.o_valid.eq(array.o.valid), array.o.ready.eq(self.o_ready)]
         return m

@@ -193,16 +193,6 @@ def test_bad_input(folder, capsys, case):
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_error(folder):
-    assert run("error", "scene.ply", "--camera", "cameras.json", "--width", "7/10", "--width",
-               "7/16", "-o", "plot.png", "--json", "e.json") == 0  # fmt: skip
-    coarse, fine = load(folder / "e.json")["widths"].values()
-    assert coarse["psnr_db"] + 12 < fine["psnr_db"] and fine["lost"] == coarse["lost"] == 0
-    for field, error in fine["fields"].items():
-        assert error["rms"] < coarse["fields"][field]["rms"] / 8 or error["rms"] < 0.01, field
-    assert read_png("plot.png").std() > 5
-
-
 def test_programs(folder, capsys):
     assert run("programs", "--json", "p.json") == 0
     facts = load(folder / "p.json")["programs"]

@@ -1,0 +1,184 @@
+"""Stage 0's front: what all points of a chunk share, and whether any of them can matter."""
+
+from amaranth.hdl import Cat, Module, Mux, Shape, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from hdl.array import Array, codes
+from hdl.compare import Compare
+from hdl.convert import Convert, FromFixed
+from hdl.record import layout
+from spec.config import Config
+from spec.frame import CAMERA
+from spec.memory import CHUNK, CHUNK_HEADER, EXTENT_SHIFT, REACH
+from spec.microprogram import program
+from spec.number import Fixed
+from spec.point import EXPONENT, GAUSSIAN_BITS, NUMBER_BITS, STEPS, chunk_record
+from spec.programs import LIMITED
+
+AXES = "xyz"
+
+AWAY = Fixed(CAMERA.integer + 1, 0, signed=True)
+"""A way from the camera in grid steps."""
+
+CONVERT_LATENCY = 4
+"""Cycles from grid steps to a float."""
+
+
+class Chunk(wiring.Component):
+    """Chunk headers in, chunks that may hold something visible out; the others are skipped.
+
+    A chunk is skipped if the bounds of its points are behind the near plane or beyond the guard
+    band (`spec.programs.CHUNK`): none of its points will be read. Absolute positions have no
+    bounds; there nothing is skipped.
+
+    Members
+        i: stream of `CHUNK_HEADER`, in the order of the model.
+        gaussians: how many the model has, at least 1; with the last chunk a frame ends and the
+            next header is taken for that of chunk 0.
+        camera, position_exponent, near_plane, constants: registers of the frame.
+        o: stream of `chunk_record`.
+        taken: a header is through, kept or skipped.
+
+    **Timing**: one PE; a header every `plan.length` + 14 cycles or so (77 in `DEFAULT`, while the
+    points of a full chunk take 1024). One at a time, so its numbers need not be carried along.
+    """
+
+    def __init__(self, config: Config):
+        self.config, self.program = config, program("chunk")
+        names = tuple(name for name in self.program.constants if name not in LIMITED)
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(CHUNK_HEADER))),
+                "gaussians": In(GAUSSIAN_BITS),
+                "camera": In(data.ArrayLayout(_signed(CAMERA), 3)),
+                "position_exponent": In(_signed(EXPONENT)),
+                "near_plane": In(config.arithmetic.width),
+                "constants": In(codes(config, names)),
+                "o": Out(stream.Signature(layout(chunk_record(config)))),
+                "taken": Out(1),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.array = self.array = Array(self.config, self.program, held=True)
+        self.number = Signal(NUMBER_BITS)
+        self.steps = [
+            (self.position_exponent + shift)[: STEPS.width].as_signed()
+            for shift in self.i.payload.shift
+        ]
+        converted, away, extent = self._converted(m)
+        self._run(m, converted, away, extent)
+        self._give(m, away)
+        return m
+
+    def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
+        """The ways from the camera to the origin and the extents as floats, one after the other
+        through one converter; and whether they are there.
+        """
+        header, format = self.i.payload, self.config.arithmetic
+        scale = range(-(1 << STEPS.integer), 1 << STEPS.integer)
+        m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
+        grid, power = Signal(_signed(AWAY)), Signal(_signed(STEPS))
+        step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
+        converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
+        origin, eye, exponent, span = (Signal(_signed(f)) for f in (AWAY, AWAY, STEPS, AWAY))
+        with m.Switch(step):
+            for k in range(len(AXES)):
+                with m.Case(k):
+                    m.d.comb += [
+                        origin.eq(header.origin[k].as_signed()),
+                        eye.eq(self.camera[k]),
+                        exponent.eq(self.position_exponent),
+                    ]
+                with m.Case(k + len(AXES)):
+                    # The largest offset with this extent is below the next one's smallest.
+                    m.d.comb += span.eq((header.extent[k] + 1) << EXTENT_SHIFT)
+                    m.d.comb += [origin.eq(span), exponent.eq(self.steps[k])]
+        m.d.sync += [grid.eq(origin - eye), power.eq(exponent)]
+        m.d.comb += [convert.i.eq(grid), convert.scale.eq(power), convert.enable.eq(1)]
+        values = [
+            Signal(format.width, name=f"{what}_{axis}", reset_less=True)
+            for what in ("away", "extent")
+            for axis in AXES
+        ]
+        with m.If(~converted & self.i.valid):
+            m.d.sync += step.eq(step + 1)
+            m.d.sync += [a.eq(b) for a, b in zip(values, [*values[1:], convert.o], strict=True)]
+        with m.If(self.taken):
+            m.d.sync += step.eq(0)
+        return converted, values[: len(AXES)], values[len(AXES) :]
+
+    def _run(self, m: Module, converted: Value, away: list, extent: list):
+        """The header's numbers go through the array once."""
+        fields, inside = self.array.i.payload.fields, Signal()
+        m.submodules.reach = reach = Convert(REACH, self.config.arithmetic, 0)
+        m.d.comb += [
+            reach.i.eq(self.i.payload.reach),
+            reach.enable.eq(1),
+            fields.chunk_reach.eq(reach.o),
+            self.array.i.valid.eq(converted & ~inside),
+        ]
+        for axis, way, span in zip(AXES, away, extent, strict=True):
+            m.d.comb += [fields[f"away_{axis}"].eq(way), fields[f"extent_{axis}"].eq(span)]
+        with m.If(self.array.i.valid & self.array.i.ready):
+            m.d.sync += inside.eq(1)
+        with m.If(self.taken):
+            m.d.sync += inside.eq(0)
+        for name in self.program.constants:
+            source, side = LIMITED.get(name, (name, None))
+            value = self.constants[source]
+            if side:
+                negative = value[-1]
+                value = Mux(negative if side == "low" else ~negative, value, 0)
+            m.d.comb += self.array.constants[name].eq(value)
+
+    def _give(self, m: Module, away: list):
+        """Decide, and hand the chunk over."""
+        found, payload = self.array.o.payload.outputs, self.o.payload
+        kept = self._kept(m, found)
+        last = self.number == (self.gaussians - 1)[CHUNK.bit_length() - 1 :]
+        whole = self.number != self.gaussians[CHUNK.bit_length() - 1 :]
+        count = Mux(whole, CHUNK, self.gaussians[: CHUNK.bit_length() - 1])
+        m.d.comb += [
+            self.o.valid.eq(self.array.o.valid & kept),
+            self.array.o.ready.eq(self.o.ready | ~kept),
+            self.taken.eq(self.array.o.valid & self.array.o.ready),
+            self.i.ready.eq(self.taken),
+            payload.culling.count.eq(count),
+            payload.projecting.number.eq(self.number),
+        ]
+        for part in payload.shape().members:
+            fields = payload[part]
+            for name in fields.shape().members:
+                if name in self.program.outputs:
+                    m.d.comb += fields[name].eq(found[name])
+                elif name in self.program.fields:
+                    m.d.comb += fields[name].eq(self.array.i.payload.fields[name])
+        if self.config.position == "chunk":
+            m.d.comb += payload.culling.octant_end.eq(self.i.payload.octant_end)
+            m.d.comb += payload.culling.steps.eq(Cat(self.steps))
+        with m.If(self.taken):
+            m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
+
+    def _kept(self, m: Module, found: data.View) -> Value:
+        """Whether a point within the bounds can be in front and in the guard band."""
+        if self.config.position != "chunk":
+            return Value.cast(1)
+        pairs = {"front": (self.near_plane, found.z_high)}
+        for axis in "xy":
+            far, high = found[f"far_{axis}"], found[f"{axis}_high"]
+            pairs[f"{axis}_low"] = (found[f"{axis}_low"], far)
+            pairs[f"{axis}_high"] = (high ^ (1 << (len(high) - 1)), far)
+        holds = []
+        for name, (less, more) in pairs.items():
+            m.submodules[f"compare_{name}"] = compare = Compare(self.config.arithmetic, 0)
+            m.d.comb += [compare.a.eq(less), compare.b.eq(more), compare.enable.eq(1)]
+            holds.append(compare.less if name == "front" else compare.less | compare.equal)
+        return Cat(holds).all()
+
+
+def _signed(fixed: Fixed) -> Shape:
+    """The shape of a signed integer of a fixed-point format."""
+    return Shape(fixed.width, signed=True)

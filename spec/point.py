@@ -1,0 +1,72 @@
+"""What passes between the parts of stages 0 and 1, as records.
+
+A chunk's values go to all parts that handle its points; its last point is passed on even if it is
+dropped (`kept` 0), so that each part knows when it is through with the chunk.
+"""
+
+from spec.config import Config
+from spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, OCTANTS
+from spec.number import Bits, Fixed
+from spec.programs import PROJECTED
+from spec.record import Array, Format, Record
+
+GAUSSIAN_BITS = 32
+"""Width of a Gaussian's number in its model."""
+
+PLACE_BITS = (CHUNK - 1).bit_length()
+"""Width of a Gaussian's number in its chunk."""
+
+NUMBER_BITS = GAUSSIAN_BITS - PLACE_BITS
+"""Width of a chunk's number."""
+
+EXPONENT = Fixed(EXPONENT_MAX.bit_length(), 0, signed=True)
+"""Exponents of a model's header."""
+
+STEPS = Fixed(EXPONENT.integer + 1, 0, signed=True)
+"""Exponent of a chunk's offsets: the grid's plus the chunk's shift."""
+
+FETCH = Record("fetch", {"number": Bits(NUMBER_BITS), "count": Bits(PLACE_BITS + 1)})
+"""A chunk whose points are to be read, and how many there are."""
+
+
+def values(config: Config, names: str) -> dict[str, Format]:
+    """A number of `Config.arithmetic` for each name."""
+    return {name: config.arithmetic for name in names.split()}
+
+
+def culling_record(config: Config) -> Record:
+    """What stage 0 needs of a chunk."""
+    fields: dict[str, Format] = {"count": Bits(PLACE_BITS + 1)}
+    if config.position == "chunk":
+        fields["steps"] = Array(STEPS, 3)
+        fields["octant_end"] = Array(CHUNK_HEADER["octant_end"].format, OCTANTS - 1)
+    reach = "chunk_reach" if config.depth_interval else ""
+    return Record("culling", fields | values(config, f"origin_z {reach}"))
+
+
+def placing_record(config: Config) -> Record:
+    """What the guard band needs of a chunk."""
+    return Record("placing", values(config, "origin_x origin_y margin_x margin_y"))
+
+
+def projecting_record(config: Config) -> Record:
+    """What stage 1 needs of a chunk: its number, and the way to it for the view direction."""
+    away = "away_x away_y away_z" if config.sh_degree else ""
+    return Record("projecting", {"number": Bits(NUMBER_BITS)} | values(config, away))
+
+
+def chunk_record(config: Config) -> Record:
+    """All of a chunk that is kept."""
+    parts = (culling_record(config), placing_record(config), projecting_record(config))
+    return Record("chunk", {part.name: part for part in parts})
+
+
+def point_record(config: Config, coordinates: str) -> Record:
+    """A point on its way: what it is, the camera coordinates known, its way from the origin."""
+    flags = {"place": Bits(PLACE_BITS), "last": Bits(1), "kept": Bits(1)}
+    return Record("point", flags | values(config, f"{coordinates} offset_x offset_y offset_z"))
+
+
+def splat_record(config: Config) -> Record:
+    """A projected Gaussian, in the units of `spec.programs`."""
+    return Record("splat", values(config, f"{PROJECTED} red green blue"))
