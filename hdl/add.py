@@ -1,11 +1,13 @@
 """Sum of two floats."""
 
-from amaranth.hdl import Cat, Const, Module, Signal
-from amaranth.lib import data, wiring
+from collections.abc import Mapping
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from hdl.float import Round, Unpack, Unpacked, operand
-from hdl.latency import Pipeline, spread
+from hdl.float import Number, Round, Unpack, Unpacked, operand
+from hdl.latency import Pipeline, Registers, spread
 from hdl.shift import shift_right_sticky
 from spec.number import Float
 
@@ -22,29 +24,41 @@ class Add(wiring.Component):
         o: code of `format`.
         enable: the pipeline moves; while it is low everything stays where it is.
 
-    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
-    Registers stand where the summands are in order of magnitude, where the smaller one is aligned
-    to the larger one, at the sum, and in `Round`.
+    **Timing**: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    Instead of their number it takes where the registers stand.
     """
 
-    def __init__(self, format: Float, latency: int):
+    def __init__(self, format: Float, latency: int | Registers):
         self.format = format
         self.layout = Unpacked(
             operand(format).exponents, format.fraction + 2 + BELOW, operand(format).special
         )
-        # A difference can lose all bits but the guard bit if the exponents differ by one at most:
-        # then there is nothing below that bit.
-        self.zeros = format.fraction + 2
-        self.registers = spread(latency, ("order", "align", "sum", *Round.cuts(format, self.zeros)))
+        self.zeros = self._zeros(format)
+        placed = isinstance(latency, Mapping)
+        self.registers = latency if placed else spread(latency, self.cuts(format))
         code = format.width
         super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+
+    @staticmethod
+    def _zeros(format: Float) -> int:
+        """Leading zeros of the sum that the rounder must know of."""
+        # A difference can lose all bits but the guard bit if the exponents differ by one at most:
+        # then there is nothing below that bit.
+        return format.fraction + 2
+
+    @staticmethod
+    def cuts(format: Float) -> dict[str, int]:
+        """Where registers can stand: summands in order of magnitude, the smaller one aligned to
+        the larger one, sum made, and in `Round`."""
+        rounding = Round.cuts(format, Add._zeros(format))
+        return {"order": 14, "align": 18, "sum": 12} | rounding
 
     def elaborate(self, platform) -> Module:
         m = Module()
         format = self.format
         pipeline = Pipeline(m, self.enable, self.registers)
-        m.submodules.a = a = Unpack(format)
-        m.submodules.b = b = Unpack(format)
+        m.submodules.a = a = Unpack(format, clear=False)
+        m.submodules.b = b = Unpack(format, clear=False)
         m.d.comb += [a.i.eq(self.a), b.i.eq(self.b)]
 
         large, small = Signal(operand(format)), Signal(operand(format))
@@ -57,7 +71,11 @@ class Add(wiring.Component):
         large, small = pipeline.cut("order", large, small)
 
         m.d.comb += distance.eq(large.exponent - small.exponent)
-        whole = Cat(Const(0, BELOW), small.significand)
+        # A zero still has its fraction. The larger summand's does no harm: it has no exponent.
+        significand = small.significand
+        if not format.subnormal:
+            significand = Mux(significand[-1], significand, 0)
+        whole = Cat(Const(0, BELOW), significand)
         aligned = shift_right_sticky(m, whole, distance, len(whole))
         large, small, aligned = pipeline.cut("align", large, small, aligned)
 
@@ -68,7 +86,7 @@ class Add(wiring.Component):
         m.d.comb += [rounder.enable.eq(self.enable), self.o.eq(rounder.o)]
         return m
 
-    def _add(self, total: data.View, large: data.View, small: data.View, aligned) -> list:
+    def _add(self, total: Number, large: Number, small: Number, aligned: Value) -> list:
         """Statements that make the sum."""
         subtract = large.sign ^ small.sign
         shifted = Cat(Const(0, BELOW), large.significand)
@@ -76,11 +94,16 @@ class Add(wiring.Component):
         carry = significand[len(aligned)] & ~subtract
         sign = large.sign
         if self.format.overflow == "infinity":  # only there −0 is not 0: x − x is +0
-            sign &= ~(subtract & (large.significand == aligned[BELOW:]))
+            zero = large.significand == aligned[BELOW:]
+            if not self.format.subnormal:
+                zero |= ~large.significand[-1]
+            sign &= ~(subtract & zero)
         return [
             total.sign.eq(sign),
             total.exponent.eq(large.exponent),
             total.significand.eq(Cat(significand[: len(aligned)], carry)),
-            total.infinity.eq(large.infinity | small.infinity),
-            total.nan.eq(large.nan | small.nan | (large.infinity & small.infinity & subtract)),
+            *total.flag(
+                infinity=large.infinity | small.infinity,
+                nan=large.nan | small.nan | (large.infinity & small.infinity & subtract),
+            ),
         ]

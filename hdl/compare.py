@@ -19,13 +19,13 @@ class Compare(wiring.Component):
         less, equal: one bit each.
         enable: the pipeline moves; while it is low everything stays where it is.
 
-    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    **Timing**: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
     All registers stand at the end.
     """
 
     def __init__(self, format: Float, latency: int):
         self.format = format
-        self.registers = spread(latency, ("compare",))
+        self.registers = spread(latency, {"compare": 14})
         code = format.width
         super().__init__(
             {"a": In(code), "b": In(code), "enable": In(1), "less": Out(1), "equal": Out(1)}

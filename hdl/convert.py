@@ -46,8 +46,7 @@ class Convert(wiring.Component):
             rounder.i.sign.eq(sign),
             rounder.i.exponent.eq(unpack.o.exponent + rebias),
             rounder.i.significand.eq(unpack.o.significand),
-            rounder.i.infinity.eq(unpack.o.infinity),
-            rounder.i.nan.eq(unpack.o.nan),
+            *rounder.i.flag(unpack.o.infinity, unpack.o.nan),
             rounder.enable.eq(self.enable),
             self.o.eq(rounder.o),
         ]
@@ -72,7 +71,7 @@ class FromFixed(wiring.Component):
         self.fixed = fixed
         self.format = format
         self.zeros = max(fixed.width - 1, 1)
-        self.registers = spread(latency, ("magnitude", *Round.cuts(format, self.zeros)))
+        self.registers = spread(latency, {"magnitude": 10} | Round.cuts(format, self.zeros))
         # The highest bit of the magnitude is the higher one before the rounder's binary point.
         self.exponent = fixed.width - 2 - fixed.fraction + format.bias
         self.exponents = range(self.exponent, self.exponent + 1)
@@ -126,7 +125,7 @@ class ToFixed(wiring.Component):
     def __init__(self, format: Float, fixed: Fixed, latency: int):
         self.format = format
         self.fixed = fixed
-        self.registers = spread(latency, ("shift", "round"))
+        self.registers = spread(latency, {"shift": 16, "round": 16})
         super().__init__({"i": In(format.width), "o": Out(fixed.width), "enable": In(1)})
 
     def elaborate(self, platform) -> Module:

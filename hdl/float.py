@@ -4,13 +4,17 @@ An operation unpacks its operands, computes on significands and exponents as int
 the result, exact or with a sticky bit for what is missing below, to the one rounder `Round`.
 """
 
-from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, ValueLike
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import bits_for
 
-from hdl.latency import Pipeline
+from hdl.latency import Pipeline, Registers
 from hdl.shift import leading_zeros, shift_right_sticky, sticky
 from spec.number import Float
+
+FLAGS = ("infinity", "nan")
+"""Fields of a number in a format with such values."""
 
 
 class Unpacked(data.StructLayout):
@@ -19,22 +23,33 @@ class Unpacked(data.StructLayout):
     `exponents`: which values the biased exponent can take.
     `width`: bits of the significand; how many of them stand before the binary point is the
     business of who uses it.
-    `special`: whether there are infinities and NaN. If not, their flags have no bits and read as
-    zero, so that whatever depends on them vanishes.
+    `special`: whether there are infinities and NaN. If not, there are no flags for them.
     """
 
     def __init__(self, exponents: range, width: int, special: bool):
-        super().__init__(
-            {
-                "sign": 1,
-                "exponent": Shape.cast(exponents),
-                "significand": width,
-                "infinity": int(special),
-                "nan": int(special),
-            }
-        )
+        fields = {"sign": 1, "exponent": Shape.cast(exponents), "significand": width}
+        super().__init__(fields | dict.fromkeys(FLAGS if special else (), 1))
         self.exponents = exponents
         self.special = special
+
+    def __call__(self, target: ValueLike) -> "Number":
+        return Number(self, target)
+
+
+class Number(data.View):
+    """A number in the layout `Unpacked`."""
+
+    def __getattr__(self, name: str) -> Value | data.View:
+        """A field. A flag that is not there reads as zero, so that what depends on it vanishes."""
+        if name in FLAGS and not self.shape().special:
+            return Const(0)
+        return super().__getattr__(name)
+
+    def flag(self, infinity: ValueLike, nan: ValueLike) -> list:
+        """Statements that set the flags, if there are any."""
+        if not self.shape().special:
+            return []
+        return [self.infinity.eq(infinity), self.nan.eq(nan)]
 
 
 def operand(format: Float) -> Unpacked:
@@ -50,15 +65,19 @@ def operand(format: Float) -> Unpacked:
 class Unpack(wiring.Component):
     """Takes a code apart.
 
+    `clear`: whether to clear the fraction of a zero whose code has one, as it can have in a format
+    without subnormal values. If not, the integer bit alone tells that it is zero.
+
     Members
         i: code of `format`.
         o: `operand(format)`.
 
-    Timing: combinational.
+    **Timing**: combinational.
     """
 
-    def __init__(self, format: Float):
+    def __init__(self, format: Float, clear: bool = True):
         self.format = format
+        self.clear = clear and not format.subnormal
         super().__init__({"i": In(format.width), "o": Out(operand(format))})
 
     def elaborate(self, platform) -> Module:
@@ -67,17 +86,15 @@ class Unpack(wiring.Component):
         fraction = self.i[: format.fraction]
         exponent = self.i[format.fraction :][: format.exponent]
         normal = exponent.any()
-        if format.subnormal:
-            m.d.comb += self.o.exponent.eq(exponent | ~normal)
-            m.d.comb += self.o.significand.eq(Cat(fraction, normal))
-        else:
-            m.d.comb += self.o.exponent.eq(exponent)
-            m.d.comb += self.o.significand.eq(Mux(normal, Cat(fraction, Const(1, 1)), 0))
+        significand = Cat(fraction, normal)
+        m.d.comb += [
+            self.o.exponent.eq(exponent | ~normal if format.subnormal else exponent),
+            self.o.significand.eq(Mux(normal, significand, 0) if self.clear else significand),
+        ]
         if format.signed:
             m.d.comb += self.o.sign.eq(self.i[-1])
-        if format.overflow == "infinity":
-            m.d.comb += self.o.infinity.eq(exponent.all() & ~fraction.any())
-            m.d.comb += self.o.nan.eq(exponent.all() & fraction.any())
+        special = exponent.all()
+        m.d.comb += self.o.flag(infinity=special & ~fraction.any(), nan=special & fraction.any())
         return m
 
 
@@ -93,10 +110,10 @@ class Round(wiring.Component):
         o: code of `format`; NaN gives 0 where the format has none.
         enable: the pipeline moves.
 
-    Timing: no multiplier, an item per cycle, latency is the sum of `registers`.
+    **Timing**: no multiplier, an item per cycle, latency is the sum of `registers`.
     """
 
-    def __init__(self, format: Float, layout: Unpacked, zeros: int, registers: dict[str, int]):
+    def __init__(self, format: Float, layout: Unpacked, zeros: int, registers: Registers):
         self.format = format
         self.layout = layout
         self.zeros = zeros
@@ -104,18 +121,22 @@ class Round(wiring.Component):
         super().__init__({"i": In(layout), "o": Out(format.width), "enable": In(1)})
 
     @staticmethod
-    def cuts(format: Float, zeros: int) -> tuple[str, ...]:
+    def cuts(format: Float, zeros: int) -> dict[str, int]:
         """Where registers can stand: leading zeros counted, significand shifted, code made."""
-        if zeros > 1:
-            return ("count", "shift", "round")
-        return ("shift", "round") if format.subnormal else ("round",)
+        shift = {"shift": 10} if zeros > 1 or format.subnormal else {}
+        return ({"count": 10} if zeros > 1 else {}) | shift | {"round": 13}
+
+    @staticmethod
+    def width(format: Float, zeros: int) -> int:
+        """The significand's bits that it can bring into the result, and a sticky one below."""
+        return format.fraction + 3 + _reach(zeros)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         pipeline = Pipeline(m, self.enable, self.registers)
         i, left = pipeline.cut("count", self.i, self._leading_zeros(m))
-        i, exponent, significand = pipeline.cut("shift", i, *self._normalised(m, i, left))
-        code = self._packed(m, i, *self._rounded(m, exponent, significand))
+        i, *parts = pipeline.cut("shift", i, *self._normalised(m, i, left))
+        code = self._packed(m, i, *self._rounded(m, *parts))
         m.d.comb += self.o.eq(*pipeline.cut("round", code))
         return m
 
@@ -132,39 +153,45 @@ class Round(wiring.Component):
                     m.d.comb += bit.eq(1)
         return leading_zeros(m, top)
 
-    def _normalised(self, m: Module, i: data.View, left: Value) -> tuple[Value, Value]:
-        """Biased exponent, which is 0 for subnormal values; and significand.
+    def _normalised(self, m: Module, i: Number, left: Value) -> tuple[Value, Value, Value]:
+        """Biased exponent, in two parts: the adder that rounds adds one more bit. And significand.
 
         The significand is left with its integer bit, the fraction, a guard bit and a sticky bit.
+        Subnormal values, whose exponent is 0, and zero have no integer bit.
         """
         # A shift to the left by `left` is one to the right by `reach` − `left`, the complement,
         # from a place that is `reach` bits further to the left.
-        kept, reach = self.format.fraction + 2, (1 << len(left)) - 1
-        right, exponent = ~left, i.exponent - left + 1
+        kept, reach = self.format.fraction + 2, _reach(self.zeros)
+        right = ~left
         if self.format.subnormal and self.layout.exponents[0] < 0:
             # Then `left` is 0; by `reach` − exponent.
             right = Mux(i.exponent < 0, ~i.exponent + (reach + 1), right)
         far_left = sticky(i.significand, kept + reach)
         significand = shift_right_sticky(m, far_left, right.as_unsigned(), kept + 1)
+
+        # Together `i.exponent` − `left` + 1 if there is an integer bit.
+        exponent, more = i.exponent - left, significand[-1]
+        if self.zeros == 1:
+            exponent, more = i.exponent, ~left & significand[-1]
         if self.format.subnormal:
-            # The highest bit is missing from subnormal values and zero.
             highest = Shape.cast(range(self.layout.exponents[-1] + 2)).width
             exponent = Mux(significand[-1], exponent, 0)[:highest]
-        return exponent, significand
+        return exponent, more, significand
 
-    def _rounded(self, m: Module, exponent: Value, significand: Value) -> tuple[Value, Value]:
+    def _rounded(self, m: Module, exponent: Value, more: Value, significand: Value):
         """Code of the magnitude, bits above it being set if it is too large; whether it is zero."""
         lost, guard, fraction, integer = (
             significand[0], significand[1], significand[2:-1], significand[-1]
         )  # fmt: skip
         exact, up = Cat(fraction, exponent), guard & (lost | fraction[0])
-        total = exact + up  # a carry out of the fraction goes to the exponent
+        # A carry out of the fraction goes to the exponent.
+        total = exact + Cat(up, Const(0, len(fraction) - 1), more)
         if self.format.subnormal:
-            return total, ~(exact.any() | up)
+            return total, ~(exact.any() | more | up)
         # From half of the smallest value, which has the exponent 0, up to that value the latter is
         # nearer; the half itself goes to zero.
-        normal = integer & (exponent > 0)
-        smallest = integer & (exponent == 0) & significand[:-1].any()
+        normal = integer & (exponent > -more)
+        smallest = integer & (exponent == -more) & significand[:-1].any()
         code = Signal(len(total))
         m.d.comb += code.eq(Mux(normal, total, smallest << self.format.fraction))
         return code, ~(normal | smallest)
@@ -192,3 +219,8 @@ class Round(wiring.Component):
         if format.overflow == "saturate":
             return Cat(magnitude, sign & (i.infinity | ~zero))
         return Cat(magnitude, sign)
+
+
+def _reach(zeros: int) -> int:
+    """The largest shift to the left that a count up to `zeros` has bits for."""
+    return (1 << bits_for(zeros)) - 1

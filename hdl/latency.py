@@ -1,31 +1,52 @@
 """Registers of a pipeline: where they stand, and the freezing of all of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from itertools import combinations
 
 from amaranth.hdl import Module, Signal, ValueLike
 
+Registers = Mapping[str, int]
+"""How many stand at each named cut of a path."""
 
-def spread(latency: int, cuts: Sequence[str]) -> dict[str, int]:
-    """Registers at each named cut of a path, `latency` together, as evenly as cuts allow.
 
-    Cuts are named for what has been computed before them. The last is the output: it is where the
-    only register stands at latency 1. More registers than cuts stand several to a cut, for a
-    synthesis tool to move.
+def spread(latency: int, cuts: Mapping[str, int]) -> dict[str, int]:
+    """`latency` registers on a path, so that the longest stretch without one is the shortest.
+
+    `cuts` are the places where registers can stand, in the path's order, each named for what has
+    been computed before it; with about how many gates deep the logic is between it and the cut
+    before. The last is the output: it is where the only register stands at latency 1. More
+    registers than cuts stand several to a cut, for a synthesis tool to move into the logic before.
     """
     if latency < 0:
         raise ValueError(f"latency {latency} is negative")
-    # The k-th of L registers stands after the first k/L of the path.
-    chosen = [-(-k * len(cuts) // latency) - 1 for k in range(1, latency + 1)]
-    return {cut: chosen.count(index) for index, cut in enumerate(cuts)}
+    *inner, output = cuts
+    registers = dict.fromkeys(cuts, 0)
+    if latency:
+        count = min(latency - 1, len(inner))
+        chosen = min(combinations(inner, count), key=lambda chosen: stretches(cuts, chosen))
+        registers |= dict.fromkeys((*chosen, output), 1)
+    for _ in range(latency - len(cuts)):
+        registers[max(cuts, key=lambda cut: cuts[cut] / registers[cut])] += 1
+    return registers
+
+
+def stretches(cuts: Mapping[str, int], chosen: tuple[str, ...]) -> list[int]:
+    """Depths of the logic between registers at the chosen cuts and at the output, longest first."""
+    found = [0]
+    for cut, depth in cuts.items():
+        found[-1] += depth
+        if cut in chosen:
+            found.append(0)
+    return sorted(found, reverse=True)
 
 
 class Pipeline:
-    """Puts the registers of `spread` into a module; all hold their values while `enable` is low.
+    """Puts registers into a module; all hold their values while `enable` is low.
 
     They have no reset: what comes out before the first input has come through means nothing.
     """
 
-    def __init__(self, m: Module, enable: Signal, registers: Mapping[str, int]):
+    def __init__(self, m: Module, enable: Signal, registers: Registers):
         self.m = m
         self.enable = enable
         self.registers = registers

@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from hdl.add import Add
-from hdl.latency import Pipeline
+from hdl.latency import Pipeline, spread
 from hdl.multiply import Multiply
 from spec.number import Float
 
@@ -18,14 +18,19 @@ class MultiplyAdd(wiring.Component):
         o: code of `format`.
         enable: the pipeline moves; while it is low everything stays where it is.
 
-    Timing: one multiplier of `fraction` + 1 bits squared, an item per cycle, `latency` cycles: any
-    number, 0 is combinational. The addition takes half of them, and one more if they are odd.
+    **Timing**: one multiplier of `fraction` + 1 bits squared, an item per cycle, `latency` cycles:
+    any number, 0 is combinational. Registers stand where they cut the whole path best: product and
+    sum need not have their own.
     """
 
     def __init__(self, format: Float, latency: int):
-        self.multiply = Multiply(format, latency // 2)
-        self.add = Add(format, latency - latency // 2)
-        self.delay = {"product": latency // 2}
+        parts = {"multiply": Multiply.cuts(format), "add": Add.cuts(format)}
+        path = {(part, cut): depth for part, cuts in parts.items() for cut, depth in cuts.items()}
+        registers = spread(latency, path)
+        own = {part: {cut: registers[part, cut] for cut in cuts} for part, cuts in parts.items()}
+        self.multiply = Multiply(format, own["multiply"])
+        self.add = Add(format, own["add"])
+        self.delay = {"summand": sum(own["multiply"].values())}
         code = format.width
         super().__init__(
             {"a": In(code), "b": In(code), "c": In(code), "enable": In(1), "o": Out(code)}
@@ -38,7 +43,7 @@ class MultiplyAdd(wiring.Component):
         pipeline = Pipeline(m, self.enable, self.delay)
         m.d.comb += [
             *(multiply.a.eq(self.a), multiply.b.eq(self.b), multiply.enable.eq(self.enable)),
-            *(add.a.eq(multiply.o), add.b.eq(*pipeline.cut("product", self.c))),
+            *(add.a.eq(multiply.o), add.b.eq(*pipeline.cut("summand", self.c))),
             *(add.enable.eq(self.enable), self.o.eq(add.o)),
         ]
         return m

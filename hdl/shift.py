@@ -19,8 +19,8 @@ def leading_zeros(m: Module, value: Value) -> Value:
 
 def _count_zeros(m: Module, value: Value) -> tuple[Value, Value]:
     """Whether all of 2^n bits are zero; and if not, the number of leading zeros in n bits."""
-    if len(value) == 1:
-        return ~value, Const(0, 0)
+    if len(value) == 2:
+        return ~value.any(), ~value[1]
     middle = len(value) // 2
     low_empty, low = _count_zeros(m, value[:middle])
     high_empty, high = _count_zeros(m, value[middle:])

@@ -1,10 +1,11 @@
 """Reciprocal and reciprocal square root of floats, by table and polynomial: `spec.unary`."""
 
 from collections import Counter
+from functools import partial
 
 from amaranth.hdl import Cat, Const, Module, Value
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out
 
 from hdl.latency import Pipeline
 from hdl.unary_ends import Pack, Unpack
@@ -13,49 +14,6 @@ from spec.unary import Datapath, Function, coefficients, datapath, places_out
 
 REGISTERS = ("packed", "looked_up", "summed", "unpacked", "multiplied")
 """Where the first, second … cycle of latency goes; any further ones to the output, "packed"."""
-
-
-class Reciprocal(wiring.Component):
-    """1/x.
-
-    Members: `a`, a code of the format; `o`, the code of 1/a, `latency` cycles later; `enable`,
-    low to hold every register.
-
-    **Timing**: one multiplier (degree 2: a second of some 4 × 5 bits and a squarer); an item a
-    cycle; any latency from 0, of which the first five cycles cut the path where `REGISTERS` says
-    and further ones follow the output, for a tool that retimes.
-
-    NAND2-equivalents without registers: Float(7, 16) 2.4 k, without subnormal values 2.3 k;
-    binary16 0.7 k. The root's: 2.7 k, 2.4 k, 0.8 k.
-    """
-
-    def __init__(self, format: Float, latency: int):
-        self.format = format
-        self.latency = latency
-        self.unary = Unary("reciprocal", format, latency)
-        super().__init__(self.unary.signature)
-
-    def elaborate(self, platform):
-        m = Module()
-        m.submodules.unary = self.unary
-        connect(m, flipped(self), self.unary)
-        return m
-
-
-class ReciprocalRoot(wiring.Component):
-    """1/√x. Members and **Timing** as `Reciprocal`."""
-
-    def __init__(self, format: Float, latency: int):
-        self.format = format
-        self.latency = latency
-        self.unary = Unary("reciprocal_root", format, latency)
-        super().__init__(self.unary.signature)
-
-    def elaborate(self, platform):
-        m = Module()
-        m.submodules.unary = self.unary
-        connect(m, flipped(self), self.unary)
-        return m
 
 
 class Lookup(wiring.Component):
@@ -102,13 +60,25 @@ class Lookup(wiring.Component):
 
 
 class Unary(wiring.Component):
-    """Either function, between its registers. Members and **Timing** as `Reciprocal`."""
+    """Either function: `Reciprocal` is 1/x, `ReciprocalRoot` is 1/√x.
+
+    Members: `a`, a code of the format; `o`, the code of the result, `latency` cycles later;
+    `enable`, low to hold every register.
+
+    **Timing**: one multiplier (degree 2: a second of some 4 × 5 bits and a squarer); an item a
+    cycle; any latency from 0, of which the first five cycles cut the path where `REGISTERS` says
+    and further ones follow the output, for a tool that retimes.
+
+    NAND2-equivalents without registers: Float(7, 16) 2.4 k, without subnormal values 2.3 k;
+    binary16 0.7 k. The root's: 2.7 k, 2.4 k, 0.8 k.
+    """
 
     def __init__(self, function: Function, format: Float, latency: int):
         if latency < 0:
             raise ValueError(f"{function}: latency {latency} is negative")
         self.function = function
         self.format = format
+        self.latency = latency
         extra = max(0, latency - len(REGISTERS))
         self.registers = Counter([*REGISTERS[:latency], *REGISTERS[:1] * extra])
         super().__init__({"a": In(format.width), "enable": In(1), "o": Out(format.width)})
@@ -143,3 +113,7 @@ class Unary(wiring.Component):
         (output,) = cut("packed", pack.o)
         m.d.comb += self.o.eq(output)
         return m
+
+
+Reciprocal = partial(Unary, "reciprocal")
+ReciprocalRoot = partial(Unary, "reciprocal_root")

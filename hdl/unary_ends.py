@@ -2,7 +2,7 @@
 put together.
 """
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, enum, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -20,14 +20,14 @@ class Fraction(enum.Enum, shape=2):
 
 def result_layout(function: Function, format: Float) -> data.StructLayout:
     """What is known of a result before its fraction is computed."""
-    return data.StructLayout(
-        {
-            "sign": 1,
-            "exponent": format.exponent,  # 0 if subnormal
-            "places": unsigned(places_out(function, format).bit_length()),  # 0 unless subnormal
-            "kind": Fraction,
-        }
-    )
+    layout = {
+        "sign": 1,
+        "exponent": format.exponent,  # 0 if subnormal
+        "kind": Fraction,
+    }
+    if most := places_out(function, format):
+        layout["places"] = range(most + 1)  # 0 unless subnormal; only for a computed fraction
+    return data.StructLayout(layout)
 
 
 class Unpack(wiring.Component):
@@ -110,8 +110,8 @@ class Unpack(wiring.Component):
         result = self.result
         saturate = self.format.overflow == "saturate"
         root = self.function == "reciprocal_root"
-        ones = [result.exponent.eq(-1), result.places.eq(0)]
-        filled = [*ones, result.kind.eq(Fraction.FILLED)]
+        ones = result.exponent.eq(-1)
+        filled = [ones, result.kind.eq(Fraction.FILLED)]
         if saturate:
             if root:
                 m.d.comb += result.sign.eq(0)
@@ -122,16 +122,12 @@ class Unpack(wiring.Component):
             with m.If(sign):
                 m.d.comb += [*filled, result.sign.eq(0)]
         with m.If(small):
-            m.d.comb += [*ones, result.kind.eq(Fraction.ZEROS), result.sign.eq(sign)]
+            m.d.comb += [ones, result.kind.eq(Fraction.ZEROS), result.sign.eq(sign)]
         with m.If(biased.all()):
             with m.If(fraction.any()):
                 m.d.comb += [*filled, result.sign.eq(0)]
             with m.Elif(~sign if root else 1):
-                m.d.comb += [
-                    result.exponent.eq(0),
-                    result.places.eq(0),
-                    result.kind.eq(Fraction.ZEROS),
-                ]
+                m.d.comb += [result.exponent.eq(0), result.kind.eq(Fraction.ZEROS)]
 
 
 class Pack(wiring.Component):
@@ -162,14 +158,15 @@ class Pack(wiring.Component):
         filled = result.kind == Fraction.FILLED
         low, carry = self.fraction[:-1], self.fraction[-1]
 
-        # Of a subnormal result the leading one is part of the fraction, or the exponent's 1.
-        significand = Cat(low, ~carry, carry)
-        shifted = (significand >> result.places)[: format.fraction]
-        carry = carry & computed & (result.places < 2)
+        if places_out(self.function, format):
+            # Of a subnormal result the leading one is part of the fraction, or the exponent's 1.
+            low = (Cat(low, ~carry, carry) >> result.places)[: format.fraction]
+            carry = carry & (result.places < 2)
+        carry = carry & computed
         fill = filled.replicate(format.fraction)
         if not saturate:
             fill = Cat(Const(0, format.fraction - 1), filled)
-        fraction = shifted & computed.replicate(format.fraction) | fill
+        fraction = low & computed.replicate(format.fraction) | fill
         exponent = (result.exponent + carry)[: format.exponent]
         if saturate and self._may_carry_out():
             over = carry & result.exponent.all()

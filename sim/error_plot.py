@@ -20,9 +20,6 @@ MARKERS = "osD^vP*X<>hp"
 THIN = (":", "--", "-.")
 """Lines of hard cases, in turn."""
 
-FLOOR = 1e-9
-"""Smaller errors, and none at all, are drawn here."""
-
 
 def write_error_plot(
     path: str | Path,
@@ -83,7 +80,7 @@ def _draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, .
     for number, config in enumerate(machines):
         for kind, values in largest.items():
             rms = [values[config.name][field]["rms"] for field in fields]
-            rms = [float("nan") if value is None else max(value, FLOOR) for value in rms]
+            rms = [value or float("nan") for value in rms]  # none, or no error at all: no point
             thin = both and kind == "hard"
             axes.plot(
                 rms,

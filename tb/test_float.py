@@ -10,6 +10,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+from amaranth.back import verilog
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -18,7 +19,6 @@ from golden import arithmetic
 from hdl.add import Add
 from hdl.compare import Compare
 from hdl.convert import Convert, FromFixed, ToFixed
-from hdl.latency import spread
 from hdl.multiply import Multiply
 from hdl.multiply_add import MultiplyAdd
 from sim import vectors
@@ -88,7 +88,7 @@ class Bench(wiring.Component):
 
 
 def operations(format: Float, latencies: tuple[int, ...]) -> list[Case]:
-    """All operations of a format at some latencies, and those of a multiply-add at twice these."""
+    """All operations of a format at some latencies."""
     cases = []
     for latency in latencies:
         for make, twin, given in (
@@ -96,8 +96,8 @@ def operations(format: Float, latencies: tuple[int, ...]) -> list[Case]:
             (Add, arithmetic.add, "ab"),
             (MultiplyAdd, arithmetic.multiply_add, "abc"),
         ):
-            cycles = 2 * latency + (latency > 1) if make is MultiplyAdd else latency
-            cases.append(Case(make(format, cycles), cycles, tuple(given), partial(twin, format)))
+            component = make(format, latency)
+            cases.append(Case(component, latency, tuple(given), partial(twin, format)))
         compare = partial(arithmetic.compare, format)
         component = Compare(format, latency)
         cases.append(Case(component, latency, ("a", "b"), compare, ("less", "equal")))
@@ -147,7 +147,7 @@ def cases_of(width: int) -> list[Case]:
         case 16:
             formats = [(FP16, (3,)), (Float(5, 10), (0,))]
         case 24:
-            formats = [(FP24, (0, 2)), (GRADUAL, (4,))]
+            formats = [(FP24, (0, 2, 5)), (GRADUAL, (4,))]
     return [case for format, latencies in formats for case in operations(format, latencies)]
 
 
@@ -169,6 +169,17 @@ def test_every_triple():
 @pytest.mark.parametrize("formats", [SIXTEEN_BITS, TWENTY_FOUR_BITS], ids=["16", "24"])
 def test_hard_pairs(formats):
     check(cases_of(formats[0].width), hard(formats, 1_000_000))
+
+
+@pytest.mark.parametrize("format", EIGHT_BITS[2:4], ids=str)
+def test_every_latency(format):
+    """From no registers to more than there are places for, moving half of the time."""
+    rng = np.random.default_rng(5)
+    twin = partial(arithmetic.multiply_add, format)
+    latencies = range(13)
+    cases = [Case(MultiplyAdd(format, n), n, ("a", "b", "c"), twin) for n in latencies]
+    inputs = dict(zip("abc", rng.integers(0, 256, (3, 50_000), np.uint8), strict=True))
+    check(cases, inputs, rng.integers(0, 2, 50_000))
 
 
 def test_enable_freezes():
@@ -226,13 +237,8 @@ def test_conversions():
     check(conversions(), {"i": np.concatenate([codes, codes << 8, codes << 15, hard_codes])})
 
 
-def test_spread():
-    cuts = ("first", "second", "third", "end")
-    assert spread(0, cuts) == dict.fromkeys(cuts, 0)
-    assert list(spread(1, cuts).values()) == [0, 0, 0, 1]
-    assert list(spread(2, cuts).values()) == [0, 1, 0, 1]
-    assert list(spread(6, cuts).values()) == [1, 2, 1, 2]
-    for latency in range(20):
-        assert sum(spread(latency, cuts).values()) == latency
-    with pytest.raises(ValueError, match="negative"):
-        spread(-1, cuts)
+@pytest.mark.parametrize("make", [Multiply, Add, MultiplyAdd])
+def test_no_empty_ranges(make):
+    """Verilog has no vectors without bits: what a format does not need is left out."""
+    for format in (FP16, FP24, Float(2, 2, subnormal=False, overflow="infinity"), Float(3, 2)):
+        assert "[-1:0]" not in verilog.convert(make(format, 5), name="top")

@@ -1,0 +1,54 @@
+"""Generated Verilog: headers, names, lint, depth between registers."""
+
+from itertools import pairwise
+
+import pytest
+
+from hdl.place import Place
+from hdl.stages import STAGES
+from sim.synth import DEPTH_MAX, gates
+from sim.verilog import WAIVERS, lint, stage_source, write_stages
+from spec.config import DEFAULT, PRESETS
+
+FAULTY = """\
+module faulty(input clk, input [3:0] i, output reg [3:0] o, output p);
+  always @* if (i[0]) o = i;
+endmodule
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda config: config.name)
+def test_stages_are_clean(preset, tmp_path):
+    *paths, waivers = write_stages(preset, tmp_path)
+    assert [path.stem for path in paths] == [f"splatcore_{name}" for name in STAGES]
+    assert waivers.read_bytes() == WAIVERS.read_bytes()
+    for path in paths:
+        assert lint(path, path.stem) == []
+
+
+def test_lint_sees_faults(tmp_path):
+    (tmp_path / "faulty.v").write_text(FAULTY)
+    found = "\n".join(lint(tmp_path / "faulty.v", "faulty"))
+    assert "LATCH" in found and "UNDRIVEN" in found
+
+
+def test_every_waiver_has_a_reason():
+    lines = WAIVERS.read_text().splitlines()
+    for before, line in pairwise(lines):
+        if line.startswith("lint_off"):
+            assert before.startswith("// ")
+
+
+def test_source_says_what_it_is():
+    text = stage_source("place", Place(DEFAULT), DEFAULT)
+    assert "preset DEFAULT" in text and "hdl/place.py" in text and "Timing" in text
+    assert "module splatcore_place(" in text and "array.pe1" in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STAGES)
+def test_no_path_is_too_deep(name):
+    found = gates(STAGES[name](DEFAULT))
+    assert found.speed_depth <= DEPTH_MAX
+    assert found.nand2 < found.speed_nand2 < 1.1 * found.nand2
