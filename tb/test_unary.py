@@ -11,7 +11,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -299,14 +298,6 @@ def test_rtl_every_code(unit):
     assert len(IN_RTL) > len(REGISTERS) + 2
     units = [unit(format, latency) for latency, format in enumerate(IN_RTL)]
     assert_rtl(units, np.arange(2**16))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("unit", UNITS, ids=TWINS)
-def test_no_empty_ranges(unit):
-    """Verilog has no vectors without bits: what a format does not need is left out."""
-    for format in (NORMAL24, FP16, Float(3, 7), Float(2, 3)):
-        assert "[-1:0]" not in verilog.convert(unit(format, 5), name="top")
 
 
 @pytest.mark.slow
