@@ -43,7 +43,7 @@ class Multiply(wiring.Component):
     def cuts(format: Float) -> dict[str, int]:
         """Where registers can stand: operands taken apart, product made, and in `Round`."""
         # An operand may come through a multiplexer of a dozen sources.
-        return {"operand": 12, "product": 36} | Round.cuts(format, Multiply._zeros(format))
+        return {"operand": 6, "product": 30} | Round.cuts(format, Multiply._zeros(format))
 
     def elaborate(self, platform) -> Module:
         m = Module()
