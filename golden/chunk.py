@@ -8,28 +8,30 @@ from spec.frame import FrameConstants
 from spec.memory import EXTENT_SHIFT
 from spec.microprogram import program
 from spec.packed import PackedModel
+from spec.programs import CORNERS
 
 
 def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Values, np.ndarray]:
     """Values of the chunk program, and which chunks [C] are kept.
 
-    The way from the camera to a chunk's origin is exact on the grid and rounded once, and so is
-    the largest offset that its extent admits. A chunk is skipped if the bounds of its points are
-    behind the near plane or beyond the guard band: `place` would drop every one of them. Absolute
-    positions have no extent, and no chunk is skipped.
+    The ways from the camera to a chunk's ends along the world axes are exact on the grid and
+    rounded once. A chunk is skipped if the bounds of its points are behind the near plane or beyond
+    the guard band: `place` would drop every one of them. Absolute positions have no extent, and no
+    chunk is skipped.
     """
     headers, round_ = model.chunks, config.arithmetic.round
     exponent = model.value("position_exponent")
-    away = headers["origin"].astype(np.int64) - frame.camera  # [C, 3] grid steps
-    extent = (headers["extent"].astype(np.int64) + 1) << EXTENT_SHIFT
-    steps = headers["shift"].astype(np.int64) + exponent
+    low = headers["origin"].astype(np.int64) - frame.camera  # [C, 3] grid steps
+    shift = headers["shift"].astype(np.int64) + EXTENT_SHIFT
+    high = low + ((headers["extent"].astype(np.int64) + 1) << shift)
+    ends = [round_(np.ldexp(end.astype(np.float64), exponent)) for end in (low, high)]
     fields: Values = {"chunk_reach": round_(headers["reach"])}
-    for k, axis in enumerate("xyz"):
-        fields[f"away_{axis}"] = round_(np.ldexp(away[:, k].astype(np.float64), exponent))
-        fields[f"extent_{axis}"] = round_(np.ldexp(extent[:, k].astype(np.float64), steps[:, k]))
+    for name, (constant, side) in CORNERS.items():
+        falls = frame.constants[constant] < 0
+        fields[name] = ends[falls != (side == "most")][:, int(name[-1])]
     values = run(config, program("chunk"), frame.constants | fields)
     if model.format.position == "absolute":
-        return values, np.ones(len(extent), bool)
+        return values, np.ones(len(low), bool)
     kept = values["z_high"] > frame.near_plane
     for axis in "xy":
         kept &= values[f"{axis}_low"] <= values[f"far_{axis}"]

@@ -5,24 +5,19 @@ import numpy as np
 from golden.program import Values, run
 from spec.config import Config
 from spec.frame import FrameConstants
-from spec.memory import CHUNK
 from spec.microprogram import culling
 from spec.packed import PackedModel
 
 
-def offsets(config: Config, model: PackedModel, index: np.ndarray) -> Values:
-    """Offsets [M] of Gaussians `index` [M] from their chunks' origins, in scene units.
+def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.ndarray) -> Values:
+    """Ways [M] from the camera to Gaussians `index` [M] in scene units, along the world axes.
 
-    Those of chunk positions are integers times a power of two, rounded once; absolute positions
-    are offsets from 0.
+    They are exact on the grid and rounded once, so what is near the camera is precise however
+    large its chunk or the scene.
     """
-    if model.format.position == "absolute":
-        offset = model.position[index]
-    else:
-        shift = model.chunks["shift"].astype(np.int64)[index // CHUNK]
-        steps = shift + model.value("position_exponent")
-        offset = np.ldexp(model.offsets[index].astype(np.float64), steps)
-    return {f"offset_{axis}": config.arithmetic.round(offset[:, k]) for k, axis in enumerate("xyz")}
+    way = model.grid[index] - frame.camera  # [M, 3] grid steps
+    way = np.ldexp(way.astype(np.float64), model.value("position_exponent"))
+    return {f"ray_{axis}": config.arithmetic.round(way[:, k]) for k, axis in enumerate("xyz")}
 
 
 def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from golden.chunk import chunk
-from golden.cull import cull, offsets
+from golden.cull import cull, rays
 from golden.place import place
 from golden.program import Values
 from golden.project import project
@@ -15,10 +15,7 @@ from spec.frame import FrameConstants, frame_constants
 from spec.memory import CHUNK
 from spec.packed import PackedModel
 
-SHARED = (
-    *("origin_x", "origin_y", "origin_z", "margin_x", "margin_y"),
-    *("chunk_reach", "away_x", "away_y", "away_z"),
-)
+SHARED = ("margin_x", "margin_y", "chunk_reach")
 """What a chunk's points take from its values."""
 
 
@@ -44,7 +41,7 @@ def project_points(config: Config, model: PackedModel, camera: Camera) -> Points
     )
     chunks, read = chunk(config, frame, model)
     points = np.flatnonzero(read[np.arange(len(model)) // CHUNK])
-    fields = offsets(config, model, points)
+    fields = rays(config, frame, model, points)
     fields |= {name: chunks[name][points // CHUNK] for name in SHARED}
     culled, kept = cull(config, frame, fields)
     fields["z"] = culled["z"]

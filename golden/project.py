@@ -28,8 +28,7 @@ def project(
 ) -> Values:
     """Values of the projection of Gaussians `index` [M].
 
-    `points` are their offsets and camera coordinates x, y, z, and the ways away from the camera to
-    their chunks' origins.
+    `points` are their camera coordinates x, y, z and their rays.
     """
     fields = points | attributes(config, model, index) | look_up(config, model, index)
     steps = projection(model.format.sh_degree, config.skip_zeros)

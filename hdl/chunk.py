@@ -1,25 +1,21 @@
 """Stage 0's front: what all points of a chunk share, and whether any of them can matter."""
 
-from amaranth.hdl import Cat, Module, Mux, Shape, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from hdl.array import Array, codes
 from hdl.compare import Compare
 from hdl.convert import Convert, FromFixed
-from hdl.record import layout
+from hdl.record import layout, signed_shape
 from spec.config import Config
 from spec.frame import CAMERA
-from spec.memory import CHUNK, CHUNK_HEADER, EXTENT_SHIFT, REACH
+from spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
 from spec.microprogram import program
-from spec.number import Fixed
-from spec.point import EXPONENT, GAUSSIAN_BITS, NUMBER_BITS, STEPS, chunk_record
-from spec.programs import LIMITED
+from spec.point import AWAY, EXPONENT, GAUSSIAN_BITS, NUMBER_BITS, chunk_record
+from spec.programs import CORNERS
 
 AXES = "xyz"
-
-AWAY = Fixed(CAMERA.integer + 1, 0, signed=True)
-"""A way from the camera in grid steps."""
 
 CONVERT_LATENCY = 4
 """Cycles from grid steps to a float."""
@@ -46,15 +42,14 @@ class Chunk(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.program = config, program("chunk")
-        names = tuple(name for name in self.program.constants if name not in LIMITED)
         super().__init__(
             {
                 "i": In(stream.Signature(layout(CHUNK_HEADER))),
                 "gaussians": In(GAUSSIAN_BITS),
-                "camera": In(data.ArrayLayout(_signed(CAMERA), 3)),
-                "position_exponent": In(_signed(EXPONENT)),
+                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
+                "position_exponent": In(signed_shape(EXPONENT)),
                 "near_plane": In(config.arithmetic.width),
-                "constants": In(codes(config, names)),
+                "constants": In(codes(config, self.program.constants)),
                 "o": Out(stream.Signature(layout(chunk_record(config)))),
                 "taken": Out(1),
             }
@@ -64,43 +59,41 @@ class Chunk(wiring.Component):
         m = Module()
         m.submodules.array = self.array = Array(self.config, self.program, held=True)
         self.number = Signal(NUMBER_BITS)
-        self.steps = [
-            (self.position_exponent + shift)[: STEPS.width].as_signed()
-            for shift in self.i.payload.shift
-        ]
-        converted, away, extent = self._converted(m)
-        self._run(m, converted, away, extent)
-        self._give(m, away)
+        self._run(m, *self._converted(m))
+        self._give(m)
         return m
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
-        """The ways from the camera to the origin and the extents as floats, one after the other
-        through one converter; and whether they are there.
+        """The chunk's two ends along each world axis as floats, one after the other through one
+        converter; and whether they are there.
         """
         header, format = self.i.payload, self.config.arithmetic
-        scale = range(-(1 << STEPS.integer), 1 << STEPS.integer)
+        scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
-        grid, power = Signal(_signed(AWAY)), Signal(_signed(STEPS))
+        way = Signal(signed_shape(AWAY))
         step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
         converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
-        origin, eye, exponent, span = (Signal(_signed(f)) for f in (AWAY, AWAY, STEPS, AWAY))
+        origin, camera, span = (
+            Signal(signed_shape(AWAY)),
+            Signal(signed_shape(AWAY)),
+            Signal(AWAY.width),
+        )
         with m.Switch(step):
-            for k in range(len(AXES)):
+            for k in range(2 * len(AXES)):
+                axis = k % len(AXES)
                 with m.Case(k):
-                    m.d.comb += [
-                        origin.eq(header.origin[k].as_signed()),
-                        eye.eq(self.camera[k]),
-                        exponent.eq(self.position_exponent),
-                    ]
-                with m.Case(k + len(AXES)):
-                    # The largest offset with this extent is below the next one's smallest.
-                    m.d.comb += span.eq((header.extent[k] + 1) << EXTENT_SHIFT)
-                    m.d.comb += [origin.eq(span), exponent.eq(self.steps[k])]
-        m.d.sync += [grid.eq(origin - eye), power.eq(exponent)]
-        m.d.comb += [convert.i.eq(grid), convert.scale.eq(power), convert.enable.eq(1)]
+                    m.d.comb += origin.eq(header.origin[axis].as_signed())
+                    m.d.comb += camera.eq(self.camera[axis])
+                    if k >= len(AXES):
+                        # The largest offset with this extent is below the next one's smallest.
+                        end = (header.extent[axis] + 1) << EXTENT_SHIFT
+                        m.d.comb += span.eq(end << header.shift[axis])
+        m.d.sync += way.eq(origin + span - camera)
+        m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
+        m.d.comb += convert.scale.eq(self.position_exponent)
         values = [
-            Signal(format.width, name=f"{what}_{axis}", reset_less=True)
-            for what in ("away", "extent")
+            Signal(format.width, name=f"{end}_{axis}", reset_less=True)
+            for end in ("low", "high")
             for axis in AXES
         ]
         with m.If(~converted & self.i.valid):
@@ -110,7 +103,7 @@ class Chunk(wiring.Component):
             m.d.sync += step.eq(0)
         return converted, values[: len(AXES)], values[len(AXES) :]
 
-    def _run(self, m: Module, converted: Value, away: list, extent: list):
+    def _run(self, m: Module, converted: Value, low: list, high: list):
         """The header's numbers go through the array once."""
         fields, inside = self.array.i.payload.fields, Signal()
         m.submodules.reach = reach = Convert(REACH, self.config.arithmetic, 0)
@@ -120,21 +113,17 @@ class Chunk(wiring.Component):
             fields.chunk_reach.eq(reach.o),
             self.array.i.valid.eq(converted & ~inside),
         ]
-        for axis, way, span in zip(AXES, away, extent, strict=True):
-            m.d.comb += [fields[f"away_{axis}"].eq(way), fields[f"extent_{axis}"].eq(span)]
+        for name, (constant, side) in CORNERS.items():
+            falls, axis = self.constants[constant][-1], int(name[-1])
+            least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])
+            m.d.comb += fields[name].eq(least if side == "least" else most)
         with m.If(self.array.i.valid & self.array.i.ready):
             m.d.sync += inside.eq(1)
         with m.If(self.taken):
             m.d.sync += inside.eq(0)
-        for name in self.program.constants:
-            source, side = LIMITED.get(name, (name, None))
-            value = self.constants[source]
-            if side:
-                negative = value[-1]
-                value = Mux(negative if side == "low" else ~negative, value, 0)
-            m.d.comb += self.array.constants[name].eq(value)
+        m.d.comb += self.array.constants.eq(self.constants)
 
-    def _give(self, m: Module, away: list):
+    def _give(self, m: Module):
         """Decide, and hand the chunk over."""
         found, payload = self.array.o.payload.outputs, self.o.payload
         kept = self._kept(m, found)
@@ -157,8 +146,8 @@ class Chunk(wiring.Component):
                 elif name in self.program.fields:
                     m.d.comb += fields[name].eq(self.array.i.payload.fields[name])
         if self.config.position == "chunk":
-            m.d.comb += payload.culling.octant_end.eq(self.i.payload.octant_end)
-            m.d.comb += payload.culling.steps.eq(Cat(self.steps))
+            for name in ("origin", "shift", "octant_end"):
+                m.d.comb += payload.culling[name].eq(self.i.payload[name])
         with m.If(self.taken):
             m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
 
@@ -177,8 +166,3 @@ class Chunk(wiring.Component):
             m.d.comb += [compare.a.eq(less), compare.b.eq(more), compare.enable.eq(1)]
             holds.append(compare.less if name == "front" else compare.less | compare.equal)
         return Cat(holds).all()
-
-
-def _signed(fixed: Fixed) -> Shape:
-    """The shape of a signed integer of a fixed-point format."""
-    return Shape(fixed.width, signed=True)

@@ -7,10 +7,11 @@ from amaranth.lib.wiring import In, Out
 from hdl.array import Array, codes
 from hdl.compare import Compare
 from hdl.position import AXES, BEAT, Position
-from hdl.record import layout
+from hdl.record import layout, signed_shape
 from spec.config import Config
+from spec.frame import CAMERA
 from spec.microprogram import culling
-from spec.point import PLACE_BITS, culling_record, point_record
+from spec.point import EXPONENT, PLACE_BITS, culling_record, point_record
 
 
 class Cull(wiring.Component):
@@ -19,7 +20,7 @@ class Cull(wiring.Component):
     Members
         chunks: stream of `culling_record`, taken with the chunk's last point.
         positions: stream of memory beats (`hdl.position`).
-        near_plane, constants: registers of the frame.
+        camera, position_exponent, near_plane, constants: registers of the frame.
         o: stream of `point_record` with z.
         taken: a point has been read.
 
@@ -32,6 +33,8 @@ class Cull(wiring.Component):
             {
                 "chunks": In(stream.Signature(layout(culling_record(config)))),
                 "positions": In(stream.Signature(BEAT)),
+                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
+                "position_exponent": In(signed_shape(EXPONENT)),
                 "near_plane": In(config.arithmetic.width),
                 "constants": In(codes(config, self.program.constants)),
                 "o": Out(stream.Signature(layout(point_record(config, "z")))),
@@ -53,6 +56,8 @@ class Cull(wiring.Component):
             position.i.payload.eq(self.positions.payload),
             self.positions.ready.eq(position.i.ready),
             position.chunk.eq(chunk),
+            position.camera.eq(self.camera),
+            position.position_exponent.eq(self.position_exponent),
             position.chunk_valid.eq(self.chunks.valid),
             position.next_chunk.eq(self.taken & last),
             self.chunks.ready.eq(self.taken & last),

@@ -108,8 +108,10 @@ class Points(wiring.Component):
                 m.d.comb += part.constants[name].eq(self.constants[name])
         for part in (self.chunk, self.cull, self.place):
             m.d.comb += part.near_plane.eq(self.near_plane)
-        for name in ("gaussians", "camera", "position_exponent"):
-            m.d.comb += getattr(self.chunk, name).eq(getattr(self, name))
+        m.d.comb += self.chunk.gaussians.eq(self.gaussians)
+        for part in (self.chunk, self.cull):
+            m.d.comb += part.camera.eq(self.camera)
+            m.d.comb += part.position_exponent.eq(self.position_exponent)
         for name in self.project.tables:
             if name == "write":
                 connect(m, flipped(self).write, self.project.write)

@@ -1,18 +1,26 @@
-"""Stored positions, as they lie in memory, to offsets from the chunk's origin."""
+"""Stored positions, as they lie in memory, to rays: ways from the camera in world axes."""
 
 from amaranth.hdl import Array as Choice
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from hdl.array import codes
-from hdl.convert import Convert, FromFixed
-from hdl.record import layout
+from hdl.convert import FromFixed, ToFixed
+from hdl.record import layout, signed_shape
 from hdl.stream import Pipe
 from spec.config import Config
-from spec.memory import ABSOLUTE, ATTRIBUTE_BITS, OCTANTS, OFFSET_BITS, model_format
+from spec.frame import CAMERA
+from spec.memory import (
+    ABSOLUTE,
+    ABSOLUTE_EXPONENT,
+    ATTRIBUTE_BITS,
+    EXPONENT_MAX,
+    OCTANTS,
+    model_format,
+)
 from spec.number import Fixed
-from spec.point import PLACE_BITS, STEPS, culling_record
+from spec.point import AWAY, EXPONENT, PLACE_BITS, culling_record
 
 BEAT = ATTRIBUTE_BITS
 """Bits of a memory beat."""
@@ -20,26 +28,31 @@ BEAT = ATTRIBUTE_BITS
 WORD = 16
 """Bits by which a beat is shifted into the gearbox."""
 
-CONVERT_LATENCY = 3
-"""Cycles from a stored coordinate to a float."""
+CONVERT_LATENCY = 4
+"""Cycles from grid steps to a float."""
 
-AXES = ("offset_x", "offset_y", "offset_z")
+AXES = ("ray_x", "ray_y", "ray_z")
+
+GRID = Fixed(ABSOLUTE.bias + 1, -ABSOLUTE_EXPONENT, signed=True)
+"""Absolute positions on their grid."""
 
 
 class Position(wiring.Component):
-    """Beats of stored positions in, an offset for each point out.
+    """Beats of stored positions in, a ray for each point out.
 
     The gearbox cuts the stream of beats into coordinates. Those of a chunk lack their top bits:
-    they are in the order of octants, so the bits follow from where the headers says an octant ends.
+    they are in the order of octants, so the bits follow from where the header says an octant ends.
+    A point's way from the camera is exact on the grid and rounded once.
 
     Members
         i: stream of beats; a chunk begins at a new one, and of its last one the rest is dropped.
         chunk: the chunk that the points belong to, `chunk_valid` when there is one.
         next_chunk: the chunk is through; from the next cycle on `chunk` is the next one.
-        o: stream of offsets (floats in scene units).
+        camera, position_exponent: registers of the frame.
+        o: stream of rays (floats in scene units).
 
     **Timing**: a point every 4 cycles, but for one more cycle at each octant's end; latency
-    `CONVERT_LATENCY` + 6 from a chunk's first beat.
+    `CONVERT_LATENCY` + 7 from a chunk's first beat.
     """
 
     def __init__(self, config: Config):
@@ -51,25 +64,26 @@ class Position(wiring.Component):
                 "chunk": In(layout(culling_record(config))),
                 "chunk_valid": In(1),
                 "next_chunk": In(1),
+                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
+                "position_exponent": In(signed_shape(EXPONENT)),
                 "o": Out(stream.Signature(codes(config, AXES))),
             }
         )
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.pipe = self.pipe = Pipe(CONVERT_LATENCY)
+        m.submodules.pipe = self.pipe = Pipe(CONVERT_LATENCY + 1)
         self.axis = Signal(range(len(AXES)))
         self.place, self.done = Signal(PLACE_BITS), Signal()
         self.ready = Signal()  # a coordinate may leave the gearbox
         coordinate = self._gearbox(m)
         if self.config.position == "chunk":
-            self._offset(m, coordinate)
+            point = self._offset(m, coordinate)
         else:
-            m.submodules.convert = self.convert = Convert(
-                ABSOLUTE, self.config.arithmetic, CONVERT_LATENCY
-            )
-            m.d.comb += [self.ready.eq(1), self.convert.i.eq(coordinate)]
-        m.d.comb += self.convert.enable.eq(self.pipe.enable)
+            m.submodules.decode = decode = ToFixed(ABSOLUTE, GRID, 0)
+            m.d.comb += [decode.i.eq(coordinate), decode.enable.eq(1), self.ready.eq(1)]
+            point = decode.o.as_signed()
+        self._convert(m, point)
         self._count(m)
         self._collect(m)
         return m
@@ -109,8 +123,8 @@ class Position(wiring.Component):
             m.d.sync += [words.eq(0), level.eq(0), bits.eq(0)]
         return bits[: self.width]
 
-    def _offset(self, m: Module, coordinate: Value):
-        """The top bit by the octant, and the conversion to a float in scene units."""
+    def _offset(self, m: Module, coordinate: Value) -> Value:
+        """The coordinate on the model's grid: top bit by the octant, shifted, from the origin."""
         octant, ends = Signal(range(OCTANTS)), Choice(self.chunk.octant_end)
         at_end = (octant != OCTANTS - 1) & (self.place == ends[octant]) & (self.axis == 0)
         m.d.comb += self.ready.eq(~at_end)
@@ -118,19 +132,37 @@ class Position(wiring.Component):
             m.d.sync += octant.eq(0)
         with m.Elif(self.chunk_valid & ~self.done & at_end):
             m.d.sync += octant.eq(octant + 1)
+        chunk = self.chunk
         # An expression: some simulators evaluate a case only when one of its operands changes.
-        first, second = self.axis == 0, self.axis == 1
-        x, y, z = (Cat(octant[k], self.chunk.steps[k]) for k in range(len(AXES)))
-        chosen = Mux(first, x, Mux(second, y, z))
-        top, scale = chosen[0], chosen[1:]
-        m.submodules.convert = self.convert = FromFixed(
-            Fixed(OFFSET_BITS, 0),
-            self.config.arithmetic,
-            CONVERT_LATENCY,
-            range(-(1 << STEPS.integer), 1 << STEPS.integer),
+        top, shift, origin = self._of_axis(
+            *(Cat(octant[k], chunk.shift[k], chunk.origin[k]) for k in range(len(AXES))),
+            widths=(1, len(chunk.shift[0]), len(chunk.origin[0])),
         )
-        m.d.comb += self.convert.i.eq(Cat(coordinate, top))
-        m.d.comb += self.convert.scale.eq(scale.as_signed())
+        return origin.as_signed() + (Cat(coordinate, top) << shift)
+
+    def _of_axis(self, *values: Value, widths: tuple[int, ...]) -> list[Value]:
+        """Of values for each axis that of the present one, cut into parts."""
+        x, y, z = values
+        chosen, parts = Mux(self.axis == 0, x, Mux(self.axis == 1, y, z)), []
+        for width in widths:
+            parts.append(chosen[:width])
+            chosen = chosen[width:]
+        return parts
+
+    def _convert(self, m: Module, point: Value):
+        """From a coordinate on the grid to the way from the camera, as a float in scene units."""
+        scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
+        format = self.config.arithmetic
+        m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
+        [camera] = self._of_axis(*self.camera, widths=(CAMERA.width,))
+        way = Signal(signed_shape(AWAY), reset_less=True)
+        with m.If(self.pipe.enable):
+            m.d.sync += way.eq(point - camera.as_signed())
+        m.d.comb += [
+            self.convert.i.eq(way),
+            self.convert.scale.eq(self.position_exponent),
+            self.convert.enable.eq(self.pipe.enable),
+        ]
 
     def _count(self, m: Module):
         """Coordinates and points of the chunk."""

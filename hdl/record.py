@@ -3,6 +3,7 @@
 from amaranth.hdl import Shape, unsigned
 from amaranth.lib import data
 
+from spec.number import Fixed
 from spec.record import Array, Format, Record
 
 
@@ -22,3 +23,8 @@ def _shape(format: Format) -> data.Layout | Shape:
     if isinstance(format, Array):
         return data.ArrayLayout(_shape(format.format), format.length)
     return unsigned(format.width)
+
+
+def signed_shape(fixed: Fixed) -> Shape:
+    """The shape of a signed integer of a fixed-point format."""
+    return Shape(fixed.width, signed=True)

@@ -12,7 +12,7 @@ from spec.memory import ATTRIBUTE_BITS, model_format
 from spec.point import GAUSSIAN_BITS, point_record, projecting_record
 
 POINT = ("x", "y", "z")
-RAY = ("offset_x", "offset_y", "offset_z", "away_x", "away_y", "away_z")
+RAY = ("ray_x", "ray_y", "ray_z")
 FACTOR_BITS = model_format(Config(), 0).attribute_record.offset("colour0")
 """Bits of the attributes below the codebook indices: L and opacity."""
 
@@ -50,7 +50,7 @@ class Slots(wiring.Component):
         super().__init__(
             {
                 "i": In(stream.Signature(layout(point_record(config, "x y z")))),
-                "chunks": In(stream.Signature(layout(projecting_record(config)))),
+                "chunks": In(stream.Signature(layout(projecting_record()))),
                 "wanted": Out(stream.Signature(GAUSSIAN_BITS)),
                 "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
                 "ready": Out(stream.Signature(self.slot)),
@@ -98,7 +98,7 @@ class Slots(wiring.Component):
             "index": (fill, filled, attributes[FACTOR_BITS:]),
         }
         if "ray" in self.parts:
-            ray = Cat((point if name in RAY[:3] else chunk)[name] for name in RAY)
+            ray = Cat(point[name] for name in RAY)
             sources["ray"] = (put, free, ray)
         for name, (write, slot, value) in sources.items():
             self._memory(m, name, write, slot, value)

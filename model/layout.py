@@ -9,6 +9,7 @@ from model.codebook import Codebook
 from model.factor import largest_axis
 from spec.convention import ALPHA_MIN
 from spec.memory import (
+    ABSOLUTE_EXPONENT,
     CHUNK,
     CHUNK_HEADER,
     COLOUR_ENTRY,
@@ -71,7 +72,9 @@ def header(model: Quantised, check: int) -> np.ndarray:
         "position": POSITION_FORMATS.index(format.position),
         "count": len(model),
         "checksum": check,
-        "position_exponent": model.chunks.exponent,
+        "position_exponent": (
+            ABSOLUTE_EXPONENT if format.position == "absolute" else model.chunks.exponent
+        ),
         "factor_exponent": model.factor_exponent,
         "colour_exponent": model.colour.exponent,
         "sh_exponent": model.harmonics.exponent,

@@ -13,6 +13,7 @@ from spec.config import DEFAULT, Config
 from spec.convention import ALPHA_MIN
 from spec.error import InputError
 from spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
+from spec.number import Float
 from spec.packed import SH_C0, PackedModel, slopes_from_sh
 from spec.scene import Scene
 
@@ -76,7 +77,7 @@ def pack(
             format,
             chunks,
             ABSOLUTE.encode(kept.position) if absolute else chunks.stored,
-            *quantise_factor(lower),
+            *quantise_factor(lower, config.arithmetic),
             OPACITY.round(-np.log2(np.minimum(kept.opacity, 1))),
             colour,
             harmonics,
@@ -119,7 +120,15 @@ def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return finite, scene.opacity >= ALPHA_MIN
 
 
-def quantise_factor(lower: np.ndarray) -> tuple[np.ndarray, int]:
+def largest_factor(arithmetic: Float) -> float:
+    """What the largest element of L may be: in the middle of the machine's range, if that is small.
+
+    The view rotation takes up L's unit; so neither L overflows nor the rotation underflows.
+    """
+    return min(FACTOR.max, np.sqrt(arithmetic.max))
+
+
+def quantise_factor(lower: np.ndarray, arithmetic: Float) -> tuple[np.ndarray, int]:
     """L [N, 3, 3] rounded to FACTOR in units of 2^exponent, and the smallest exponent that fits."""
-    _, exponent = np.frexp(np.abs(lower).max(initial=0) / FACTOR.max)
+    _, exponent = np.frexp(np.abs(lower).max(initial=0) / largest_factor(arithmetic))
     return FACTOR.round(np.ldexp(lower, -int(exponent))), int(exponent)

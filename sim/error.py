@@ -14,7 +14,7 @@ import numpy as np
 from golden.points import Points, project_points
 from golden.reference import Splats, areas, pixel_boxes, project, tile_boxes
 from golden.reference_tiles import bin_splats, rasterize
-from model.pack import pack
+from model.pack import largest_factor, pack
 from sim.source import open_camera, open_source
 from spec.camera import Camera
 from spec.config import DEFAULT, PAPER, Config
@@ -248,7 +248,7 @@ class Subject:
 
 
 def measure_subject(subject: Subject, machines: tuple[Config, ...], tell: Tell) -> dict:
-    """What all machines do to a scene; a scene file is packed once for each model format."""
+    """What all machines do to a scene; a scene file is packed once for each way to pack it."""
     tell("packing")
     begin = time.perf_counter()
     source = open_source(subject.source)
@@ -259,10 +259,10 @@ def measure_subject(subject: Subject, machines: tuple[Config, ...], tell: Tell) 
         if source.model is not None:
             return references.setdefault(None, Reference(source.model, camera))
         degree = min(source.scene.sh_degree, config.sh_degree)
-        format = model_format(config, degree)
-        if format not in references:
-            references[format] = Reference(pack(source.scene, config)[0], camera)
-        return references[format]
+        packing = model_format(config, degree), largest_factor(config.arithmetic)
+        if packing not in references:
+            references[packing] = Reference(pack(source.scene, config)[0], camera)
+        return references[packing]
 
     whole = reference(DEFAULT)
     facts = {

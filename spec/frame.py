@@ -20,7 +20,6 @@ from spec.convention import (
 from spec.error import InputError
 from spec.memory import OPACITY
 from spec.number import Fixed
-from spec.programs import LIMITED
 
 EXTENT_MARGIN = 2.0
 """Pixels by which a point splat of opacity 1 reaches beyond its centre: √(2·ln 255·0.3) < 1.83."""
@@ -40,7 +39,7 @@ class FrameConstants:
 
     camera: np.ndarray  # [3] int64, grid steps
     near_plane: float
-    constants: dict[str, float]  # `spec.programs.CONSTANTS` and `LIMITED`, which the format holds
+    constants: dict[str, float]  # `spec.programs.CONSTANTS`, values that the format holds
 
 
 def frame_constants(
@@ -78,14 +77,15 @@ def frame_constants(
             f"principal_{name}": principal[axis] * pixel,
         }
     rounded = {name: float(config.arithmetic.round(value)) for name, value in constants.items()}
-    sides = {"low": min, "high": max}
-    for name, (source, side) in LIMITED.items():
-        rounded[name] = sides[side](rounded[source], 0.0)
     grid = np.rint(np.ldexp(camera.position, -position_exponent))
     if not (np.abs(grid) <= CAMERA.max).all():
         raise InputError(f"camera {camera.name}: is more than 512 times the scene's size away")
+    # What is within a rounding of the near plane is rather drawn than lost.
+    near = config.arithmetic.round(NEAR_PLANE)
+    if near > NEAR_PLANE:
+        near = config.arithmetic.decode(config.arithmetic.encode(near) - 1)
     return FrameConstants(
         camera=grid.astype(np.int64),
-        near_plane=float(config.arithmetic.round(NEAR_PLANE)),
+        near_plane=float(near),
         constants=rounded,
     )

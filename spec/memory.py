@@ -11,7 +11,8 @@ Morton curve. A coordinate is an integer on the model's grid: the chunk's origin
 so adding is exact and multiplying by the step is a change of exponent. Within a chunk Gaussians
 are ordered by octant (the top bits of the three offsets, x lowest), so those bits follow from a
 Gaussian's place and the header's octant ends; only the rest is stored, 45 bits a Gaussian. With
-absolute positions (`PAPER`) a coordinate is stored as a float, and headers tell only the reach.
+absolute positions (`PAPER`) a coordinate is stored as a float, the grid's step is the smallest one,
+and headers tell only the reach.
 
 Attributes hold L, the lower-triangular factor of the 3D covariance L·Lᵀ, times
 2^−factor_exponent (its diagonal is never negative and has no sign bit), −log2(opacity), and one
@@ -48,6 +49,9 @@ EXTENT_SHIFT = 8
 
 ABSOLUTE = FP16
 """Coordinates that are stored as such (`position` "absolute")."""
+
+ABSOLUTE_EXPONENT = 1 - ABSOLUTE.bias - ABSOLUTE.fraction
+"""All of them are multiples of 2^this."""
 
 FACTOR = Float(5, 10)
 DIAGONAL = Float(5, 10, signed=False)

@@ -12,8 +12,8 @@ The other steps have units of their own, of which there is one each:
     clamp(a, limit)   a within ± limit
     maximum(a, b)     the larger one
 
-What no line makes is an input: one of `CONSTANTS` or `LIMITED`, which stay for a frame, or a field
-that comes with each item. Values are floats of `Config.arithmetic`. Lines may stand in any order
+What no line makes is an input: one of `CONSTANTS`, which stay for a frame, or a field that comes
+with each item. Values are floats of `Config.arithmetic`. Lines may stand in any order
 that makes a value before it is used; when each runs is decided in `spec.schedule`. The programs are
 in `spec.programs`.
 """
@@ -22,12 +22,10 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
-from spec.programs import CONSTANTS, LIMITED, TEXTS
+from spec.programs import CONSTANTS, TEXTS
 
 UNITS = ("pe", "reciprocal", "root", "clamp", "maximum")
 """What a step runs on."""
-
-ALL_CONSTANTS = (*CONSTANTS, *LIMITED)
 
 PATTERNS = (
     (r"(?P<a>\w+) \* (?P<b>\w+)", "pe", False),
@@ -117,12 +115,12 @@ class Program:
 
     @property
     def constants(self) -> tuple[str, ...]:
-        return tuple(name for name in self.inputs if name in ALL_CONSTANTS)
+        return tuple(name for name in self.inputs if name in CONSTANTS)
 
     @property
     def fields(self) -> tuple[str, ...]:
         """Inputs that come with each item."""
-        return tuple(name for name in self.inputs if name not in ALL_CONSTANTS)
+        return tuple(name for name in self.inputs if name not in CONSTANTS)
 
 
 @cache

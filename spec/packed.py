@@ -38,13 +38,10 @@ def offsets(stored: np.ndarray, octant_end: np.ndarray) -> np.ndarray:
     return stored.astype(np.int64) | top << STORED_BITS
 
 
-def coordinates(
-    offset: np.ndarray, origin: np.ndarray, shift: np.ndarray, exponent: int
-) -> np.ndarray:
-    """Positions [N, 3] in scene units, exact in float64, from offsets [N, 3] and chunk headers."""
+def grid_points(offset: np.ndarray, origin: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Positions [N, 3] in grid steps, int64, from offsets [N, 3] and chunk headers."""
     of = np.arange(len(offset)) // CHUNK
-    grid = origin[of] + (offset << shift[of].astype(np.int64))
-    return np.ldexp(grid.astype(np.float64), exponent)
+    return origin[of] + (offset << shift[of].astype(np.int64))
 
 
 def slopes_from_sh(sh: np.ndarray) -> np.ndarray:
@@ -124,12 +121,17 @@ class PackedModel:
 
     @property
     def position(self) -> np.ndarray:
-        """[N, 3] scene units."""
+        """[N, 3] scene units, exact in float64."""
+        return np.ldexp(self.grid.astype(np.float64), self.value("position_exponent"))
+
+    @cached_property
+    def grid(self) -> np.ndarray:
+        """Positions [N, 3] in grid steps, int64."""
         if self.format.position == "absolute":
-            return self.format.position_record["x"].decode(self.stored_positions)
+            stored = self.format.position_record["x"].decode(self.stored_positions)
+            return np.ldexp(stored, -self.value("position_exponent")).astype(np.int64)
         chunks = self.chunks
-        origin = chunks["origin"].astype(np.int64)
-        return coordinates(self.offsets, origin, chunks["shift"], self.value("position_exponent"))
+        return grid_points(self.offsets, chunks["origin"].astype(np.int64), chunks["shift"])
 
     @property
     def factor(self) -> np.ndarray:

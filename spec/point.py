@@ -5,10 +5,11 @@ dropped (`kept` 0), so that each part knows when it is through with the chunk.
 """
 
 from spec.config import Config
-from spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, OCTANTS
+from spec.frame import CAMERA
+from spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX
 from spec.number import Bits, Fixed
 from spec.programs import PROJECTED
-from spec.record import Array, Format, Record
+from spec.record import Format, Record
 
 GAUSSIAN_BITS = 32
 """Width of a Gaussian's number in its model."""
@@ -22,8 +23,8 @@ NUMBER_BITS = GAUSSIAN_BITS - PLACE_BITS
 EXPONENT = Fixed(EXPONENT_MAX.bit_length(), 0, signed=True)
 """Exponents of a model's header."""
 
-STEPS = Fixed(EXPONENT.integer + 1, 0, signed=True)
-"""Exponent of a chunk's offsets: the grid's plus the chunk's shift."""
+AWAY = Fixed(CAMERA.integer + 1, 0, signed=True)
+"""A way from the camera in grid steps."""
 
 FETCH = Record("fetch", {"number": Bits(NUMBER_BITS), "count": Bits(PLACE_BITS + 1)})
 """A chunk whose points are to be read, and how many there are."""
@@ -38,33 +39,31 @@ def culling_record(config: Config) -> Record:
     """What stage 0 needs of a chunk."""
     fields: dict[str, Format] = {"count": Bits(PLACE_BITS + 1)}
     if config.position == "chunk":
-        fields["steps"] = Array(STEPS, 3)
-        fields["octant_end"] = Array(CHUNK_HEADER["octant_end"].format, OCTANTS - 1)
+        fields |= {name: CHUNK_HEADER[name] for name in ("origin", "shift", "octant_end")}
     reach = "chunk_reach" if config.depth_interval else ""
-    return Record("culling", fields | values(config, f"origin_z {reach}"))
+    return Record("culling", fields | values(config, reach))
 
 
 def placing_record(config: Config) -> Record:
     """What the guard band needs of a chunk."""
-    return Record("placing", values(config, "origin_x origin_y margin_x margin_y"))
+    return Record("placing", values(config, "margin_x margin_y"))
 
 
-def projecting_record(config: Config) -> Record:
-    """What stage 1 needs of a chunk: its number, and the way to it for the view direction."""
-    away = "away_x away_y away_z" if config.sh_degree else ""
-    return Record("projecting", {"number": Bits(NUMBER_BITS)} | values(config, away))
+def projecting_record() -> Record:
+    """What stage 1 needs of a chunk."""
+    return Record("projecting", {"number": Bits(NUMBER_BITS)})
 
 
 def chunk_record(config: Config) -> Record:
     """All of a chunk that is kept."""
-    parts = (culling_record(config), placing_record(config), projecting_record(config))
+    parts = (culling_record(config), placing_record(config), projecting_record())
     return Record("chunk", {part.name: part for part in parts})
 
 
 def point_record(config: Config, coordinates: str) -> Record:
-    """A point on its way: what it is, the camera coordinates known, its way from the origin."""
+    """A point: what it is, the camera coordinates known, and its way from the camera."""
     flags = {"place": Bits(PLACE_BITS), "last": Bits(1), "kept": Bits(1)}
-    return Record("point", flags | values(config, f"{coordinates} offset_x offset_y offset_z"))
+    return Record("point", flags | values(config, f"{coordinates} ray_x ray_y ray_z"))
 
 
 def splat_record(config: Config) -> Record:

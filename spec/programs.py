@@ -3,52 +3,41 @@
 `spec.microprogram` says what a line may be. Lengths on the screen are in units of
 2^`Config.screen_exponent` pixels: x and y are camera coordinates times the focal length in such
 units, and the rows of the view rotation that belong to them likewise. Rows v turn scene units into
-camera coordinates, rows w units of 2^factor_exponent, in which L is. Offsets are from the chunk's
-origin (`spec.memory`).
+camera coordinates, rows w units of 2^factor_exponent, in which L is. Rays are the ways from the
+camera to the points in world axes, exact on the model's grid (`spec.memory`) and rounded once.
 """
 
 CHUNK = """
-# camera coordinates of the chunk's origin, from its way off the camera
-origin_x0 = vx0 * away_x
-origin_x1 = vx1 * away_y + origin_x0
-origin_x = vx2 * away_z + origin_x1
-origin_y0 = vy0 * away_x
-origin_y1 = vy1 * away_y + origin_y0
-origin_y = vy2 * away_z + origin_y1
-origin_z0 = vz0 * away_x
-origin_z1 = vz1 * away_y + origin_z0
-origin_z = vz2 * away_z + origin_z1
-
 # how far a Gaussian of the chunk reaches sideways at z = 1
 margin_x = spread_x * chunk_reach
 margin_y = spread_y * chunk_reach
 
-# bounds of the points' camera coordinates. Each repeats the steps that its points will go through
-# with the largest offsets where they count upwards (downwards) and none elsewhere; as rounding
-# keeps the order of numbers, no point is beyond its chunk's bounds.
-x_low0 = vx0_low * extent_x + origin_x
-x_low1 = vx1_low * extent_y + x_low0
-x_low = vx2_low * extent_z + x_low1
-x_high0 = vx0_high * extent_x + origin_x
-x_high1 = vx1_high * extent_y + x_high0
-x_high = vx2_high * extent_z + x_high1
-y_low0 = vy0_low * extent_x + origin_y
-y_low1 = vy1_low * extent_y + y_low0
-y_low = vy2_low * extent_z + y_low1
-y_high0 = vy0_high * extent_x + origin_y
-y_high1 = vy1_high * extent_y + y_high0
-y_high = vy2_high * extent_z + y_high1
-z_high0 = vz0_high * extent_x + origin_z
-z_high1 = vz1_high * extent_y + z_high0
-z_high = vz2_high * extent_z + z_high1
+# bounds of the points' camera coordinates. Each repeats the steps that its points will go through,
+# from the corner of the chunk in which it is least or most; as rounding keeps the order of numbers,
+# no point is beyond its chunk's bounds.
+x_low0 = vx0 * x_least0
+x_low1 = vx1 * x_least1 + x_low0
+x_low = vx2 * x_least2 + x_low1
+x_high0 = vx0 * x_most0
+x_high1 = vx1 * x_most1 + x_high0
+x_high = vx2 * x_most2 + x_high1
+y_low0 = vy0 * y_least0
+y_low1 = vy1 * y_least1 + y_low0
+y_low = vy2 * y_least2 + y_low1
+y_high0 = vy0 * y_most0
+y_high1 = vy1 * y_most1 + y_high0
+y_high = vy2 * y_most2 + y_high1
+z_high0 = vz0 * z_most0
+z_high1 = vz1 * z_most1 + z_high0
+z_high = vz2 * z_most2 + z_high1
 far_x = z_high * guard_x + margin_x
 far_y = z_high * guard_y + margin_y
 """
 
 CULL = """
-z0 = vz0 * offset_x + origin_z
-z1 = vz1 * offset_y + z0
-z = vz2 * offset_z + z1
+z0 = vz0 * ray_x
+z1 = vz1 * ray_y + z0
+z = vz2 * ray_z + z1
 """
 
 INTERVAL = """
@@ -57,12 +46,12 @@ farthest = z + chunk_reach
 """
 
 PLACE = """
-x0 = vx0 * offset_x + origin_x
-x1 = vx1 * offset_y + x0
-x = vx2 * offset_z + x1
-y0 = vy0 * offset_x + origin_y
-y1 = vy1 * offset_y + y0
-y = vy2 * offset_z + y1
+x0 = vx0 * ray_x
+x1 = vx1 * ray_y + x0
+x = vx2 * ray_z + x1
+y0 = vy0 * ray_x
+y1 = vy1 * ray_y + y0
+y = vy2 * ray_z + y1
 
 # guard band: a point farther out than this cannot touch the image
 bound_x = z * guard_x + margin_x
@@ -193,10 +182,7 @@ half_height = height_squared * height_root
 """
 
 COLOUR = """
-# direction from the camera in world axes, and its length
-ray_x = offset_x + away_x
-ray_y = offset_y + away_y
-ray_z = offset_z + away_z
+# length of the way from the camera
 length0 = ray_x * ray_x
 length1 = ray_y * ray_y + length0
 length2 = ray_z * ray_z + length1
@@ -223,13 +209,14 @@ CONSTANTS = (
 ).split()
 """Inputs that stay for a whole frame."""
 
-LIMITED = {
-    f"v{axis}{k}_{side}": (f"v{axis}{k}", side)
-    for axis, side in (("x", "low"), ("x", "high"), ("y", "low"), ("y", "high"), ("z", "high"))
+CORNERS = {
+    f"{axis}_{side}{k}": (f"v{axis}{k}", side)
+    for axis, side in (("x", "least"), ("x", "most"), ("y", "least"), ("y", "most"), ("z", "most"))
     for k in range(3)
 }
-"""Constants made of others: name → constant, and which side of zero is taken of it, the other side
-being replaced by zero."""
+"""Fields of the chunk program → the constant that they are multiplied with, and whether the product
+is to be the least or the most: of the chunk's two ends along world axis k the one that makes it so.
+"""
 
 PROJECTED = "u v z across shear along half_width half_height attenuation"
 
@@ -244,11 +231,11 @@ SHADED = f"{PROJECTED} red green blue"
 TEXTS = {
     "chunk": (
         CHUNK,
-        "origin_x origin_y origin_z margin_x margin_y z_high x_low x_high y_low y_high far_x far_y",
+        "margin_x margin_y z_high x_low x_high y_low y_high far_x far_y",
     ),
-    "cull": (CULL, "z offset_x offset_y offset_z"),
-    "cull_interval": (CULL + INTERVAL, "z farthest offset_x offset_y offset_z"),
-    "place": (PLACE, "x y z offset_x offset_y offset_z bound_x bound_y"),
+    "cull": (CULL, "z ray_x ray_y ray_z"),
+    "cull_interval": (CULL + INTERVAL, "z farthest ray_x ray_y ray_z"),
+    "place": (PLACE, "x y z ray_x ray_y ray_z bound_x bound_y"),
     "project": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC, PLAIN),
     "project_sh": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC + COLOUR, SHADED),
     "project_dense": (PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED + CONIC, PLAIN),

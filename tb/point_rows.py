@@ -14,7 +14,7 @@ from spec.frame import CAMERA
 from spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_count
 from spec.number import Bits
 from spec.packed import PackedModel
-from spec.point import EXPONENT, FETCH, STEPS, chunk_record, point_record, splat_record
+from spec.point import EXPONENT, FETCH, chunk_record, point_record, splat_record
 from spec.programs import CONSTANTS
 from spec.record import Array, Record
 
@@ -86,9 +86,8 @@ def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray
         "number": kept.astype(np.uint64),
         "count": counts(model)[kept].astype(np.uint64),
         "octant_end": headers["octant_end"][kept].astype(np.uint64),
-        "steps": STEPS.encode(
-            headers["shift"][kept].astype(np.float64) + model.value("position_exponent")
-        ),
+        "shift": headers["shift"][kept].astype(np.uint64),
+        "origin": CHUNK_HEADER["origin"].encode(headers["origin"][kept]),
     }
     fields = {}
     for name, part in record.fields:

@@ -64,8 +64,8 @@ def case(stage: str, rows: PointRows) -> Case:
     """A stage's part of what the twins say about a frame."""
     config, streams = rows.config, dict(rows.streams)
     chunks = chunk_record(config).unpack(streams["chunks"])
-    for record in (culling_record, placing_record, projecting_record):
-        streams[record(config).name] = record(config).pack(chunks[record(config).name])
+    for record in (culling_record(config), placing_record(config), projecting_record()):
+        streams[record.name] = record.pack(chunks[record.name])
     component = STAGES[stage](config)
     sources, sinks = STREAMS[stage]
     return Case(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from model.chunk import chunk_positions, interleave, morton_order, smallest_shift
 from spec.memory import CHUNK, EXTENT_SHIFT, OFFSET_BITS, chunk_count
-from spec.packed import coordinates, offsets
+from spec.packed import grid_points, offsets
 
 COUNTS = [1, 2, CHUNK - 1, CHUNK, CHUNK + 1, 5 * CHUNK + 7]
 
@@ -27,7 +27,8 @@ def points(kind: str, count: int) -> np.ndarray:
 
 def unpacked(chunks):
     offset = offsets(chunks.stored, chunks.octant_end)
-    return coordinates(offset, chunks.origin, chunks.shift, chunks.exponent)
+    grid = grid_points(offset, chunks.origin, chunks.shift)
+    return np.ldexp(grid.astype(np.float64), chunks.exponent)
 
 
 @pytest.mark.parametrize("kind", ["cloud", "equal", "far", "outlier", "wide"])

@@ -200,7 +200,7 @@ def test_programs(folder, capsys):
     assert facts["project_sh_dense"]["operations"] > facts["project_sh"]["operations"]
     capsys.readouterr()
     assert run("programs", "--show", "cull") == 0
-    assert "z0 = vz0 * offset_x + origin_z" in capsys.readouterr().out
+    assert "z1 = vz1 * ray_y + z0" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from golden.chunk import chunk
-from golden.cull import offsets
+from golden.cull import rays
 from golden.points import Points, project_points
 from golden.program import run
 from golden.reference import covariance_and_conic, project
@@ -19,7 +19,6 @@ from model.read import read_scene
 from sim.streams import Simulation
 from spec.config import DEFAULT
 from spec.convention import NEAR_PLANE, SPLATCORE
-from spec.memory import CHUNK
 from spec.microprogram import projection
 from tb.point_rows import PointRows, point_rows
 from tb.scenes import needs_scenes, scene_path
@@ -156,16 +155,15 @@ def largest(found: np.ndarray, exact: np.ndarray, scale: np.ndarray) -> float:
 def check_against_reference(name: str):
     """The bound of each output: a few roundings of 17 significant bits.
 
-    A rounding is relative to the largest summand: to the ways to the chunk's origin and from there
-    to the point, `way`, not to the point's own coordinates; and to the greatest extent that a
-    Gaussian of its size may have, `spread`, not to the extent that it shows.
+    A rounding is relative to the largest summand: to the way from the camera in world axes, not to
+    the point's own coordinates; and to the greatest extent that a Gaussian of its size may have,
+    `spread`, not to the extent that it shows.
     """
     model, camera, result = points(name)
     gaussians, values = model.gaussians(), result.projected
     point = gaussians.position[result.index] @ camera.rotation.T + camera.translation
     depth = point[:, 2]
-    offset, of = offsets(DEFAULT, model, result.index), result.index // CHUNK
-    way = sum(np.abs(result.chunks[f"away_{k}"][of]) + offset[f"offset_{k}"] for k in "xyz")
+    way = sum(np.abs(ray) for ray in rays(DEFAULT, result.frame, model, result.index).values())
     assert largest(values["z"], depth, way) < 4
     slant = way / depth  # error of x/z and y/z grows with it
     for axis, focal, name, centre in (
