@@ -56,8 +56,11 @@ def synth_command(
         names = ", ".join(STAGES | PRIMITIVES)
         raise InputError(f"--stage '{unknown[0]}': unknown (there are {names})")
     facts = {}
-    headings = "stage", "NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits"
-    table = Table(*headings, title=f"preset {config.name}; for speed, depth ≤ {DEPTH_MAX}")
+    title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
+    table.add_column("stage", no_wrap=True)
+    for heading in ("NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits"):
+        table.add_column(heading, justify="right")
     for name in stage:
         with progress_bar(f"synthesising {name}"):
             found = gates((STAGES | PRIMITIVES)[name](config))

@@ -70,7 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> float:
         for fault, status in zip(faults, track(results, "judging", len(faults)), strict=True):
             verdict = {CAUGHT: "caught", MISSED: "missed"}.get(status, "not built")
             verdicts.append((fault.kind, verdict))
-            console.print(f"{verdict:9} {fault}", markup=False, highlight=False, soft_wrap=True)
+            console.print(
+                f"{verdict:9} {fault}", markup=False, highlight=False, emoji=False, soft_wrap=True
+            )
     counts = Counter(verdicts)
     table = Table("kind", "caught", "missed", "not built")
     for kind in sorted({kind for kind, _ in verdicts}):

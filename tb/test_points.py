@@ -1,5 +1,6 @@
 """Stages 0 and 1: hardware against twins, twins against the reference, on real Gaussians."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,7 +18,7 @@ from model.generate import generate, generated_camera
 from model.pack import pack
 from model.read import read_scene
 from sim.streams import Simulation
-from spec.config import DEFAULT
+from spec.config import DEFAULT, PAPER, Config
 from spec.convention import NEAR_PLANE, SPLATCORE
 from spec.microprogram import projection
 from tb.point_rows import PointRows, point_rows
@@ -54,15 +55,15 @@ def rows(name: str) -> PointRows:
 
 
 @cache
-def simulation(stage: str) -> Simulation:
+def simulation(stage: str, config: Config) -> Simulation:
     """A stage, compiled."""
-    return Simulation(STAGES[stage](DEFAULT))
+    return Simulation(STAGES[stage](config))
 
 
 def check(stage: str, frame: PointRows, stall: float, seed: int = 0):
     """A stage's outputs against the twins', every bit, and the counters."""
     what = case(stage, frame)
-    result = simulation(stage).run(
+    result = simulation(stage, frame.config).run(
         what.inputs, constants=what.constants, expected=what.counts,
         first=what.first, stall=stall, seed=seed
     )  # fmt: skip
@@ -88,6 +89,30 @@ def split(counters: int) -> list[int]:
 def test_stages_equal_twins_on_the_garden(stage):
     for seed, stall in enumerate((0, 0.3, 0.7)):
         check(stage, rows("garden"), stall, seed)
+
+
+MACHINES = {
+    "two arrays": replace(DEFAULT, pe_arrays=2),
+    "dense, interval": replace(DEFAULT, skip_zeros=False, depth_interval=True),
+    "no harmonics": replace(DEFAULT, sh_degree=0),
+    "paper": PAPER,
+}
+"""Machines that are not DEFAULT, and the cycles that each takes for a Gaussian."""
+
+CYCLES = {"two arrays": 5, "dense, interval": 14, "no harmonics": 7, "paper": 10}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_machines_equal_twins(name):
+    config = MACHINES[name]
+    model, _ = pack(generate("garden", 3000), config)
+    frame = point_rows(config, model, generated_camera("garden"))
+    cycles = check("points", frame, 0).cycles
+    check("points", frame, 0.4)
+    points, projected = len(frame.points.points), len(frame.points.index)
+    least = max(CYCLES[name] * projected, 4 * points)  # with few cycles cull sets the pace
+    assert least < cycles < 1.1 * least
 
 
 @pytest.mark.slow
