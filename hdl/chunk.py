@@ -36,8 +36,8 @@ class Chunk(wiring.Component):
         o: stream of `chunk_record`.
         taken: a header is through, kept or skipped.
 
-    **Timing**: one PE; a header every `plan.length` + 14 cycles or so (77 in `DEFAULT`, while the
-    points of a full chunk take 1024). One at a time, so its numbers need not be carried along.
+    **Timing**: one PE; a header every `plan.length` + 15 cycles (38 in `DEFAULT`, while the points
+    of a full chunk take 1024). One at a time, so its numbers need not be carried along.
     """
 
     def __init__(self, config: Config):

@@ -175,7 +175,7 @@ class Position(wiring.Component):
             m.d.sync += [self.place.eq(0), self.done.eq(0)]
 
     def _collect(self, m: Module):
-        """Three floats make an offset: two wait for the third."""
+        """Three floats make a ray: two wait for the third."""
         first, second = (
             Signal(self.config.arithmetic.width, name=name, reset_less=True) for name in AXES[:2]
         )
