@@ -145,7 +145,8 @@ class ToFixed(wiring.Component):
         right = Signal(range(highest - exponents[0] + 1))
         m.d.comb += right.eq(highest - i.exponent)
         steps = shift_right_sticky(m, steps, right, len(steps))
-        too_large = (i.exponent > highest) | i.infinity
+        above = i.exponent > highest if highest < exponents[-1] else Const(0)
+        too_large = above | i.infinity
         sign, nan, too_large, steps = pipeline.cut("shift", i.sign, i.nan, too_large, steps)
 
         result = self._saturated(m, sign, too_large, self._rounded(sign, steps))
