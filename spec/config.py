@@ -50,33 +50,31 @@ class Config:
     unary_latency: int = 4  # reciprocal and reciprocal root
     projection_slots: int = 32  # points that wait for their attributes or are being projected
 
-    # Binning.
+    # Binning: tiles of a splat, entries of groups of tiles, lists in memory.
     tile_test: Literal["exact", "3sigma"] = "exact"
     group: int = 4  # tiles along the side of a group
+    burst: int = 4  # list entries written at a time
+    page: int = 64  # list entries for which memory is taken at a time
 
-    # Stage 2: sort.
-    sub_sorters: int = 4
-    sub_sorter_entries: int = 256
-    sort_digits: tuple[int, ...] = (3, 4, 4, 4)  # bits of a key, most significant group first
-    key_buffer: int = 4 * KB  # bytes for each sub-sorter
-    value_buffer: int = 4 * KB
-    overflow_keys: int = 12 * KB  # bytes shared by all sub-sorters
-    overflow_values: int = 12 * KB
+    # Stage 2: sort. Runs of `sub_sorter_entries` are sorted and then merged, `merge_ways` at a time.
+    sub_sorters: int = 2
+    sub_sorter_entries: int = 128
+    sort_digits: tuple[int, ...] = (4, 4, 4, 4, 4, 3)  # bits of a key, most significant group first
+    merge_ways: int = 16
 
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
     rasterizers: int = 4
     lanes: int = 16  # pixels at a time for each rasterizer
-    exponent_fraction: int = 10  # bits of E's constant and linear coefficients below the point
+    exponent_fraction: int = 12  # bits of E's coefficients below the point
     power_fraction: int = 6  # bits of E below the point that index the table of 2^x
     power_mantissa: int = 8  # bits of an entry of that table
     transmittance: int = 16  # bits of T, all below the point
     weight: int = 14  # bits of T·alpha, all below the point
+    colour_fraction: int = 9  # bits of a splat's colour below the point
+    sum_fraction: int = 12  # bits of a pixel's colour below the point
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB
-    feature_memory: int = 32 * KB
-    view_memory: int = 12 * KB
-    process_memory: int = 12 * KB
 
     def __post_init__(self):
         for field in fields(self):
@@ -87,7 +85,7 @@ class Config:
             ("width_max", 1, 4096), ("height_max", 1, 4096), ("sh_degree", 0, 1),
             ("pe_arrays", 1, 4), ("pes", 1, 12), ("sub_sorters", 1, 16),
             ("sub_sorter_entries", 2, 512), ("rasterizers", 1, 16), ("lanes", 1, 256),
-            ("group", 1, 16),
+            ("group", 1, 4), ("burst", 2, 16), ("merge_ways", 2, 16),
         ):  # fmt: skip
             if not low <= getattr(self, name) <= high:
                 raise self._error(name, f"is not in {low} … {high}")
@@ -108,20 +106,6 @@ class Config:
         """Width of a sub-sorter's key."""
         return sum(self.sort_digits)
 
-    @property
-    def memories(self) -> dict[str, int]:
-        """On-chip memories in bytes, by name."""
-        return {
-            "codebook": self.codebook,
-            "sort": self.sub_sorters * (self.key_buffer + self.value_buffer)
-            + self.overflow_keys
-            + self.overflow_values,
-            "feature": self.feature_memory,
-            "view": self.view_memory,
-            "process": self.process_memory,
-        }
-
-
 DEFAULT = Config()
 """The machine that `docs/` describes."""
 
@@ -134,6 +118,9 @@ PAPER = Config(
     depth=Float(5, 10, signed=False, overflow="infinity"),
     screen_exponent=5,
     tile_test="3sigma",
+    sub_sorters=4,
+    sub_sorter_entries=256,
+    sort_digits=(3, 4, 4, 4),
 )
 """The paper's choices to the letter where it states them: FP16 positions, arithmetic and depth
 keys, one codebook stage, 3σ tile bounds; the rest as DEFAULT. Units of 32 pixels keep FP16 within
@@ -145,16 +132,10 @@ TINY = Config(
     height_max=64,
     group=2,
     sub_sorters=2,
+    page=8,
     sub_sorter_entries=16,
-    key_buffer=64,
-    value_buffer=64,
-    overflow_keys=96,
-    overflow_values=96,
+    merge_ways=4,
     rasterizers=2,
-    lanes=4,
-    feature_memory=1 * KB,
-    view_memory=256,
-    process_memory=256,
 )
 """Small enough to reach overflow and full states within seconds of simulation."""
 

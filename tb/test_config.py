@@ -37,7 +37,7 @@ def test_frozen_and_hashable():
 @pytest.mark.parametrize(
     "field, value",
     [("lanes", 0), ("width_max", 0), ("sub_sorter_entries", 1024), ("sort_digits", (3, 4)),
-     ("sh_degree", 2), ("group", -1), ("key_buffer", -4), ("sh_index", ((),))],
+     ("sh_degree", 2), ("group", -1), ("burst", 1), ("sh_index", ((),))],
 )  # fmt: skip
 def test_impossible_values_are_refused_by_name(field, value):
     with pytest.raises(InputError, match=rf"preset DEFAULT: {field} "):
@@ -47,13 +47,11 @@ def test_impossible_values_are_refused_by_name(field, value):
 def test_the_papers_choices():
     assert PAPER.arithmetic == FP16 and PAPER.depth.width == PAPER.sort_key_bits == 15
     assert PAPER.position == "absolute" and PAPER.tile_test == "3sigma"
-    kilobytes = {name: size / 1024 for name, size in PAPER.memories.items()}
-    assert kilobytes == {"codebook": 8, "sort": 56, "feature": 32, "view": 12, "process": 12}
+    assert (PAPER.sub_sorters, PAPER.sub_sorter_entries) == (4, 256)
 
 
 @pytest.mark.parametrize("config", PRESETS.values(), ids=lambda config: config.name)
 def test_memory(config):
-    assert sum(config.memories.values()) <= MEMORY_MAX
     for degree in range(config.sh_degree + 1):
         format = model_format(config, degree)
         assert format.codebook_bytes <= min(CODEBOOK_MAX, 8 * 1024)

@@ -1,0 +1,93 @@
+"""What passes between binning, sorting and rasterizing: the entries of a group, and splats' features.
+
+A group is a square of `Config.group` × `Config.group` tiles, the unit of lists, sorting and pixel
+memory. Groups are numbered row by row, and so are the tiles of a group: bit k of an entry's mask
+stands for its tile k.
+"""
+
+import numpy as np
+
+from spec.config import Config
+from spec.convention import TILE
+from spec.memory import OPACITY
+from spec.number import Bits, Fixed
+from spec.point import values
+from spec.record import Record
+
+SPLAT_BITS = 24
+"""Width of a splat's number in its frame."""
+
+ENTRY_BITS = 64
+"""What an entry takes in memory."""
+
+COUNT_BITS = 24
+"""Width of a count of entries."""
+
+POWER_SCALE = float(np.log2(np.e) / 2)
+"""E = log2(opacity) − Q · this."""
+
+COLOUR_INTEGER = 3
+"""Bits of a splat's colour before the point."""
+
+
+def group_pixels(config: Config) -> int:
+    """Pixels along the side of a group."""
+    return TILE * config.group
+
+
+def group_grid(config: Config, width: int, height: int) -> tuple[int, int]:
+    """Rows and columns of groups that cover an image."""
+    side = group_pixels(config)
+    return -(-height // side), -(-width // side)
+
+
+def key_format(config: Config) -> Bits:
+    """A depth key."""
+    return Bits(config.sort_key_bits)
+
+
+def depth_keys(config: Config, near_code: int, codes: np.ndarray) -> np.ndarray:
+    """Keys [N] of the codes [N] of depths: codes from the near plane's on, up to the largest key.
+
+    Codes of numbers that are not negative rise with them, and so do the keys.
+    """
+    steps = codes.astype(np.int64) - near_code
+    return np.clip(steps, 0, (1 << config.sort_key_bits) - 1).astype(np.uint64)
+
+
+def entry_record(config: Config) -> Record:
+    """A splat in a group's list. mask: the tiles of the group that it reaches."""
+    return Record(
+        "entry",
+        {
+            "key": key_format(config),
+            "splat": Bits(SPLAT_BITS),
+            "mask": Bits(config.group**2),
+        },
+    )
+
+
+def sorted_record(config: Config) -> Record:
+    """An entry after sorting, or (end 1) the mark behind the last one of a group."""
+    return Record(
+        "sorted", {"splat": Bits(SPLAT_BITS), "mask": Bits(config.group**2), "end": Bits(1)}
+    )
+
+
+def colour_format(config: Config) -> Fixed:
+    """A splat's red, green or blue."""
+    return Fixed(COLOUR_INTEGER, config.colour_fraction)
+
+
+def feature_record(config: Config) -> Record:
+    """What the rasterizer knows of a splat, lengths in units of 2^`Config.screen_exponent` pixels.
+
+    across and along are the conic's factors times `POWER_SCALE`, so that
+    E = −opacity − (dx − shear·dy)²·across − dy²·along; opacity is −log2 of it.
+    """
+    colour = colour_format(config)
+    return Record(
+        "feature",
+        values(config, "u v across shear along")
+        | {"opacity": OPACITY, "red": colour, "green": colour, "blue": colour},
+    )
