@@ -56,7 +56,7 @@ class Config:
     burst: int = 4  # list entries written at a time
     page: int = 64  # list entries for which memory is taken at a time
 
-    # Stage 2: sort. Runs of `sub_sorter_entries` are sorted and then merged, `merge_ways` at a time.
+    # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
     sub_sorters: int = 2
     sub_sorter_entries: int = 128
     sort_digits: tuple[int, ...] = (4, 4, 4, 4, 4, 3)  # bits of a key, most significant group first
@@ -65,13 +65,14 @@ class Config:
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
     rasterizers: int = 4
     lanes: int = 16  # pixels at a time for each rasterizer
-    exponent_fraction: int = 12  # bits of E's coefficients below the point
+    exponent_fraction: int = 14  # bits of E's coefficients below the point
+    pixel_fraction: int = 12  # bits of E within a block below the point
     power_fraction: int = 6  # bits of E below the point that index the table of 2^x
     power_mantissa: int = 8  # bits of an entry of that table
     transmittance: int = 16  # bits of T, all below the point
-    weight: int = 14  # bits of T·alpha, all below the point
+    weight: int = 11  # bits of T·alpha, all below the point
     colour_fraction: int = 9  # bits of a splat's colour below the point
-    sum_fraction: int = 12  # bits of a pixel's colour below the point
+    sum_fraction: int = 13  # bits of a pixel's colour below the point
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB

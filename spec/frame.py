@@ -28,6 +28,8 @@ GUARD_ROUNDINGS = 8
 """Roundings of the largest slope by which the guard band is wider than it need be: what a point's
 x, y and bound may be off by, together."""
 
+POWER_SCALE = float(np.log2(np.e) / 2)
+"""E = log2(opacity) − Q · this."""
 
 CAMERA = Fixed(47, 0, signed=True)
 """The camera's coordinates in grid steps: up to 2^9 times as far as the scene's farthest point."""
@@ -64,6 +66,7 @@ def frame_constants(
         "blur": COVARIANCE_BLUR * pixel**2,
         "reach_slope": -2 * np.log(2) * OPACITY.step,
         "reach_full": -2 * np.log(ALPHA_MIN),
+        "power": POWER_SCALE,
     }
     for axis, name in enumerate("xyz"):
         for k in range(3):

@@ -1,16 +1,18 @@
-"""What passes between binning, sorting and rasterizing: the entries of a group, and splats' features.
+"""What passes between binning, sorting and rasterizing: a group's entries, and splats' features.
 
 A group is a square of `Config.group` × `Config.group` tiles, the unit of lists, sorting and pixel
 memory. Groups are numbered row by row, and so are the tiles of a group: bit k of an entry's mask
 stands for its tile k.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from spec.config import Config
 from spec.convention import TILE
 from spec.memory import OPACITY
-from spec.number import Bits, Fixed
+from spec.number import Bits, Fixed, Float
 from spec.point import values
 from spec.record import Record
 
@@ -22,9 +24,6 @@ ENTRY_BITS = 64
 
 COUNT_BITS = 24
 """Width of a count of entries."""
-
-POWER_SCALE = float(np.log2(np.e) / 2)
-"""E = log2(opacity) − Q · this."""
 
 COLOUR_INTEGER = 3
 """Bits of a splat's colour before the point."""
@@ -82,7 +81,7 @@ def colour_format(config: Config) -> Fixed:
 def feature_record(config: Config) -> Record:
     """What the rasterizer knows of a splat, lengths in units of 2^`Config.screen_exponent` pixels.
 
-    across and along are the conic's factors times `POWER_SCALE`, so that
+    across and along are the conic's factors times `spec.frame.POWER_SCALE`, so that
     E = −opacity − (dx − shear·dy)²·across − dy²·along; opacity is −log2 of it.
     """
     colour = colour_format(config)
@@ -91,3 +90,19 @@ def feature_record(config: Config) -> Record:
         values(config, "u v across shear along")
         | {"opacity": OPACITY, "red": colour, "green": colour, "blue": colour},
     )
+
+
+EXTENT_FRACTION = 6
+"""Bits of a splat's half width and half height in its features below the leading one."""
+
+
+def extent_format(config: Config) -> Float:
+    """Half of a splat's width or height, as floats of few bits."""
+    return replace(config.arithmetic, fraction=EXTENT_FRACTION, signed=False)
+
+
+def extent_codes(config: Config, codes: np.ndarray) -> np.ndarray:
+    """The next larger ones for codes [N] of half widths or heights."""
+    coarser = codes.astype(np.int64) >> (config.arithmetic.fraction - EXTENT_FRACTION)
+    largest = (1 << extent_format(config).width) - 1
+    return np.minimum(coarser + 1, largest).astype(np.uint64)

@@ -4,7 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import pytest
 
-from spec.config import DEFAULT, MEMORY_MAX, PAPER, PRESETS, TINY, preset
+from spec.config import DEFAULT, PAPER, PRESETS, TINY, preset
 from spec.convention import ALPHA_MIN
 from spec.error import InputError
 from spec.memory import (

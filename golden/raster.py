@@ -1,0 +1,251 @@
+"""The twin of stage 3: sorted entries of groups to 8-bit pixels, in the integers of `spec.raster`.
+
+Compiled by numba, parallel over groups; all are integers, so nothing depends on the order of work
+but the order of a pixel's splats.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from golden.setup import POSITION_FRACTION, prepare, quadratic, setup_constants
+from spec.config import Config
+from spec.convention import BLOCK, TILE
+from spec.group import group_grid
+from spec.raster import (
+    BLOCK_REACH,
+    BLOCKS,
+    EXTENT,
+    STEPS,
+    exponent_min,
+    mark_min,
+    owner,
+    power_table,
+    transmittance_min,
+)
+
+EXTENT_FRACTION, EXTENT_LARGEST = EXTENT.fraction, (1 << EXTENT.width) - 1
+
+WORK = ("marked", "visited", "contributing", "contributions", "ended")
+"""What is counted by group and rasterizer: blocks that marking could not leave out; those of them
+with a pixel of alpha ≥ 1/255; those with one that was still live; blended pixels; ended pixels."""
+
+PAIRS = ("entries", "pairs", "far", "empty")
+"""What is counted by group: entries until the group's last pixel had ended; pairs of one of them
+and a tile with live pixels; those that setup found too far away, those without a marked block."""
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """A rasterized frame."""
+
+    pixels: np.ndarray  # [H, W, 3] uint8
+    work: np.ndarray  # [groups, rasterizers, len(WORK)] int64
+    pairs: np.ndarray  # [groups, len(PAIRS)] int64
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Sums of the work by name."""
+        counts = dict(zip(PAIRS, self.pairs.sum(0).tolist(), strict=True))
+        return counts | dict(zip(WORK, self.work.sum((0, 1)).tolist(), strict=True))
+
+
+def rasterize(
+    config: Config,
+    features: dict[str, np.ndarray],
+    start: np.ndarray,
+    splat: np.ndarray,
+    mask: np.ndarray,
+    size: tuple[int, int],
+    background: tuple[int, int, int] = (0, 0, 0),
+    mark_all: bool = False,
+) -> Raster:
+    """Blend every group's entries, front to back.
+
+    features: codes [M] of `spec.group.feature_record`. start [groups + 1], splat [N], mask [N]:
+    group g has the entries from start[g] to start[g + 1]. size: width and height, pixels.
+    background: codes of `spec.group.colour_format`. mark_all: no block is left out, which must give
+    the same picture.
+    """
+    width, height = size
+    rows, columns = group_grid(config, width, height)
+    pixels = np.zeros((height, width, 3), np.uint8)
+    work = np.zeros((rows * columns, config.rasterizers, len(WORK)), np.int64)
+    pairs = np.zeros((rows * columns, len(PAIRS)), np.int64)
+    owners = np.array([owner(config, block)[0] for block in range(BLOCKS**2)])
+    _rasterize_groups(
+        prepare(config, features), start, splat.astype(np.int64), mask.astype(np.int64),
+        np.array([columns, config.group]), owners, setup_constants(config),
+        _blend_constants(config, mark_all), np.array(power_table(config)), np.array(background),
+        pixels, work, pairs,
+    )  # fmt: skip
+    return Raster(pixels, work, pairs)
+
+
+def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
+    """What the loops below need to know of a machine."""
+    pixel = config.pixel_fraction
+    return (
+        -(1 << 62) if mark_all else 2 * mark_min(config), exponent_min(pixel),
+        config.exponent_fraction + 2 - pixel, pixel - config.power_fraction,
+        config.power_fraction, config.power_mantissa, config.transmittance,
+        transmittance_min(config), config.transmittance - config.weight,
+        config.weight + config.colour_fraction - config.sum_fraction, config.sum_fraction,
+    )  # fmt: skip
+
+
+@njit(parallel=True, cache=True)
+def _rasterize_groups(
+    splats, start, splat, mask, grid, owners, setup, blending, table, background,
+    pixels, work, pairs,
+):  # fmt: skip
+    columns, tiles = grid
+    side = tiles * TILE
+    height, width = pixels.shape[:2]
+    for group in prange(len(start) - 1):
+        row, column = group // columns * tiles, group % columns * tiles
+        # T, red, green, blue, whether it is live
+        state = np.zeros((side, side, 5), np.int64)
+        state[:, :, 0] = (1 << blending[6]) - 1
+        state[: height - row * TILE, : width - column * TILE, 4] = 1
+        live = np.zeros((side // BLOCK, side // BLOCK), np.int64)  # pixels of a block
+        for y in range(side):
+            for x in range(side):
+                live[y // BLOCK, x // BLOCK] += state[y, x, 4]
+        left = live.sum()
+        coefficients = np.zeros(8, np.int64)
+        for k in range(start[group], start[group + 1]):
+            if left == 0:
+                break
+            pairs[group, 0] += 1
+            prepared = splats[splat[k]]
+            for tile in range(tiles * tiles):
+                y, x = tile // tiles * BLOCKS, tile % tiles * BLOCKS
+                alive = live[y : y + BLOCKS, x : x + BLOCKS]
+                if not mask[k] >> tile & 1 or alive.sum() == 0:
+                    continue
+                pairs[group, 1] += 1
+                there = column + tile % tiles, row + tile // tiles
+                if not quadratic(prepared, there[0], there[1], setup, coefficients):
+                    pairs[group, 2] += 1
+                    continue
+                area = state[y * BLOCK : y * BLOCK + TILE, x * BLOCK : x * BLOCK + TILE]
+                marked, ended = _blend_tile(
+                    coefficients, prepared, area, alive, blending, table, owners, work[group]
+                )
+                pairs[group, 3] += marked == 0
+                left -= ended
+        for y in range(min(side, height - row * TILE)):
+            for x in range(min(side, width - column * TILE)):
+                _finish(
+                    state[y, x], background, blending, pixels[row * TILE + y, column * TILE + x]
+                )
+
+
+@njit(inline="always")
+def _near(distance, steps, half):
+    """Whether a splat of a half extent (`EXTENT`) reaches a block 2·steps pixels from the centre of
+    a tile that is `distance` away.
+    """
+    if half == EXTENT_LARGEST:
+        return True
+    distance = (distance >> POSITION_FRACTION - EXTENT_FRACTION) + (2 * steps << EXTENT_FRACTION)
+    return abs(distance) <= half + BLOCK_REACH
+
+
+@njit(cache=True)
+def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work):
+    """Blend a splat into a tile: area [16, 16, 5] pixels, alive [4, 4] live pixels of each block.
+
+    Returns how many blocks were marked and how many pixels ended.
+    """
+    e, gx, gy, cxx, cxy, cyy, dx, dy = coefficients
+    mark_min, coarser = blending[0], blending[2]
+    mark_all = mark_min == -(1 << 62)
+    marked = ended = 0
+    for row in range(BLOCKS):
+        for column in range(BLOCKS):
+            p, q = STEPS[column], STEPS[row]
+            if not alive[row, column]:
+                continue
+            if not mark_all and not (_near(dx, p, splat[15]) and _near(dy, q, splat[16])):
+                continue
+            centre = e + 2 * (gx * p + gy * q) - 4 * (cxx * p * p - cxy * p * q + cyy * q * q)
+            slope_x = gx - 4 * cxx * p + 2 * cxy * q
+            slope_y = gy - 4 * cyy * q + 2 * cxy * p
+            # E is concave: nowhere in the block is it above the plane that touches it here.
+            if 2 * centre + 3 * (abs(slope_x) + abs(slope_y)) < mark_min:
+                continue
+            marked += 1
+            exponents = (
+                4 * centre >> coarser, 2 * slope_x >> coarser, 2 * slope_y >> coarser,
+                cxx >> coarser, cxy >> coarser, cyy >> coarser,
+            )  # fmt: skip
+            did = work[owners[row * BLOCKS + column]]
+            gone = _blend_block(
+                exponents, splat[18:21],
+                area[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK],
+                blending, table, did,
+            )  # fmt: skip
+            alive[row, column] -= gone
+            ended += gone
+    return marked, ended
+
+
+@njit(cache=True)
+def _blend_block(exponents, colour, block, blending, table, work):
+    """Blend a splat into a block's pixels [4, 4, 5]; how many of them ended."""
+    base, along_x, along_y, xx, xy, yy = exponents
+    lowest = blending[1]
+    visited = contributing = False
+    ended = 0
+    for j in range(BLOCK):
+        for i in range(BLOCK):
+            a, b = STEPS[i], STEPS[j]
+            exponent = base + along_x * a + along_y * b - xx * a * a + xy * a * b - yy * b * b
+            if exponent < lowest:
+                continue
+            visited = True
+            if not block[j, i, 4]:
+                continue
+            contributing = True
+            if _blend(block[j, i], min(exponent, -1), colour, blending, table):
+                work[3] += 1
+            else:
+                ended += 1
+    work[0] += 1
+    work[1] += visited
+    work[2] += contributing
+    work[4] += ended
+    return ended
+
+
+@njit(cache=True)
+def _blend(pixel, exponent, colour, blending, table):
+    """Blend a splat with log2(alpha) < 0 into a pixel; False if that ends the pixel instead."""
+    finer, steps, mantissa, rest_min, narrower, product = (
+        blending[3], blending[4], blending[5], blending[7], blending[8], blending[9],
+    )  # fmt: skip
+    exponent >>= finer
+    halvings = -1 - (exponent >> steps)
+    taken = pixel[0] * table[exponent & ((1 << steps) - 1)] >> mantissa + halvings
+    rest = pixel[0] - taken
+    if rest < rest_min:
+        pixel[4] = 0
+        return False
+    weight = (pixel[0] >> narrower) - (rest >> narrower)
+    pixel[0] = rest
+    for channel in range(3):
+        pixel[1 + channel] += weight * colour[channel] + (1 << product - 1) >> product
+    return True
+
+
+@njit(cache=True)
+def _finish(pixel, background, blending, out):
+    """A pixel's 8-bit colour before the background, rounded to nearest."""
+    narrower, product, fraction = blending[8], blending[9], blending[10]
+    weight = pixel[0] >> narrower
+    for channel in range(3):
+        total = pixel[1 + channel] + (weight * background[channel] + (1 << product - 1) >> product)
+        out[channel] = min(total + (1 << fraction - 9) >> fraction - 8, 255)

@@ -1,0 +1,284 @@
+"""Stage 3's numbers: from a splat and a tile to the colour of a pixel, all in integers.
+
+For a splat and a tile, with X and Y a pixel's place from the tile's centre (7.5 pixels from the
+centres of its first row and column),
+
+    E(X, Y) = e + gx·X + gy·Y − cxx·X² + cxy·X·Y − cyy·Y²  =  log2(alpha)
+
+`golden.setup` and `hdl.setup` make its coefficients: integers in units of
+2^−`Config.exponent_fraction`. From there on E is a polynomial of integers. The centres of a tile's
+blocks are at X = 2p, Y = 2q with p and q in −3, −1, 1, 3, and a block's pixels are as many half
+pixels from its centre (`STEPS`): E and its slopes there need sums of shifted numbers only.
+
+Lengths across the ellipse are divided by 2^k, those along it by 2^m, where k and m make the conic's
+factors at least 1/2 and below 2. So all products have factors of few bits, for needles and for
+splats larger than the image. A tile for which a number leaves its range is too far away: where
+alpha ≥ 1/255 somewhere in a tile, E ≥ −413 at its centre, as E's curvature is at most 2.41 (the
+blur sees to that) and the centre is at most 10.7 pixels away; so √413 · √2 < 2^5 bounds a
+normalised length.
+"""
+
+from functools import cache
+
+import numpy as np
+
+from spec.config import Config
+from spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
+from spec.group import COLOUR_INTEGER, colour_format, extent_format, feature_record
+from spec.memory import OPACITY
+from spec.number import Bits, Fixed
+from spec.record import Array, Record
+
+BLOCKS = TILE // BLOCK
+"""Blocks along the side of a tile."""
+
+STEPS = tuple(range(1 - BLOCKS, BLOCKS, 2))
+"""−3, −1, 1, 3: centres of a tile's blocks in steps of 2 pixels, and of a block's pixels in steps
+of half a pixel."""
+
+POSITION = Fixed(13, 8, signed=True)
+"""A splat's centre, in units of 2^scale pixels; scale is 0 but for centres more than 2^13 pixels
+away."""
+
+SCALE_MAX = 15
+"""A centre that is farther away than 2^28 pixels is taken for one at that distance."""
+
+SHIFT = Bits(6)
+"""k, m and shifts that follow from them, from `SHIFT_MIN` on."""
+
+SHIFT_MIN = -16
+"""No shift is below: k and m are at least −1, scale is at most `SCALE_MAX`."""
+
+LEAN_RIGHT_MAX = 42
+"""From this shift on to the right nothing is left of shear·dy."""
+
+LENGTH_INTEGER = 5
+"""Bits before the point of a normalised length."""
+
+SHEAR = Fixed(2, 16, signed=True)
+"""shear / 2^k: below √(2 · 2.41) by the blur."""
+
+EXTENT = Fixed(5, 3)
+"""Half of a splat's width or height in pixels, rounded up; the largest code stands for any
+larger one."""
+
+MARK_SLACK = 2
+"""Steps of `EXTENT` that cover the roundings of a centre and of the way to it."""
+
+BLOCK_REACH = (BLOCK - 1 << EXTENT.fraction >> 1) + MARK_SLACK
+"""From a block's centre to its last pixel and the slack, in steps of `EXTENT`."""
+
+EXPONENT_INTEGER = 9
+"""Bits before the point of −E at a tile's centre."""
+
+GRADIENT_INTEGER = 7
+"""Bits before the point of E's slope at a tile's centre: at most 53 where the tile is reached."""
+
+CURVATURE_INTEGER = 3
+"""Bits before the point of E's second differences."""
+
+POWER_SHIFTS = 8
+"""Halvings within the reach of alpha: 1/255 > 2^−8."""
+
+
+def factor_fraction(config: Config) -> int:
+    """Bits below the point of a normalised factor, which so holds any factor exactly."""
+    return config.arithmetic.fraction + 1
+
+
+def raster_feature_record(config: Config) -> Record:
+    return Record(
+        "feature",
+        dict(feature_record(config).fields)
+        | {"half_width": extent_format(config), "half_height": extent_format(config)},
+    )
+
+
+def lean_unit(config: Config) -> int:
+    """Shift of shear·dy to the right to a length, for a shear of exponent 0."""
+    return config.arithmetic.fraction + POSITION.fraction - config.exponent_fraction
+
+
+def prepared_record(config: Config) -> Record:
+    """A splat as setup takes it, the same for all tiles.
+
+    u, v, scale: its centre. across, along: normalised factors; k and m. across_shift: k − scale,
+    along_shift: m − scale. shear, lean_shift: significand, and by how much the product of it and dy
+    is to be shifted to the right to be a length. slope: shear / 2^k. cxx, cxy, cyy: E's second
+    differences. half_width, half_height: pixels.
+    """
+    factor, curvature = Bits(factor_fraction(config) + 1), curvature_formats(config)
+    colour = colour_format(config)
+    return Record(
+        "prepared",
+        {"u": POSITION, "v": POSITION, "scale": Bits(SCALE_MAX.bit_length())}
+        | {"across": factor, "along": factor, "k": SHIFT, "m": SHIFT}
+        | {"across_shift": SHIFT, "along_shift": SHIFT, "lean_shift": SHIFT}
+        | {"shear": Bits(config.arithmetic.fraction + 2), "slope": SHEAR}
+        | curvature
+        | {"half_width": EXTENT, "half_height": EXTENT, "opacity": OPACITY}
+        | {"red": colour, "green": colour, "blue": colour},
+    )
+
+
+def curvature_formats(config: Config) -> dict[str, Fixed]:
+    """E's second differences."""
+    fraction = config.exponent_fraction
+    return {
+        "cxx": Fixed(CURVATURE_INTEGER, fraction),
+        "cxy": Fixed(CURVATURE_INTEGER, fraction, signed=True),
+        "cyy": Fixed(CURVATURE_INTEGER, fraction),
+    }
+
+
+def quadratic_record(config: Config) -> Record:
+    """E's coefficients; all but cxx and cyy are signed."""
+    fraction = config.exponent_fraction
+    return Record(
+        "quadratic",
+        {
+            "e": Fixed(EXPONENT_INTEGER, fraction, signed=True),
+            "gx": Fixed(GRADIENT_INTEGER, fraction, signed=True),
+            "gy": Fixed(GRADIENT_INTEGER, fraction, signed=True),
+        }
+        | curvature_formats(config),
+    )
+
+
+def tile_format(config: Config) -> Bits:
+    """A tile's number in its group."""
+    return Bits(max((config.group**2 - 1).bit_length(), 1))
+
+
+SUM_INTEGER = COLOUR_INTEGER + 1
+"""Bits of a pixel's colour before the point: rounding up adds less than 2^(weight − sum_fraction)
+to what is a mean of colours."""
+
+GROUP_BITS = 6
+"""Bits of a group's number by which parts of stage 3 know whether they are at the same group: more
+than there can be ends of groups on their way between them."""
+
+COLOURS = ("red", "green", "blue")
+
+
+def colours(config: Config) -> dict[str, Fixed]:
+    """A splat's colour."""
+    return dict.fromkeys(COLOURS, colour_format(config))
+
+
+def featured_record(config: Config) -> Record:
+    """What comes to stage 3: a splat and the tiles of the group that it reaches; or (end 1) the end
+    of the group.
+    """
+    mask = Bits(config.group**2)
+    return Record(
+        "featured", {"splat": raster_feature_record(config), "mask": mask, "end": Bits(1)}
+    )
+
+
+def readied_record(config: Config) -> Record:
+    """The same, prepared."""
+    mask = Bits(config.group**2)
+    return Record("readied", {"splat": prepared_record(config), "mask": mask, "end": Bits(1)})
+
+
+def place_record(config: Config) -> Record:
+    """A group's place in the image, in groups."""
+    side = TILE * config.group
+    widths = [
+        max(((size - 1) // side).bit_length(), 1) for size in (config.width_max, config.height_max)
+    ]
+    return Record("place", {"column": Bits(widths[0]), "row": Bits(widths[1])})
+
+
+def pair_record(config: Config) -> Record:
+    """A splat and one of its tiles: the tile's place in the image, in tiles, and in the group."""
+    widths = [
+        max(((size - 1) // TILE).bit_length(), 1) for size in (config.width_max, config.height_max)
+    ]
+    place = {"column": Bits(widths[0]), "row": Bits(widths[1])}
+    return Record(
+        "pair",
+        {"splat": prepared_record(config)} | place | {"tile": tile_format(config), "end": Bits(1)},
+    )
+
+
+def around_record(config: Config) -> Record:
+    """E around a tile. far: it is too far away. columns, rows: those of its blocks that the splat's
+    box reaches.
+    """
+    return Record(
+        "around",
+        {"quadratic": quadratic_record(config), "far": Bits(1), "columns": Bits(BLOCKS)}
+        | {"rows": Bits(BLOCKS), "tile": tile_format(config)}
+        | colours(config)
+        | {"end": Bits(1)},
+    )
+
+
+def marked_record(config: Config, blocks: int = BLOCKS**2) -> Record:
+    """A pair with the blocks that it may reach: of the tile, or those that one rasterizer owns."""
+    return Record(
+        "marked",
+        {"quadratic": quadratic_record(config), "tile": tile_format(config), "blocks": Bits(blocks)}
+        | colours(config)
+        | {"end": Bits(1)},
+    )
+
+
+def pixels_record(config: Config) -> Record:
+    """A finished block: its place in the image, in blocks, and its pixels row by row."""
+    widths = [((size - 1) // BLOCK).bit_length() for size in (config.width_max, config.height_max)]
+    colour = Array(Bits(8), 3)
+    return Record(
+        "pixels",
+        {"column": Bits(widths[0]), "row": Bits(widths[1]), "pixels": Array(colour, BLOCK**2)},
+    )
+
+
+def exponent_min(fraction: int) -> int:
+    """E from which on alpha is at least 1/255, in units of 2^−fraction."""
+    return int(np.ceil(np.log2(ALPHA_MIN) * 2.0**fraction))
+
+
+def mark_min(config: Config) -> int:
+    """E from which on a block is marked, in units of 2^−exponent_fraction: lower than
+    `exponent_min` by what the roundings of a pixel's E can raise it.
+    """
+    most = max(STEPS)
+    roundings = 2 * most + 3 * most**2  # of its slopes and its second differences
+    finer = config.exponent_fraction - config.pixel_fraction
+    return exponent_min(config.exponent_fraction) - (roundings << max(finer, 0))
+
+
+@cache
+def power_table(config: Config) -> tuple[int, ...]:
+    """2^x in units of 2^−power_mantissa for x from −1 to 0, each for the middle of its step; no
+    entry is above the largest alpha.
+    """
+    steps = 1 << config.power_fraction
+    values = 2.0 ** ((np.arange(steps) + 0.5) / steps - 1)
+    values = np.rint(np.minimum(values, ALPHA_MAX) * 2.0**config.power_mantissa)
+    return tuple(int(value) for value in values)
+
+
+def transmittance_min(config: Config) -> int:
+    """T below which a pixel ends."""
+    return int(np.ceil(TRANSMITTANCE_MIN * 2.0**config.transmittance))
+
+
+def owner(config: Config, block: int) -> tuple[int, int]:
+    """Rasterizer of a tile's block, and the block's number there. Neighbours go to different ones,
+    so that a small splat keeps several of them busy.
+    """
+    row, column = divmod(block, BLOCKS)
+    columns = min(config.rasterizers, BLOCKS)
+    rows = config.rasterizers // columns
+    number = row // rows * (BLOCKS // columns) + column // columns
+    return (column + row) % columns + columns * (row % rows), number
+
+
+def owned(config: Config, rasterizer: int) -> list[int]:
+    """A rasterizer's blocks of a tile, in the order of their numbers there."""
+    pairs = [(owner(config, block), block) for block in range(BLOCKS**2)]
+    return [block for (who, _), block in sorted(pairs) if who == rasterizer]
