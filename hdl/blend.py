@@ -23,6 +23,9 @@ class Blend(wiring.Component):
     are differences of T cut to few bits: what one weight lacks the next one has, and all together
     are what has been taken from T.
 
+    Parameters
+        blocks: how many the memories hold. pixels: of a block; fewer are good for measurements.
+
     Members
         valid, block: a block is to be blended: its number in the memory.
         powers: alpha of its pixels. colour: the splat's.
@@ -41,24 +44,24 @@ class Blend(wiring.Component):
     LATENCY = 3
     """Cycles from a block to its colours at `o`."""
 
-    def __init__(self, config: Config, blocks: int):
-        self.config, self.blocks = config, blocks
+    def __init__(self, config: Config, blocks: int, pixels: int = PIXELS):
+        self.config, self.blocks, self.pixels = config, blocks, pixels
         self.number = range(blocks)
         self.colour_shape = layout(Record("colour", colours(config)))
         super().__init__(
             {
                 "valid": In(1),
                 "block": In(self.number),
-                "powers": In(data.ArrayLayout(power_layout(config), PIXELS)),
+                "powers": In(data.ArrayLayout(power_layout(config), self.pixels)),
                 "colour": In(self.colour_shape),
-                "inside": In(PIXELS),
+                "inside": In(self.pixels),
                 "rest": In(1),
                 "give": In(1),
                 "busy": Out(1),
                 "ended": Out(1),
                 "ended_block": Out(self.number),
                 "given": Out(1),
-                "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), PIXELS)),
+                "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
             }
         )
 
@@ -75,7 +78,7 @@ class Blend(wiring.Component):
         """Registers of a stage, some for each lane, and whether there is something in them."""
         shared = {"block": self.number, "colour": self.colour_shape}
         shared |= {"fresh": 1, "rest": 1, "give": 1}
-        lanes = data.ArrayLayout(data.StructLayout(lane), PIXELS)
+        lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
         stage = Signal(data.StructLayout({"lanes": lanes} | shared), name=name, reset_less=True)
         there = Signal(name=f"{name}_valid")
         m.d.sync += there.eq(valid)
@@ -85,9 +88,8 @@ class Blend(wiring.Component):
     def _look_up(self, m: Module):
         """Read T; alpha's mantissas from the table."""
         config = self.config
-        memory = Memory(
-            shape=data.ArrayLayout(config.transmittance + 1, PIXELS), depth=self.blocks, init=[]
-        )
+        pixels = data.ArrayLayout(config.transmittance + 1, self.pixels)
+        memory = Memory(shape=pixels, depth=self.blocks, init=[])
         m.submodules.transmittances = memory
         self.stored, self.kept = memory.read_port(), memory.write_port()
         now = self.valid & ~self.busy
@@ -129,7 +131,7 @@ class Blend(wiring.Component):
         """T without what the splat takes; T is written back."""
         config, (valid, before) = self.config, self.product
         self.taken = self._stage(m, "taken", {"weight": config.weight}, valid, before)
-        coarser, ended = config.transmittance - config.weight, Signal(PIXELS)
+        coarser, ended = config.transmittance - config.weight, Signal(self.pixels)
         for pixel, (lane, to) in enumerate(zip(before.lanes, self.taken[1].lanes, strict=True)):
             taken = Signal(config.transmittance, name=f"taken_{pixel}")
             rest = Signal(config.transmittance + 1, name=f"rest_{pixel}")
@@ -161,7 +163,7 @@ class Blend(wiring.Component):
         config, (valid, now) = self.config, self.taken
         product = config.weight + config.colour_fraction - config.sum_fraction
         pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))
-        memory = Memory(shape=data.ArrayLayout(pixel_sums, PIXELS), depth=self.blocks, init=[])
+        memory = Memory(shape=data.ArrayLayout(pixel_sums, self.pixels), depth=self.blocks, init=[])
         m.submodules.sums = memory
         sums, write = memory.read_port(), memory.write_port()
         m.d.comb += [

@@ -1,6 +1,6 @@
 """Performance counters."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,7 +15,8 @@ class Counters(wiring.Component):
         clear: all are 0 in the next cycle.
         value: the counts.
 
-    **Timing**: a count is seen a cycle after its event.
+    **Timing**: a count is seen two cycles after its event, which is registered first: events come
+    late in their cycle.
     """
 
     def __init__(self, names: tuple[str, ...]):
@@ -30,8 +31,10 @@ class Counters(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
+        event = Signal.like(self.event)
+        m.d.sync += event.eq(Mux(self.clear, 0, self.event))
         for name in self.names:
-            with m.If(self.event[name] & ~self.value[name].all()):
+            with m.If(event[name] & ~self.value[name].all()):
                 m.d.sync += self.value[name].eq(self.value[name] + 1)
         with m.If(self.clear):
             m.d.sync += self.value.eq(0)

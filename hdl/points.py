@@ -36,7 +36,7 @@ class Points(wiring.Component):
         counters, clear: events of `COUNTED`; the last three are rounds of the projection's array
             that began with a Gaussian, without one, and with none because splats were not taken.
 
-    **Timing**: a point every 4 cycles and a splat every 10 (`hdl.cull`, `hdl.project`).
+    **Timing**: a point every 4 cycles and a splat every 11 (`hdl.cull`, `hdl.project`).
     """
 
     def __init__(self, config: Config):

@@ -39,7 +39,7 @@ class Project(wiring.Component):
         entered, starved, blocked: a round of the array begins next with a Gaussian, with none
             because none is complete, with none because splats are not taken.
 
-    **Timing**: a Gaussian every `plan.interval` cycles (`DEFAULT`: 10 on six PEs, 5 on twelve);
+    **Timing**: a Gaussian every `plan.interval` cycles (`DEFAULT`: 11 on six PEs, 6 on twelve);
     `plan.length` + 5 cycles from its attributes to its splat.
     """
 

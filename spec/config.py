@@ -59,7 +59,7 @@ class Config:
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
     sub_sorters: int = 2
     sub_sorter_entries: int = 128
-    sort_digits: tuple[int, ...] = (4, 4, 4, 4, 4, 3)  # bits of a key, most significant group first
+    sort_digits: tuple[int, ...] = (1,) * 23  # bits of a key, most significant group first
     merge_ways: int = 16
 
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
@@ -90,9 +90,13 @@ class Config:
         ):  # fmt: skip
             if not low <= getattr(self, name) <= high:
                 raise self._error(name, f"is not in {low} … {high}")
-        slots = self.projection_slots
-        if slots < 8 or slots & (slots - 1):
-            raise self._error("projection_slots", "is not a power of two from 8 on")
+        for name, least in (
+            ("projection_slots", 8), ("sub_sorter_entries", 2), ("merge_ways", 2), ("group", 1),
+            ("rasterizers", 1), ("page", 4), ("burst", 2),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if value < least or value & (value - 1):
+                raise self._error(name, f"is not a power of two from {least} on")
         if not 8 <= self.sort_key_bits <= 24:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
         for name in ("colour_index", "sh_index"):

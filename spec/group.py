@@ -73,23 +73,24 @@ def sorted_record(config: Config) -> Record:
     )
 
 
+COLOUR_GUARD = 3
+"""Bits more that a colour has before it is brought to units of 255/256."""
+
+
 def colour_format(config: Config) -> Fixed:
     """A splat's red, green or blue."""
     return Fixed(COLOUR_INTEGER, config.colour_fraction)
 
 
-def feature_record(config: Config) -> Record:
-    """What the rasterizer knows of a splat, lengths in units of 2^`Config.screen_exponent` pixels.
+def unscaled_colour_format(config: Config) -> Fixed:
+    """The same before it is in units of 255/256."""
+    return Fixed(COLOUR_INTEGER, config.colour_fraction + COLOUR_GUARD)
 
-    across and along are the conic's factors times `spec.frame.POWER_SCALE`, so that
-    E = −opacity − (dx − shear·dy)²·across − dy²·along; opacity is −log2 of it.
-    """
-    colour = colour_format(config)
-    return Record(
-        "feature",
-        values(config, "u v across shear along")
-        | {"opacity": OPACITY, "red": colour, "green": colour, "blue": colour},
-    )
+
+def scaled_colours(codes):
+    """Colour codes for unscaled ones, rounded to nearest; of integers or of hardware values."""
+    finer = COLOUR_GUARD + 8
+    return ((codes << 8) - codes + (1 << finer - 1)) >> finer
 
 
 EXTENT_FRACTION = 6
@@ -106,3 +107,19 @@ def extent_codes(config: Config, codes: np.ndarray) -> np.ndarray:
     coarser = codes.astype(np.int64) >> (config.arithmetic.fraction - EXTENT_FRACTION)
     largest = (1 << extent_format(config).width) - 1
     return np.minimum(coarser + 1, largest).astype(np.uint64)
+
+
+def feature_record(config: Config) -> Record:
+    """What the rasterizer knows of a splat, lengths in units of 2^`Config.screen_exponent` pixels.
+
+    across and along are the conic's factors times `spec.frame.POWER_SCALE`, so that
+    E = −opacity − (dx − shear·dy)²·across − dy²·along; opacity is −log2 of it. Colours are in units
+    of 255/256, so that the highest 8 bits of a sum of weighted ones are the pixel's.
+    """
+    colour, extent = colour_format(config), extent_format(config)
+    return Record(
+        "feature",
+        values(config, "u v across shear along")
+        | {"opacity": OPACITY, "red": colour, "green": colour, "blue": colour}
+        | {"half_width": extent, "half_height": extent},
+    )

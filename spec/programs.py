@@ -171,6 +171,10 @@ rest = xx - shear * xy
 schur = maximum(rest, blur)
 across = reciprocal(schur)
 
+# the same factors for E = −opacity − (dx − shear·dy)²·power_across − dy²·power_along
+power_across = across * power
+power_along = along * power
+
 # extents: alpha ≥ 1/255 where Q ≤ reach
 reach = attenuation * reach_slope + reach_full
 width_squared = reach * xx
@@ -179,6 +183,14 @@ width_root = root(width_squared)
 height_root = root(height_squared)
 half_width = width_squared * width_root
 half_height = height_squared * height_root
+
+# the outline Q = reach: dx = shear·dy ± slope·√(half_height² − dy²), rightmost at dy = lean and
+# leftmost at −lean
+ratio = along * schur
+ratio_root = root(ratio)
+slope = ratio * ratio_root
+lean_width = shear * height_squared
+lean = lean_width * width_root
 """
 
 COLOUR = """
@@ -205,7 +217,8 @@ blue = blue2 * length_inverse + colour_blue
 
 CONSTANTS = (
     "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 spread_x spread_y guard_x guard_y principal_x principal_y "
-    "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full"
+    "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full "
+    "power"
 ).split()
 """Inputs that stay for a whole frame."""
 
@@ -218,7 +231,7 @@ CORNERS = {
 is to be the least or the most: of the chunk's two ends along world axis k the one that makes it so.
 """
 
-PROJECTED = "u v z across shear along half_width half_height attenuation"
+PROJECTED = "u v z power_across shear power_along half_width half_height slope lean attenuation"
 
 COLOURS = ("colour_red", "colour_green", "colour_blue")
 SLOPES = tuple(f"g_{channel}_{axis}" for channel in ("red", "green", "blue") for axis in "xyz")

@@ -24,7 +24,7 @@ import numpy as np
 
 from spec.config import Config
 from spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
-from spec.group import COLOUR_INTEGER, colour_format, extent_format, feature_record
+from spec.group import COLOUR_INTEGER, colour_format, feature_record
 from spec.memory import OPACITY
 from spec.number import Bits, Fixed
 from spec.record import Array, Record
@@ -84,14 +84,6 @@ POWER_SHIFTS = 8
 def factor_fraction(config: Config) -> int:
     """Bits below the point of a normalised factor, which so holds any factor exactly."""
     return config.arithmetic.fraction + 1
-
-
-def raster_feature_record(config: Config) -> Record:
-    return Record(
-        "feature",
-        dict(feature_record(config).fields)
-        | {"half_width": extent_format(config), "half_height": extent_format(config)},
-    )
 
 
 def lean_unit(config: Config) -> int:
@@ -172,7 +164,7 @@ def featured_record(config: Config) -> Record:
     """
     mask = Bits(config.group**2)
     return Record(
-        "featured", {"splat": raster_feature_record(config), "mask": mask, "end": Bits(1)}
+        "featured", {"splat": feature_record(config), "mask": mask, "end": Bits(1)}
     )
 
 

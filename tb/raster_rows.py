@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from golden.exact import Entries
 from golden.raster import Raster, rasterize
 from golden.setup import prepare
 from hdl.raster import counted
@@ -22,22 +23,6 @@ from spec.raster import (
     prepared_record,
 )
 from spec.record import Codes
-
-
-@dataclass(frozen=True, eq=False)
-class Entries:
-    """Sorted entries of groups: group g has those from start[g] to start[g + 1]."""
-
-    start: np.ndarray  # [groups + 1]
-    splat: np.ndarray  # [N]
-    mask: np.ndarray  # [N]
-
-    def of(self, groups: np.ndarray) -> "Entries":
-        """The entries of some groups, as if there were no others."""
-        spans = [np.arange(self.start[g], self.start[g + 1]) for g in groups]
-        chosen = np.concatenate([np.zeros(0, np.int64), *spans])
-        start = np.concatenate([[0], np.cumsum(np.diff(self.start)[groups])])
-        return Entries(start, self.splat[chosen], self.mask[chosen])
 
 
 def prepared_codes(config: Config, features: Codes) -> Codes:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from golden.exact import Entries, as_packed, entries_of, features_of
 from golden.raster import rasterize
 from golden.reference import project, render
 from hdl.prepare import Prepare
@@ -18,9 +19,9 @@ from sim.streams import Simulation
 from spec.config import DEFAULT, PAPER, TINY
 from spec.group import group_grid
 from spec.raster import featured_record, readied_record
-from tb.raster_rows import Entries, prepared_codes, run_groups
+from tb.raster_rows import prepared_codes, run_groups
 from tb.scenes import needs_scenes, scene_path
-from tb.splat_features import as_packed, entries_of, features_of, random_features
+from tb.splat_features import random_features
 
 SCENES = ("flowers.spz", "playbot.spz", "skull.sog", "kitchen.spz", "luma-seal.splat")
 

@@ -1,0 +1,96 @@
+"""Features and sorted entries from the reference's splats: what stage 3 gets if no stage before it
+makes an error.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from golden.reference import Splats, tile_boxes
+from golden.reference_tiles import bin_splats
+from spec.camera import Camera
+from spec.config import Config
+from spec.convention import ALPHA_MIN, SPLATCORE, TILE
+from spec.frame import POWER_SCALE
+from spec.group import colour_format, extent_codes, group_grid
+from spec.memory import OPACITY
+from spec.record import Codes
+from spec.scene import Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """Sorted entries of groups: group g has those from start[g] to start[g + 1]."""
+
+    start: np.ndarray  # [groups + 1]
+    splat: np.ndarray  # [N]
+    mask: np.ndarray  # [N]
+
+    def of(self, groups: np.ndarray) -> "Entries":
+        """The entries of some groups, as if there were no others."""
+        spans = [np.arange(self.start[g], self.start[g + 1]) for g in groups]
+        chosen = np.concatenate([np.zeros(0, np.int64), *spans])
+        start = np.concatenate([[0], np.cumsum(np.diff(self.start)[groups])])
+        return Entries(start, self.splat[chosen], self.mask[chosen])
+
+
+def as_packed(gaussians: Gaussians) -> Gaussians:
+    """What a model keeps, with opacities that it can hold."""
+    codes = OPACITY.encode(-np.log2(np.clip(np.nan_to_num(gaussians.opacity), 1e-9, 1)))
+    kept = np.nan_to_num(gaussians.opacity) >= ALPHA_MIN
+    rounded = replace(gaussians, opacity=2.0 ** -OPACITY.decode(codes))
+    return Gaussians(*(getattr(rounded, field.name)[kept] for field in fields(rounded)))
+
+
+def features_of(config: Config, splats: Splats) -> Codes:
+    """Features of splats, rounded once."""
+    _, xy, yy = splats.covariance.T
+    return encode(
+        config, splats.centre, splats.conic[:, 0], xy / yy, 1 / yy, splats.opacity, splats.colour,
+        splats.extent,
+    )  # fmt: skip
+
+
+def encode(config: Config, centre, across, shear, along, opacity, colour, extent) -> Codes:
+    """Features from float64 values in pixels; across and along as in Q."""
+    format, pixel = config.arithmetic, 2.0**-config.screen_exponent
+    values = {
+        "u": centre[:, 0] * pixel,
+        "v": centre[:, 1] * pixel,
+        "across": across * POWER_SCALE / pixel**2,
+        "shear": shear,
+        "along": along * POWER_SCALE / pixel**2,
+    }
+    codes = {name: format.encode(value) for name, value in values.items()}
+    codes["opacity"] = OPACITY.encode(-np.log2(opacity))
+    for channel, name in enumerate(("red", "green", "blue")):
+        codes[name] = colour_format(config).encode(colour[:, channel] * 255 / 256)
+    for axis, name in enumerate(("half_width", "half_height")):
+        codes[name] = extent_codes(config, format.encode(extent[:, axis] * pixel))
+    return codes
+
+
+def entries_of(config: Config, splats: Splats, camera: Camera) -> Entries:
+    """Exact lists of groups in depth order."""
+    boxes = tile_boxes(splats, camera, SPLATCORE)
+    lists = bin_splats(
+        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height, True
+    )
+    _, columns = group_grid(config, camera.width, camera.height)
+    lengths = np.diff(lists.start)
+    row, column = np.divmod(np.repeat(np.arange(len(lengths)), lengths), -(-camera.width // TILE))
+    group = row // config.group * columns + column // config.group
+    tile = row % config.group * config.group + column % config.group
+    return grouped(config, group, lists.splat, tile, (camera.width, camera.height))
+
+
+def grouped(config: Config, group, splat, tile, size: tuple[int, int]) -> Entries:
+    """Entries of pairs [N] of a splat, numbered in depth order, and a tile of a group."""
+    key = group.astype(np.int64) << 32 | splat
+    order = np.argsort(key, kind="stable")
+    unique, first = np.unique(key[order], return_index=True)
+    bits = np.int64(1) << tile[order].astype(np.int64)
+    mask = np.bitwise_or.reduceat(bits, first) if len(first) else bits
+    groups = int(np.prod(group_grid(config, *size)))
+    start = np.searchsorted(unique >> 32, np.arange(groups + 1))
+    return Entries(start, unique & 0xFFFFFFFF, mask)

@@ -1,0 +1,71 @@
+"""The machine's twin as a whole: packed model and camera to 8-bit pixels, in the stages' order."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden.bin import Binned, bin_splats, splat_codes
+from golden.lists import PAGE_MAX
+from golden.points import Points, project_points
+from golden.raster import Raster, rasterize
+from spec.camera import Camera
+from spec.config import Config
+from spec.packed import PackedModel
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame and what each stage made of it."""
+
+    points: Points
+    binned: Binned
+    start: np.ndarray  # [groups + 1] where a group's entries begin in `order`
+    order: np.ndarray  # [E] entries of `binned`, group by group in the order of blending
+    raster: Raster
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """The 8-bit image [H, W, 3]."""
+        return self.raster.pixels
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The work of a frame by name."""
+        lengths = np.diff(self.start)
+        tiles = np.bitwise_count(self.binned.entries["mask"])
+        return {
+            "points_read": len(self.points.points),
+            "projected": len(self.points.index),
+            "splats": len(self.binned.kept),
+            "tile_rows": self.binned.rows,
+            "group_entries": len(self.order),
+            "tile_pairs": int(tiles.sum()),
+            "group_list_max": int(lengths.max(initial=0)),
+        } | self.raster.counts
+
+
+def render(
+    config: Config,
+    model: PackedModel,
+    camera: Camera,
+    background: tuple[int, int, int] = (0, 0, 0),
+    pages: int = PAGE_MAX,
+) -> Frame:
+    """Render one frame. background: codes of `spec.group.colour_format`; pages: of list memory."""
+    points = project_points(config, model, camera)
+    near_code = int(config.arithmetic.encode(points.frame.near_plane))
+    codes = splat_codes(config, points.projected)
+    size = camera.width, camera.height
+    binned = bin_splats(config, near_code, codes, *size, pages)
+    start, order = sorted_groups(binned.group, binned.entries["key"], len(binned.lists.count))
+    raster = rasterize(
+        config, binned.features, start, binned.entries["splat"][order],
+        binned.entries["mask"][order], size, background,
+    )  # fmt: skip
+    return Frame(points, binned, start, order, raster)
+
+
+def sorted_groups(group: np.ndarray, key: np.ndarray, groups: int):
+    """Entries [E] by group and depth key, equal ones as they come, and where groups begin."""
+    order = np.lexsort((key, group))
+    return np.searchsorted(group[order], np.arange(groups + 1)), order
