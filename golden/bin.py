@@ -29,8 +29,9 @@ class Binned:
     """What binning makes of a frame's splats.
 
     kept [K]: the splats that touch a tile, in their order, numbered from 0 from here on; features
-    [K]: codes of `feature_record`; group [E] and entries [E], codes of `entry_record`, in
-    the order in which the hardware makes them; rows: tile rows that were looked at.
+    [K]: codes of `feature_record`; group [E] and entries [E], codes of `entry_record`, in the order
+    in which the hardware makes them; splat_rows, splat_entries [N]: tile rows that were looked at
+    and entries of each splat.
     """
 
     kept: np.ndarray
@@ -38,7 +39,13 @@ class Binned:
     group: np.ndarray
     entries: Codes
     lists: Lists
-    rows: int
+    splat_rows: np.ndarray
+    splat_entries: np.ndarray
+
+    @property
+    def rows(self) -> int:
+        """Tile rows that were looked at."""
+        return int(self.splat_rows.sum())
 
 
 def bin_splats(
@@ -63,7 +70,8 @@ def bin_splats(
     groups = int(np.prod(group_grid(config, width, height)))
     lists = write_lists(config, group, slot.view("<u8")[:, 0], groups, pages)
     chosen = {name: code[kept] for name, code in codes.items()}
-    return Binned(kept, features(config, chosen), group, entries, lists, rows)
+    counts = np.bincount(found[:, 0], minlength=len(codes["u"]))
+    return Binned(kept, features(config, chosen), group, entries, lists, rows, counts)
 
 
 def features(config: Config, splats: Codes) -> Codes:

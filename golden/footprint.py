@@ -207,8 +207,8 @@ def visit(columns, group, last_column, margin, out, entries):
     return count
 
 
-def footprints(config: Config, codes: Codes, width: int, height: int) -> tuple[np.ndarray, int]:
-    """Entries [E, 3] of splats [N] as `visit` gives them, and how many tile rows were looked at."""
+def footprints(config: Config, codes: Codes, width: int, height: int):
+    """Entries [E, 3] of splats [N] as `visit` gives them, and tile rows [N] that are looked at."""
     found = outlines(config, codes, width, height)
     rest = (
         config.group, (width - 1) // TILE, lean_margin(config), outward(config)
@@ -217,4 +217,4 @@ def footprints(config: Config, codes: Codes, width: int, height: int) -> tuple[n
     entries = np.empty((count, 3), np.int64)
     if count:
         visit(found.columns, *rest, entries)
-    return entries, int((found.last - found.first + 1).sum())
+    return entries, found.last - found.first + 1

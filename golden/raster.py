@@ -43,6 +43,8 @@ class Raster:
     pixels: np.ndarray  # [H, W, 3] uint8
     work: np.ndarray  # [groups, rasterizers, len(WORK)] int64
     pairs: np.ndarray  # [groups, len(PAIRS)] int64
+    blocks: np.ndarray  # [tiles of all entries' masks] int64: marked ones, visited ones from bit 16
+    # on, in the order of the entries and of their tiles; −1: no pixel of the tile was live
 
     @property
     def counts(self) -> dict[str, int]:
@@ -74,13 +76,15 @@ def rasterize(
     work = np.zeros((rows * columns, config.rasterizers, len(WORK)), np.int64)
     pairs = np.zeros((rows * columns, len(PAIRS)), np.int64)
     owners = np.array([owner(config, block)[0] for block in range(BLOCKS**2)])
+    tiles = np.concatenate([[0], np.cumsum(np.bitwise_count(mask.astype(np.uint64)), dtype=int)])
+    blocks = np.full(tiles[-1], -1, np.int64)
     _rasterize_groups(
         prepare(config, features), start, splat.astype(np.int64), mask.astype(np.int64),
         np.array([columns, config.group]), owners, setup_constants(config),
         _blend_constants(config, mark_all), np.array(power_table(config)), np.array(background),
-        pixels, work, pairs,
+        pixels, work, pairs, tiles, blocks,
     )  # fmt: skip
-    return Raster(pixels, work, pairs)
+    return Raster(pixels, work, pairs, blocks)
 
 
 def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
@@ -98,7 +102,7 @@ def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
 @njit(parallel=True, cache=True)
 def _rasterize_groups(
     splats, start, splat, mask, grid, owners, setup, blending, table, background,
-    pixels, work, pairs,
+    pixels, work, pairs, first, blocks,
 ):  # fmt: skip
     columns, tiles = grid
     side = tiles * TILE
@@ -120,21 +124,26 @@ def _rasterize_groups(
                 break
             pairs[group, 0] += 1
             prepared = splats[splat[k]]
+            pair = first[k] - 1
             for tile in range(tiles * tiles):
                 y, x = tile // tiles * BLOCKS, tile % tiles * BLOCKS
                 alive = live[y : y + BLOCKS, x : x + BLOCKS]
-                if not mask[k] >> tile & 1 or alive.sum() == 0:
+                if not mask[k] >> tile & 1:
                     continue
+                pair += 1
+                if alive.sum() == 0:
+                    continue
+                blocks[pair] = 0
                 pairs[group, 1] += 1
                 there = column + tile % tiles, row + tile // tiles
                 if not quadratic(prepared, there[0], there[1], setup, coefficients):
                     pairs[group, 2] += 1
                     continue
                 area = state[y * BLOCK : y * BLOCK + TILE, x * BLOCK : x * BLOCK + TILE]
-                marked, ended = _blend_tile(
+                blocks[pair], ended = _blend_tile(
                     coefficients, prepared, area, alive, blending, table, owners, work[group]
                 )
-                pairs[group, 3] += marked == 0
+                pairs[group, 3] += blocks[pair] == 0
                 left -= ended
         for y in range(min(side, height - row * TILE)):
             for x in range(min(side, width - column * TILE)):
@@ -158,12 +167,12 @@ def _near(distance, steps, half):
 def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work):
     """Blend a splat into a tile: area [16, 16, 5] pixels, alive [4, 4] live pixels of each block.
 
-    Returns how many blocks were marked and how many pixels ended.
+    Returns which blocks were marked and visited, and how many pixels ended.
     """
     e, gx, gy, cxx, cxy, cyy, dx, dy = coefficients
     mark_min, coarser = blending[0], blending[2]
     mark_all = mark_min == -(1 << 62)
-    marked = ended = 0
+    blocks = ended = 0
     for row in range(BLOCKS):
         for column in range(BLOCKS):
             p, q = STEPS[column], STEPS[row]
@@ -177,25 +186,28 @@ def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work)
             # E is concave: nowhere in the block is it above the plane that touches it here.
             if 2 * centre + 3 * (abs(slope_x) + abs(slope_y)) < mark_min:
                 continue
-            marked += 1
+            blocks |= 1 << row * BLOCKS + column
             exponents = (
                 4 * centre >> coarser, 2 * slope_x >> coarser, 2 * slope_y >> coarser,
                 cxx >> coarser, cxy >> coarser, cyy >> coarser,
             )  # fmt: skip
             did = work[owners[row * BLOCKS + column]]
-            gone = _blend_block(
+            visited, gone = _blend_block(
                 exponents, splat[18:21],
                 area[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK],
                 blending, table, did,
             )  # fmt: skip
+            blocks |= visited << 16 + row * BLOCKS + column
             alive[row, column] -= gone
             ended += gone
-    return marked, ended
+    return blocks, ended
 
 
 @njit(cache=True)
 def _blend_block(exponents, colour, block, blending, table, work):
-    """Blend a splat into a block's pixels [4, 4, 5]; how many of them ended."""
+    """Blend a splat into a block's pixels [4, 4, 5]: whether one of them has alpha ≥ 1/255, and how
+    many ended.
+    """
     base, along_x, along_y, xx, xy, yy = exponents
     lowest = blending[1]
     visited = contributing = False
@@ -218,7 +230,7 @@ def _blend_block(exponents, colour, block, blending, table, work):
     work[1] += visited
     work[2] += contributing
     work[4] += ended
-    return ended
+    return int(visited), ended
 
 
 @njit(cache=True)

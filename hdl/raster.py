@@ -47,6 +47,7 @@ class Raster(wiring.Component):
         stop: no pixel of the group at `i` is live; its other splats are not needed.
         o: streams of `pixels_record`, one for each rasterizer: blocks within the image, group after
             group, each once.
+        splats, rasterizers: the queue of splats, and the rasterizers (for tests).
         counters, clear: events of `counted`: splats taken; those without a live tile; pairs of a
             splat and a tile; pairs without a marked block; cycles in which a pair waited.
 
@@ -56,6 +57,8 @@ class Raster(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.dropped = Signal()
+        self.splats = Queue(layout(featured_record(config)), SPLATS_WAITING, memory=True)
+        self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
         places = In(stream.Signature(layout(place_record(config))))
         pixels = Out(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
         super().__init__(
@@ -81,9 +84,7 @@ class Raster(wiring.Component):
         connect(m, self.prepare.o, self.expand.i)
         connect(m, flipped(self).places, places.i)
         self._register(m, "expand_place", places.o[-1], self.expand.places)
-        self.rasterizers = []
-        for number in range(config.rasterizers):
-            part = Rasterizer(config, number)
+        for number, part in enumerate(self.rasterizers):
             m.submodules[f"rasterizer{number}"] = part
             self._register(m, f"place{number}", places.o[number], part.places)
             m.d.comb += [
@@ -92,7 +93,6 @@ class Raster(wiring.Component):
                 part.background.eq(self.background),
             ]
             connect(m, part.o, flipped(self.o[number]))
-            self.rasterizers.append(part)
         self._admit(m)
         o = self.expand.o
         ends = o.valid & o.ready & o.payload.end
@@ -148,7 +148,7 @@ class Raster(wiring.Component):
     def _admit(self, m: Module):
         """Splats wait in a queue, unless none of their tiles has a live pixel."""
         i = self.i.payload
-        m.submodules.splats = queue = Queue(i.shape(), SPLATS_WAITING, memory=True)
+        m.submodules.splats = queue = self.splats
         live = self._live(m, "entering", self.i.valid & self.i.ready & i.end)
         m.d.comb += [
             self.stop.eq(~live.any()),

@@ -42,6 +42,7 @@ class Rasterizer(wiring.Component):
         live: blocks of each of the group's tiles that have live pixels.
         o: stream of `pixels_record`: the group's blocks within the image.
         blended, waited: a block enters the lanes; none does although the group has not ended.
+        pairs, finished: the queues of pairs and of blocks to be given out (for tests).
 
     **Timing**: a marked block a cycle, but for those in which no pixel reaches alpha 1/255 and for
     blocks that come again within `Blend.BUSY` cycles; and for each group a cycle for every block.
@@ -51,9 +52,12 @@ class Rasterizer(wiring.Component):
         self.config, self.number, self.own = config, number, owned(config, number)
         self.tiles = config.group**2
         self.blocks = self.tiles * len(self.own)
+        pair, pixels = marked_record(config, len(self.own)), pixels_record(config)
+        self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
+        self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
         super().__init__(
             {
-                "i": In(stream.Signature(layout(marked_record(config, len(self.own))))),
+                "i": In(stream.Signature(layout(pair))),
                 "places": In(stream.Signature(layout(place_record(config)))),
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
@@ -61,7 +65,7 @@ class Rasterizer(wiring.Component):
                 "started": Out(1),
                 "group": Out(GROUP_BITS, init=-1),
                 "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
-                "o": Out(stream.Signature(layout(pixels_record(config)))),
+                "o": Out(stream.Signature(layout(pixels))),
                 "blended": Out(1),
                 "waited": Out(1),
             }
@@ -69,7 +73,7 @@ class Rasterizer(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.pairs = self.pairs = Queue(self.i.payload.shape(), PAIRS_WAITING, memory=True)
+        m.submodules.pairs = self.pairs
         m.submodules.evaluate = self.evaluate = Evaluate(self.config, self.number)
         m.submodules.blend = self.blend = Blend(self.config, self.blocks)
         connect(m, flipped(self).i, self.pairs.i)
@@ -197,8 +201,7 @@ class Rasterizer(wiring.Component):
 
     def _give(self, m: Module):
         """Finished blocks, but those outside the image, wait in a queue for all of a group."""
-        depth = self.blocks + OUTPUT_SPARE
-        m.submodules.finished = queue = Queue(self.o.payload.shape(), depth, memory=True)
+        m.submodules.finished = queue = self.finished
         connect(m, queue.o, flipped(self).o)
         record = self.o.payload
         column, row, inside = self.column, self.row, self.blend.inside[0]

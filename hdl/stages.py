@@ -6,18 +6,30 @@ from amaranth.lib import wiring
 
 from hdl.add import Add
 from hdl.array import Array
+from hdl.bin import Bin
+from hdl.blend import Blend
 from hdl.chunk import Chunk
 from hdl.codebook import Codebook
 from hdl.cull import Cull
+from hdl.evaluate import Evaluate
+from hdl.mark import Mark
+from hdl.merge import Merge
 from hdl.multiply import Multiply
 from hdl.multiply_add import MultiplyAdd
 from hdl.place import Place
 from hdl.points import Points
 from hdl.position import Position
+from hdl.prepare import Prepare
 from hdl.project import Project
+from hdl.raster import Raster
+from hdl.rasterizer import Rasterizer
+from hdl.setup import Setup
+from hdl.sort import Sort
+from hdl.subsort import SubSorter
 from hdl.unary import Reciprocal, ReciprocalRoot
 from spec.config import Config
 from spec.microprogram import projection
+from spec.raster import block_count
 from spec.schedule import latencies
 
 Build = Callable[[Config], wiring.Component]
@@ -28,8 +40,15 @@ STAGES: dict[str, Build] = {
     "place": Place,
     "project": Project,
     "points": Points,
+    "bin": Bin,
+    "sort": Sort,
+    "raster": Raster,
 }
-"""Stage 0 is chunk and cull, stage 1 place and project; points is both stages together."""
+"""Stage 0 is chunk and cull, stage 1 place and project; points is both stages together. Stage 2 is
+sort, stage 3 raster."""
+
+LARGE = ("sort", "raster")
+"""Stages that take minutes to synthesise; `PRIMITIVES` has their parts."""
 
 PRIMITIVES: dict[str, Build] = {
     "position": Position,
@@ -42,8 +61,21 @@ PRIMITIVES: dict[str, Build] = {
     "multiply_add": lambda config: MultiplyAdd(config.arithmetic, latencies(config)["pe"]),
     "reciprocal": lambda config: Reciprocal(config.arithmetic, config.unary_latency),
     "reciprocal_root": lambda config: ReciprocalRoot(config.arithmetic, config.unary_latency),
+    "sub_sorter": SubSorter,
+    "merge": Merge,
+    "prepare": Prepare,
+    "setup": Setup,
+    "mark": Mark,
+    "evaluate": lambda config: Evaluate(config, 0),
+    "lane": lambda config: Blend(config, block_count(config), 1),
+    "blend": lambda config: Blend(config, block_count(config)),
+    "rasterizer": lambda config: Rasterizer(config, 0),
 }
 """Parts that stages are made of, on their own."""
 
 PAPER_GATES = {"cull": 12_900, "project": 71_600, "sort": 761_400, "raster": 88_900}
 """NAND2-equivalents of the paper's stages 0 to 3 (its table of gate counts)."""
+
+PAPER_MEMORIES = {"sort": 56, "feature": 32, "view": 12, "process": 12, "codebook": 8}
+"""Kilobytes of the paper's memories; `sort` is four key and four value buffers of 4 KB each and
+12 + 12 KB that they share."""

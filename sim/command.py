@@ -2,15 +2,27 @@
 
 import sys
 
-from sim import error_command, hardware_commands, image_commands, scene_commands
+from sim import (
+    bench_command,
+    cycles_command,
+    error_command,
+    hardware_commands,
+    image_commands,
+    scene_commands,
+)
 from sim.options import app
 from sim.output import messages
 from spec.error import InputError
 
-ORDER = ("scene", "info", "pack", "render", "compare", "error", "programs", "verilog", "synth")
+ORDER = (
+    "scene", "info", "pack", "render", "compare", "error", "programs", "verilog", "synth",
+    "memories", "cycles", "bench",
+)  # fmt: skip
 """The commands as the help lists them: the way of the data."""
 
-COMMANDS = (scene_commands, image_commands, error_command, hardware_commands)
+COMMANDS = (
+    scene_commands, image_commands, error_command, hardware_commands, cycles_command, bench_command,
+)  # fmt: skip
 """Modules whose import has registered their commands with `app`."""
 
 app.registered_commands.sort(key=lambda command: ORDER.index(command.name))

@@ -10,9 +10,11 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
-from sim.error import MACHINES, width_of, with_width
+from sim.error import MACHINES, Subject, width_of, with_width
 from sim.error_plot import write_error_plot
+from sim.error_raster import raster_errors, raster_table, write_raster_plot
 from sim.error_scenes import everything, measured, named
+from sim.error_sort import sort_errors, sort_table, write_sort_plot
 from sim.options import JsonOption, app
 from sim.output import check_writable, console, messages
 from sim.result import write_json
@@ -25,6 +27,7 @@ Scenes = Annotated[
         metavar="SCENE|MODEL", help="Default: all scenes of --scenes and the hard cases."
     ),
 ]
+StageOption = Annotated[str, typer.Option(help="Which stage's errors: project, sort, raster.")]
 ScenesOption = Annotated[
     str | None,
     typer.Option(
@@ -78,10 +81,17 @@ COUNTS = {
 """Counts of each machine and their names in the table."""
 
 
+SWEEPS = {
+    "sort": (sort_errors, sort_table, write_sort_plot),
+    "raster": (raster_errors, raster_table, write_raster_plot),
+}
+"""What `--stage` runs beside project: measures subjects, makes a table, writes a plot."""
+
+
 @app.command("error")
 def error_command(
     scene: Scenes = None,
-    stage: Annotated[str, typer.Option(help="Which stage's errors; so far project.")] = "project",
+    stage: StageOption = "project",
     scenes: ScenesOption = None,
     width: WidthOption = None,
     machine: MachineOption = None,
@@ -103,20 +113,47 @@ def error_command(
     codebooks) the picture is also compared with the reference's of the scene as packed for DEFAULT:
     "and packing" in the table, what its packing and its numbers lose together.
 
+    With --stage sort: order by depth keys of fewer bits, on exact inputs: PSNR and largest error of
+    the pictures, and how many entries changed places.
+
+    With --stage raster: the formats of stage 3, one changed at a time, on exact inputs: PSNR and
+    largest error of the pictures against the gates of a lane from synthesis.
+
     Exponents of 5 bits or less come with FP16's infinities. Splats with a field that is not finite
     are counted, not drawn, and left out of the fields' errors.
     """
     check_writable(output, json)
-    if stage != "project":
-        raise InputError(f"--stage '{stage}': unknown (there is project)")
+    if stage not in ("project", *SWEEPS):
+        names = ", ".join(("project", *SWEEPS))
+        raise InputError(f"--stage '{stage}': unknown (there are {names})")
+    if stage in SWEEPS and (width or machine):
+        raise InputError(f"--stage {stage}: has formats of its own, without --width, --preset")
     chosen = [*map(preset, machine or ()), *map(with_width, width or ())]
-    machines = tuple({config.name: config for config in chosen or MACHINES}.values())
     if scene and scenes:
         raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
     subjects = named(scene, camera, size) if scene else everything(scenes, camera, size)
+    if stage in SWEEPS:
+        measure, table, plot = SWEEPS[stage]
+        found = measure([subject for subject in subjects if scene or not subject.hard])
+        print_whole(table(found))
+        if output:
+            plot(output, found)
+        return write_json(json, {"stage": stage, "machines": found})
+    machines = tuple({config.name: config for config in chosen or MACHINES}.values())
+    error_of_points(subjects, machines, bool(scene), output, json)
+
+
+def error_of_points(
+    subjects: list[Subject],
+    machines: tuple[Config, ...],
+    visible: bool,
+    output: Path | None,
+    json: Path | None,
+):
+    """Errors of stages 0 and 1; InputError if a scene is not visible that has to be."""
     begin, results = time.perf_counter(), {}
     for subject, facts in measured(subjects, machines):
-        if scene and not facts["visible"]:
+        if visible and not facts["visible"]:
             raise InputError(f"{subject.name}: no Gaussian is visible from this camera")
         results[subject.name] = facts
         messages.print(line(subject.name, facts), markup=False, soft_wrap=True)
@@ -129,7 +166,7 @@ def error_command(
     seconds = round(time.perf_counter() - begin, 1)
     write_json(
         json,
-        {"stage": stage, "machines": facts, "scenes": results, "largest": largest}
+        {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
         | {"seconds": seconds},
     )
 
@@ -195,8 +232,13 @@ def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Con
     tables["All together"] = total_table(results, machines)
     for title, table in tables.items():
         console.print(f"\n{title}", soft_wrap=True)
-        room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
-        Console(width=room).print(table)  # as wide as it is, on any terminal
+        print_whole(table)
+
+
+def print_whole(table: Table):
+    """A table as wide as it is, on any terminal."""
+    room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
+    Console(width=room).print(table)
 
 
 def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:

@@ -22,6 +22,7 @@ from sim.synth import gates
 from spec.config import DEFAULT, Config
 from spec.convention import BLOCK
 from spec.number import Float
+from spec.raster import block_count
 
 EXACT = Float(8, 24, subnormal=False)
 """Features of this format, so that stage 3's own roundings are what is measured."""
@@ -50,8 +51,7 @@ def machines() -> dict[str, Config]:
 
 def lane_gates(config: Config) -> float:
     """NAND2-equivalents of a lane: what a second lane adds to blending, and its share of E."""
-    blocks = config.group**2 * BLOCK**2 // config.rasterizers
-    one, two = (gates(Blend(config, blocks, lanes)).nand2 for lanes in (1, 2))
+    one, two = (gates(Blend(config, block_count(config), lanes)).nand2 for lanes in (1, 2))
     return two - one + gates(Evaluate(config, 0)).nand2 / BLOCK**2
 
 

@@ -1,5 +1,6 @@
 """Commands about the hardware: verilog, synth, programs."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
@@ -7,13 +8,13 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from hdl.stages import PAPER_GATES, PRIMITIVES, STAGES
+from hdl.stages import PAPER_GATES, PAPER_MEMORIES, PRIMITIVES, STAGES
 from sim import verilog
 from sim.options import JsonOption, PresetOption, app
 from sim.output import check_writable, console, progress_bar
 from sim.result import write_json
-from sim.synth import DEPTH_MAX, gates
-from spec.config import Config
+from sim.synth import DEPTH_MAX, gates, memories
+from spec.config import KB, Config
 from spec.config import preset as find_preset
 from spec.error import InputError
 from spec.microprogram import Program, operation_counts, program
@@ -73,6 +74,35 @@ def synth_command(
         facts[name] = vars(found) | {"memory_bits": found.memory_bits, "paper_nand2": paper}
     console.print(table)
     write_json(json, {"preset": config.name, "stages": facts})
+
+
+@app.command("memories")
+def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
+    """List the on-chip memories of each stage, beside the paper's five."""
+    check_writable(json)
+    config = find_preset(preset)
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=f"preset {config.name}")
+    for heading in ("stage", "words", "bits", "how many", "KB"):
+        table.add_column(heading, justify="left" if heading == "stage" else "right")
+    facts, total = {}, 0.0
+    for name in WHOLE:
+        sizes = Counter(memories(STAGES[name](config)))
+        facts[name] = [
+            {"words": words, "bits": bits, "count": count} for (words, bits), count in sizes.items()
+        ]
+        for (words, bits), count in sizes.items():
+            kilobytes = words * bits * count / 8 / KB
+            total += kilobytes
+            table.add_row(name, f"{words:,}", f"{bits:,}", str(count), f"{kilobytes:.2f}")
+    table.add_row("all", "", "", "", f"{total:.2f}")
+    console.print(table)
+    paper = ", ".join(f"{name} {size}" for name, size in PAPER_MEMORIES.items())
+    console.print(f"The paper: {sum(PAPER_MEMORIES.values())} KB ({paper}).")
+    write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})
+
+
+WHOLE = ("points", "bin", "sort", "raster")
+"""Stages that together are all of them."""
 
 
 @app.command("programs")

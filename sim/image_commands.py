@@ -9,7 +9,9 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from golden import pipeline
 from golden.reference import Frame, render
+from model.pack import pack
 from sim import describe
 from sim.metric import difference
 from sim.options import CameraOption, JsonOption, PresetOption, SizeOption, SourceArgument, app
@@ -18,9 +20,12 @@ from sim.picture import read_png, write_error_map, write_heat_map, write_png
 from sim.result import Result, write_json
 from sim.source import ENGINES, Source, check_engine, open_camera, open_source
 from spec.camera import Camera
+from spec.config import Config
 from spec.config import preset as find_preset
 from spec.convention import ORIGINAL, SPLATCORE, Convention
 from spec.error import InputError
+from spec.group import colour_format
+from spec.packed import PackedModel
 from spec.scene import Gaussians
 
 
@@ -52,13 +57,18 @@ def render_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
-    frame = render_frame(source.gaussians, view, convention, "rendering")
+    if engine == "golden":
+        if original or heat_map:
+            raise InputError("--engine golden: no --original, no --heat-map")
+        frame = render_golden(source, view, config, convention.background)
+    else:
+        frame = render_frame(source.gaussians, view, convention, "rendering")
     result = Result(
         engine, config.name, source.name, camera or view.name, (view.width, view.height),
         round(time.perf_counter() - begin, 3), frame.counts,
     )  # fmt: skip
     write_png(output, frame.pixels)
-    if heat_map:
+    if heat_map and isinstance(frame, Frame):
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
     console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))
     write_json(json, result)
@@ -84,13 +94,15 @@ def compare_command(
 ):
     """PSNR, SSIM and maximum error of images against the first one, and an error map.
 
-    Instead of a PNG file an engine may be named; it renders --scene from --camera.
+    Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
+    the reference renders the same packed model.
     """
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
     check_writable(output, json)
     config = find_preset(preset)
-    pictures = [picture(text, scene, camera, size) for text in images]
+    packed = "golden" in images
+    pictures = [picture(text, scene, camera, size, config, packed) for text in images]
     results = []
     table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {images[0]}")
     for text, pixels in zip(images[1:], pictures[1:], strict=True):
@@ -112,8 +124,10 @@ def compare_command(
     write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
 
 
-def picture(text: str, scene: str | None, camera: str | None, size: str | None) -> np.ndarray:
-    """The pixels of a PNG file, or what an engine renders."""
+def picture(
+    text: str, scene: str | None, camera: str | None, size: str | None, config: Config, packed: bool
+) -> np.ndarray:
+    """The pixels of a PNG file, or what an engine renders; the reference of the packed model?"""
     if text not in ENGINES:
         return read_png(text)
     check_engine(text)
@@ -121,7 +135,29 @@ def picture(text: str, scene: str | None, camera: str | None, size: str | None) 
         raise InputError(f"compare {text}: --scene says nothing about what to render")
     source: Source = open_source(scene)
     view = open_camera(camera, size, source)
-    return render_frame(source.gaussians, view, SPLATCORE, text).pixels
+    if text == "golden":
+        return render_golden(source, view, config, SPLATCORE.background).pixels
+    gaussians = packed_model(source, config).gaussians() if packed else source.gaussians
+    return render_frame(gaussians, view, SPLATCORE, text).pixels
+
+
+def packed_model(source: Source, config: Config) -> PackedModel:
+    """The model that a machine renders; a scene is packed for it."""
+    return source.model or pack(source.scene, config)[0]
+
+
+def render_golden(
+    source: Source, camera: Camera, config: Config, background: tuple[float, float, float]
+) -> pipeline.Frame:
+    """The twin's frame; a scene is packed first. InputError for an image that is too large."""
+    if camera.width > config.width_max or camera.height > config.height_max:
+        most = f"{config.width_max}x{config.height_max}"
+        raise InputError(f"--size {camera.width}x{camera.height}: preset {config.name} has {most}")
+    with progress_bar("packing"):
+        model = packed_model(source, config)
+    colour = colour_format(config).encode(np.array(background) * 255 / 256)
+    with progress_bar("rendering"):
+        return pipeline.render(config, model, camera, tuple(int(code) for code in colour))
 
 
 def render_frame(gaussians: Gaussians, camera: Camera, convention: Convention, label: str) -> Frame:

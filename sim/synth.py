@@ -76,6 +76,13 @@ class Gates:
         return sum(words * bits for words, bits in self.memories)
 
 
+def memories(component: wiring.Component) -> tuple[tuple[int, int], ...]:
+    """Words and bits of a component's on-chip memories."""
+    macros = Macros()
+    rtlil.convert(component, name="top", platform=macros)
+    return tuple(macros.sizes)
+
+
 def gates(component: wiring.Component) -> Gates:
     """Synthesise a component on its own."""
     macros = Macros()

@@ -111,6 +111,7 @@ class Config:
         """Width of a sub-sorter's key."""
         return sum(self.sort_digits)
 
+
 DEFAULT = Config()
 """The machine that `docs/` describes."""
 

@@ -163,9 +163,7 @@ def featured_record(config: Config) -> Record:
     of the group.
     """
     mask = Bits(config.group**2)
-    return Record(
-        "featured", {"splat": feature_record(config), "mask": mask, "end": Bits(1)}
-    )
+    return Record("featured", {"splat": feature_record(config), "mask": mask, "end": Bits(1)})
 
 
 def readied_record(config: Config) -> Record:
@@ -268,6 +266,11 @@ def owner(config: Config, block: int) -> tuple[int, int]:
     rows = config.rasterizers // columns
     number = row // rows * (BLOCKS // columns) + column // columns
     return (column + row) % columns + columns * (row % rows), number
+
+
+def block_count(config: Config) -> int:
+    """Blocks of a group that a rasterizer owns."""
+    return config.group**2 * BLOCKS**2 // config.rasterizers
 
 
 def owned(config: Config, rasterizer: int) -> list[int]:

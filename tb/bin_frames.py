@@ -1,6 +1,7 @@
 """Binning under test: a frame's registers as a stream, whole frames as rows, and exact tiles."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from amaranth.hdl import Module, Mux, Signal
@@ -9,18 +10,23 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from numba import njit
 
 from golden.bin import Binned, Codes, bin_splats
+from golden.lists import Lists
 from golden.reference_tiles import smallest_q
-from hdl.bin import Bin
+from hdl.bin import COUNTED, Bin
+from hdl.counters import COUNTER_BITS
 from hdl.record import layout
+from sim.streams import Result, Simulation
 from spec.binning import PAGE_BITS, burst_record, group_record
-from spec.config import Config
-from spec.convention import ALPHA_MIN, TILE
+from spec.config import DEFAULT, PAPER, TINY, Config
+from spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
 from spec.frame import POWER_SCALE
-from spec.group import SPLAT_BITS, feature_record
+from spec.group import SPLAT_BITS, entry_record, feature_record
 from spec.memory import OPACITY
 from spec.number import Bits
 from spec.point import splat_record
 from spec.record import Record
+
+MACHINES = {config.name: config for config in (DEFAULT, TINY, PAPER)}
 
 SIZE_BITS = 13
 
@@ -40,7 +46,11 @@ def report_record() -> Record:
 
 
 class BinFrames(wiring.Component):
-    """`Bin`, which raises `finish` when a frame's splats are in; then the next frame follows."""
+    """`Bin`, which raises `finish` when a frame's splats are in; then the next frame follows.
+
+    Members, besides `Bin`'s and the streams of frames
+        room: there is room in the queue of splats. finishing: `Bin.finish`.
+    """
 
     def __init__(self, config: Config):
         self.inner = Bin(config)
@@ -51,6 +61,8 @@ class BinFrames(wiring.Component):
             | {
                 "frames": In(stream.Signature(layout(frame_record()))),
                 "reports": Out(stream.Signature(layout(report_record()))),
+                "room": Out(1),
+                "finishing": Out(1),
             }
         )
 
@@ -71,6 +83,8 @@ class BinFrames(wiring.Component):
             self.i.ready.eq(inner.i.ready & more),
             inner.near_code.eq(self.near_code),
             self.counters.eq(inner.counters),
+            self.room.eq(inner.outline.room),
+            self.finishing.eq(inner.finish),
             inner.finish.eq(settled[-1] & ~more & ~released),
             self.reports.valid.eq(inner.done & ~released),
             self.reports.payload.needed.eq(inner.needed),
@@ -128,6 +142,83 @@ def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
         needed = np.array([lists.needed], np.uint64)
         found["reports"].append(report_record().pack({"needed": needed}))
     return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def bin_frame(config: Config, frame: Frame) -> Binned:
+    """The twin's result."""
+    return frame.twin(config, near_code(config))
+
+
+def near_code(config: Config) -> int:
+    """The near plane as depths are."""
+    return int(config.arithmetic.encode(NEAR_PLANE))
+
+
+@cache
+def simulation(name: str) -> Simulation:
+    """A machine, compiled."""
+    return Simulation(BinFrames(MACHINES[name]), ("room", "finishing", "bursts__valid"))
+
+
+def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
+    """Every bit of every stream, and the counters; the run and what the twin says."""
+    config = MACHINES[name]
+    results = [bin_frame(config, frame) for frame in frames]
+    expected = rows_out(config, results)
+    run = simulation(name).run(
+        rows_in(config, frames), constants={"near_code": near_code(config)}, stall=stall, seed=seed,
+        expected={port: len(rows) for port, rows in expected.items()},
+    )  # fmt: skip
+    assert run.finished, run.stopped
+    for port, rows in expected.items():
+        found = run.outputs[port]
+        assert len(found) == len(rows), f"{port}: {len(found)} rows, not {len(rows)}"
+        wrong = np.flatnonzero((found != rows).any(axis=1))
+        assert not len(wrong), f"{port}: {len(wrong)} differ, first {wrong[0]}"
+    bits = run.ports["counters"]
+    counted = {
+        event: bits >> k * COUNTER_BITS & (1 << COUNTER_BITS) - 1 for k, event in enumerate(COUNTED)
+    }
+    blocked = counted.pop("blocked")
+    assert not blocked if stall == 0 else blocked < run.cycles
+    assert counted == {
+        "splats": sum(map(len, frames)),
+        "kept": sum(len(result.kept) for result in results),
+        "rows": sum(result.rows for result in results),
+        "entries": sum(len(result.group) for result in results),
+        "bursts": len(expected["bursts"]),
+    }
+    return run, results
+
+
+def read_lists(config: Config, lists: Lists) -> list[np.ndarray]:
+    """The entries of each group, as one finds them in memory by following its pages."""
+    per_page = config.page // config.burst
+    memory = np.zeros((max(lists.needed, 1) * per_page, config.burst), np.uint64)
+    assert len(np.unique(lists.address)) == len(lists.address)
+    memory[lists.address] = lists.slots
+    memory = memory.reshape(-1, config.page)
+    read = []
+    for page, count in zip(lists.page, lists.count, strict=True):
+        slots = []
+        while count > 0:
+            slots.append(memory[page][: min(count, config.page - 1)])
+            page, count = int(memory[page][-1]), count - (config.page - 1)
+        read.append(np.concatenate([np.zeros(0, np.uint64), *slots]))
+    return read
+
+
+def read_memory(config: Config, run: Result) -> list[np.ndarray]:
+    """The same of the one frame of a run: rows of `entry_record`, group by group."""
+    bursts = burst_record(config).unpack(run.outputs["bursts"])
+    groups = group_record().unpack(run.outputs["groups"])
+    needed = report_record().unpack(run.outputs["reports"])["needed"][0]
+    address, page, count = (
+        codes.astype(np.int64) for codes in (bursts["address"], groups["page"], groups["count"])
+    )
+    slots = read_lists(config, Lists(address, bursts["slots"], page, count, int(needed)))
+    size = entry_record(config).size
+    return [group.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :size] for group in slots]
 
 
 @dataclass(frozen=True, eq=False)

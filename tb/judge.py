@@ -5,12 +5,17 @@ cannot be built.
 """
 
 import sys
+from collections.abc import Callable
+from functools import partialmethod
+from itertools import product
 
 import numpy as np
 
-CHECKS = ("chunk", "cull", "place", "project", "arithmetic")
 STALL = 0.4
 GAUSSIANS = 6000
+
+CYCLES_MAX = 2_000_000
+"""Cycles of a run at most: a fault may make hardware that gives items for ever."""
 
 
 def frame():
@@ -37,51 +42,130 @@ def frame():
     return point_rows(DEFAULT, pack(scene, DEFAULT)[0], camera)
 
 
-def stage_holds(stage: str) -> bool:
+def stage(name: str) -> Callable[[], None]:
     """A stage against the twins, with and without stalls."""
     from sim.streams import Simulation
     from tb.stage_cases import case, settled_outputs
 
     rows = frame()
-    what = case(stage, rows)
+    what = case(name, rows)
     simulation = Simulation(what.component)
-    for stall in (0, STALL):
-        try:
+
+    def check():
+        for stall in (0, STALL):
             result = simulation.run(
                 what.inputs, constants=what.constants, expected=what.counts, first=what.first,
                 stall=stall,
             )  # fmt: skip
-        except AssertionError:
-            return False
-        found = settled_outputs(stage, rows.config, result.outputs)
-        if not all(np.array_equal(found[port], what.expected[port]) for port in found):
-            return False
-    return True
+            found = settled_outputs(name, rows.config, result.outputs)
+            assert all(np.array_equal(found[port], what.expected[port]) for port in found)
+
+    return check
 
 
-def arithmetic_holds() -> bool:
+def arithmetic() -> Callable[[], None]:
     """The floating-point units against their twins and oracles, as their tests have it."""
     from tb import test_float
 
-    try:
+    def check():
         test_float.test_every_pair()
         test_float.test_conversions()
         test_float.test_enable_freezes()
         test_float.test_every_triple()
-    except AssertionError:
-        return False
-    return True
+
+    return check
+
+
+def prepare() -> Callable[[], None]:
+    """A splat's integers, in the largest formats."""
+    from spec.config import DEFAULT
+    from tb import test_raster
+
+    test_raster.prepare_simulation(DEFAULT)
+    return lambda: test_raster.test_prepare(DEFAULT)
+
+
+def raster() -> Callable[[], None]:
+    """Random tiles on images of several sizes, queues full and empty, stop."""
+    from spec.config import TINY
+    from tb import test_raster
+
+    test_raster.simulation(TINY)
+
+    def check():
+        for size, stall in product(test_raster.SIZES, (0, STALL)):
+            test_raster.test_random_tiles(size, stall)
+        test_raster.test_groups_without_splats()
+        test_raster.test_queues_fill_and_run_empty()
+        for count in (20, 500):
+            test_raster.test_counters(count)
+        test_raster.test_stop()
+
+    return check
+
+
+def binning() -> Callable[[], None]:
+    """Frames of several sizes in a row, little memory, an entry a cycle."""
+    from tb import bin_frames, test_bin
+
+    bin_frames.simulation("TINY")
+    test_bin.lists_simulation()
+
+    def check():
+        test_bin.test_hardware_equals_twin("TINY")
+        test_bin.test_an_entry_a_cycle()
+        test_bin.test_queues_and_buffers_fill_and_run_empty()
+
+    return check
+
+
+def sort() -> Callable[[], None]:
+    """Lists of all lengths and kinds of keys, many groups, stop, pace."""
+    from sim.sort_rows import KEYS
+    from tb import test_sort
+
+    test_sort.simulation("TINY")
+
+    def check():
+        for kind in KEYS:
+            test_sort.test_tiny_equals_twin(kind)
+            test_sort.test_cycles_of_a_list("TINY", kind)
+        test_sort.test_cycles_of_many_groups("TINY")
+        test_sort.test_counters()
+        for stall in (0, STALL):
+            for counts in ((40, 64, 5, 30), (3, 300, 20, 64, 17)):
+                test_sort.test_stop(counts, stall)
+
+    return check
+
+
+CHECKS = {
+    "arithmetic": arithmetic, "prepare": prepare, "raster": raster, "bin": binning, "sort": sort,
+}  # fmt: skip
+"""Each builds what is to be checked and returns the check; stages by their names as well."""
 
 
 def main(check: str, folder: str) -> int:
     sys.path.insert(0, folder)  # its hdl/ comes before ours
+    from sim import harness
+    from sim.streams import Simulation
+
+    Simulation.run = partialmethod(Simulation.run, cycles_max=CYCLES_MAX)
+    # So little is run that what takes long is the compiler.
+    harness.ARGS = [*harness.ARGS, "-CFLAGS", "-O0"]
     try:
-        if check == "arithmetic":
-            return 0 if arithmetic_holds() else 1
-        return 0 if stage_holds(check) else 1
+        holds = CHECKS[check]() if check in CHECKS else stage(check)
     except Exception as error:
         print(error, file=sys.stderr)
         return 2
+    try:
+        holds()
+    except AssertionError:
+        return 1
+    except Exception as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
 
 
 if __name__ == "__main__":

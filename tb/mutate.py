@@ -31,6 +31,11 @@ JUDGES = {
     "project": "project", "slots": "project", "codebook": "project", "multiply": "arithmetic",
     "add": "arithmetic", "multiply_add": "arithmetic", "float": "arithmetic",
     "shift": "arithmetic", "convert": "arithmetic", "compare": "arithmetic",
+    "bin": "bin", "outline": "bin", "rows": "bin", "row_end": "bin", "gather": "bin",
+    "lists": "bin", "sort": "sort", "subsort": "sort", "merge": "sort", "runs": "sort",
+    "refill": "sort", "prepare": "prepare", "expand": "raster", "setup": "raster",
+    "mark": "raster", "evaluate": "raster", "blend": "raster", "rasterizer": "raster",
+    "raster": "raster",
 }  # fmt: skip
 """Files and what judges their faults (`tb.judge`)."""
 

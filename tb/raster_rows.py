@@ -3,10 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+from amaranth.hdl import Cat, Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
 
 from golden.exact import Entries
 from golden.raster import Raster, rasterize
 from golden.setup import prepare
+from hdl.raster import Raster as Hardware
 from hdl.raster import counted
 from sim.streams import Result, Simulation
 from spec.config import Config
@@ -23,6 +27,49 @@ from spec.raster import (
     prepared_record,
 )
 from spec.record import Codes
+
+
+class Watched(wiring.Component):
+    """Stage 3 with its queues in view: of the splats, of each rasterizer's pairs, and of each one's
+    finished blocks.
+
+    Members, besides those of `hdl.raster.Raster`
+        full, empty: a bit for each queue. Finished blocks are full where no more begin to be given
+        out: those on their way still find room.
+    """
+
+    def __init__(self, config: Config):
+        self.inner = Hardware(config)
+        queues = Out(1 + 2 * config.rasterizers)
+        members = dict(self.inner.signature.members)
+        super().__init__(members | {"full": queues, "empty": queues})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.inner = inner = self.inner
+        for name, member in inner.signature.members.items():
+            here, there = getattr(self, name), getattr(inner, name)
+            if member.is_port:
+                target, source = (there, here) if member.flow is In else (here, there)
+                m.d.comb += target.eq(source)
+            else:
+                streams = (here, there) if member.dimensions else ([here], [there])
+                for outside, inside in zip(*streams, strict=True):
+                    connect(m, flipped(outside), inside)
+        pairs = [part.pairs for part in inner.rasterizers]
+        finished = [(part.finished, part.blocks) for part in inner.rasterizers]
+        m.d.comb += [
+            self.full.eq(
+                Cat(
+                    *(queue.level == queue.depth for queue in (inner.splats, *pairs)),
+                    *(queue.level > most for queue, most in finished),
+                )
+            ),
+            self.empty.eq(
+                Cat(queue.level == 0 for queue in (inner.splats, *pairs, *dict(finished)))
+            ),
+        ]
+        return m
 
 
 def prepared_codes(config: Config, features: Codes) -> Codes:
@@ -110,7 +157,7 @@ def run_groups(
     background: tuple[int, int, int] = (0, 0, 0),
     **options,
 ) -> Run:
-    """Run `hdl.raster.Raster` on some groups of an image, or on all of them."""
+    """Run `Watched` on some groups of an image, or on all of them."""
     twin = rasterize(config, features, entries.start, entries.splat, entries.mask, size, background)
     if groups is None:
         groups = np.arange(np.prod(group_grid(config, *size)))

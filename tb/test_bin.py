@@ -10,9 +10,8 @@ from golden.bin import Binned, features, splat_codes
 from golden.lists import write_lists
 from golden.points import project_points
 from golden.reference import project
-from hdl.bin import COUNTED, Bin
-from hdl.counters import COUNTER_BITS
-from hdl.lists import Lists
+from hdl.bin import Bin
+from hdl.lists import Lists as ListsHardware
 from model.camera_file import read_camera
 from model.generate import generate, generated_camera
 from model.hard import HARD
@@ -22,15 +21,20 @@ from sim.bench import run_bench
 from sim.streams import Simulation
 from sim.synth import DEPTH_MAX, gates
 from spec.binning import bin_entry_record, burst_record, group_record, groups_max
-from spec.config import DEFAULT, PAPER, TINY, Config
-from spec.convention import NEAR_PLANE
+from spec.config import DEFAULT, TINY, Config
+from spec.convention import TILE
 from spec.group import colour_format, entry_record, extent_codes
 from tb.bin_frames import (
+    MACHINES,
     BinFrames,
     Ellipses,
     Frame,
+    bin_frame,
+    check,
     compare_tiles,
+    near_code,
     pairs,
+    read_lists,
     rows_in,
     rows_out,
 )
@@ -38,28 +42,30 @@ from tb.bin_splats import KINDS, splats, together
 from tb.scenes import needs_scenes, scene_path
 from tb.test_points import COUNT
 
-MACHINES = {config.name: config for config in (DEFAULT, TINY, PAPER)}
 RATIO = {"needle": 1.2, "vast": 1.05}
 """Tiles for each exact one at most, where it is not `RATIO_MAX`: a unit of a needle or a splat of
 thousands of pixels is some pixels."""
 RATIO_MAX = 1.03
 
 
-def bin_frame(config: Config, frame: Frame) -> Binned:
-    """The twin's result."""
-    return frame.twin(config, near_code(config))
-
-
-def near_code(config: Config) -> int:
-    """The near plane as depths are."""
-    return int(config.arithmetic.encode(NEAR_PLANE))
-
-
 def random_frame(config: Config, count: int, smaller: tuple[int, int] = (0, 0), **options) -> Frame:
     """Splats of all sorts on an image that is `smaller` than the machine's largest."""
     width, height = config.width_max - smaller[0], config.height_max - smaller[1]
     parts = [splats(config, kind, count, (width, height)) for kind in KINDS]
+    parts.append(at_edges(config, together(*parts), (width, height)))
     return Frame(together(*parts), width, height, **options)
+
+
+def at_edges(config: Config, codes: dict, size: tuple[int, int]) -> dict:
+    """The same splats, most of them moved so that a side of their box passes the image."""
+    rng, moved = np.random.default_rng(0), dict(codes)
+    for place, length, pixels in (("u", "half_width", size[0]), ("v", "half_height", size[1])):
+        count, unit = len(codes[place]), 2.0**config.screen_exponent
+        half = config.arithmetic.decode(codes[length]) * rng.choice([-1, 1], count)
+        there = rng.uniform(-TILE, pixels + TILE, count) / unit + half
+        stay = rng.random(count) < 0.3
+        moved[place] = np.where(stay, codes[place], config.arithmetic.encode(there))
+    return moved
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -144,30 +150,13 @@ def test_features():
     assert (found["half_height"] == extent_codes(DEFAULT, codes["half_height"])).all()
 
 
-def read_lists(config: Config, found: Binned) -> list[np.ndarray]:
-    """The entries of each group, as one finds them in memory by following its pages."""
-    lists, per_page = found.lists, config.page // config.burst
-    memory = np.zeros((max(lists.needed, 1) * per_page, config.burst), np.uint64)
-    assert len(np.unique(lists.address)) == len(lists.address)
-    memory[lists.address] = lists.slots
-    memory = memory.reshape(-1, config.page)
-    read = []
-    for page, count in zip(lists.page, lists.count, strict=True):
-        slots = []
-        while count > 0:
-            slots.append(memory[page][: min(count, config.page - 1)])
-            page, count = int(memory[page][-1]), count - (config.page - 1)
-        read.append(np.concatenate([np.zeros(0, np.uint64), *slots]))
-    return read
-
-
 @pytest.mark.parametrize("name", ["DEFAULT", "TINY"])
 def test_lists_hold_every_entry_in_order(name):
     config = MACHINES[name]
     frame = random_frame(config, 200, (5, 3))
     found = bin_frame(config, frame)
     record, longest = entry_record(config), 0
-    for group, slots in enumerate(read_lists(config, found)):
+    for group, slots in enumerate(read_lists(config, found.lists)):
         codes = record.unpack(slots.astype("<u8").view(np.uint8).reshape(-1, 8)[:, : record.size])
         for field, expected in found.entries.items():
             assert (codes[field] == expected[found.group == group]).all()
@@ -188,43 +177,6 @@ def test_memory_that_is_too_small():
         assert (lists.address == whole.address[inside]).all()
         assert (lists.slots == whole.slots[inside]).all()
         assert inside.all() == (pages == whole.needed)
-
-
-@cache
-def simulation(name: str) -> Simulation:
-    """A machine, compiled."""
-    return Simulation(BinFrames(MACHINES[name]))
-
-
-def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
-    """Every bit of every stream, and the counters; the run and what the twin says."""
-    config = MACHINES[name]
-    results = [bin_frame(config, frame) for frame in frames]
-    expected = rows_out(config, results)
-    run = simulation(name).run(
-        rows_in(config, frames), constants={"near_code": near_code(config)}, stall=stall, seed=seed,
-        expected={port: len(rows) for port, rows in expected.items()},
-    )  # fmt: skip
-    assert run.finished, run.stopped
-    for port, rows in expected.items():
-        found = run.outputs[port]
-        assert len(found) == len(rows), f"{port}: {len(found)} rows, not {len(rows)}"
-        wrong = np.flatnonzero((found != rows).any(axis=1))
-        assert not len(wrong), f"{port}: {len(wrong)} differ, first {wrong[0]}"
-    bits = run.ports["counters"]
-    counted = {
-        event: bits >> k * COUNTER_BITS & (1 << COUNTER_BITS) - 1 for k, event in enumerate(COUNTED)
-    }
-    blocked = counted.pop("blocked")
-    assert not blocked if stall == 0 else blocked < run.cycles
-    assert counted == {
-        "splats": sum(map(len, frames)),
-        "kept": sum(len(result.kept) for result in results),
-        "rows": sum(result.rows for result in results),
-        "entries": sum(len(result.group) for result in results),
-        "bursts": len(expected["bursts"]),
-    }
-    return run, results
 
 
 def check_cycles(run, results: list[Binned]):
@@ -273,10 +225,32 @@ def test_hardware_equals_twin_on_scenes(name):
 
 
 @pytest.mark.slow
+def test_queues_and_buffers_fill_and_run_empty():
+    """Splats wait for features to be taken until no more fit; buffers of all levels are written out
+    when they are full, and flushed.
+    """
+    frames = [random_frame(TINY, 60 + k, (k, 0)) for k in range(8)]
+    run, results = check("TINY", frames, 0.8)
+    room, finishing = run.samples["room"], run.samples["finishing"]
+    assert not room.all() and room.any()
+    assert (finishing[1:] < finishing[:-1]).sum() == len(frames)  # each began with nothing inside
+    for when in (0, 1):
+        assert run.samples["bursts__valid"][finishing == when].any()
+    counts = np.concatenate([result.lists.count for result in results])
+    places = (counts[counts > 0] - 1) % (TINY.page - 1) + 1  # a page's last slot is no entry
+    assert set(places % TINY.burst) == set(range(TINY.burst))
+
+
+@cache
+def lists_simulation() -> Simulation:
+    return Simulation(ListsHardware(TINY))
+
+
+@pytest.mark.slow
 def test_an_entry_a_cycle():
     """Whatever the groups are; `finish` comes so early that a cycle more would lose entries."""
     rng, count, groups = np.random.default_rng(0), 3000, groups_max(TINY)
-    record, lists = bin_entry_record(TINY), Simulation(Lists(TINY))
+    record, lists = bin_entry_record(TINY), lists_simulation()
     for choice in (np.zeros(count, int), rng.integers(0, groups, count), np.arange(count) // 3 % 4):
         entry = entry_record(TINY).unpack(
             rng.integers(0, 8, (count, entry_record(TINY).size), np.uint8)

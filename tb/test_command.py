@@ -146,7 +146,7 @@ BAD = {
     "size 0": ("render scene.ply --size 0x10 -o a.png", "width 0"),
     "huge size": ("render scene.ply --size 99999x10 -o a.png", "width 99999"),
     "size": ("render scene.ply --size big -o a.png", "--size 'big'"),
-    "golden": ("render scene.ply --engine golden -o a.png", "golden: not built yet"),
+    "golden": ("render scene.ply --engine golden --original -o a.png", "golden: no --original"),
     "rtl": ("render scene.ply --engine rtl -o a.png", "rtl: not built yet"),
     "engine": ("render scene.ply --engine gpu -o a.png", "gpu"),
     "preset": ("render scene.ply --preset HUGE -o a.png", "HUGE.*DEFAULT, PAPER, TINY"),

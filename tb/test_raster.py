@@ -6,29 +6,44 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from golden.bin import splat_codes
 from golden.exact import Entries, as_packed, entries_of, features_of
-from golden.raster import rasterize
+from golden.pipeline import render as render_twin
+from golden.raster import WORK, rasterize
 from golden.reference import project, render
+from golden.sort import sort
 from hdl.prepare import Prepare
-from hdl.raster import Raster
 from model.camera_file import read_camera
 from model.generate import generate, generated_camera
 from model.hard import HARD
+from model.pack import pack
 from model.read import read_scene
 from sim.streams import Simulation
 from spec.config import DEFAULT, PAPER, TINY
-from spec.group import group_grid
+from spec.convention import BLOCK
+from spec.group import entry_record, feature_record, group_grid
 from spec.raster import featured_record, readied_record
-from tb.raster_rows import prepared_codes, run_groups
+from tb.bin_frames import Frame, read_memory
+from tb.bin_frames import check as check_binning
+from tb.raster_rows import Watched, prepared_codes, run_groups
 from tb.scenes import needs_scenes, scene_path
 from tb.splat_features import random_features
 
 SCENES = ("flowers.spz", "playbot.spz", "skull.sog", "kitchen.spz", "luma-seal.splat")
 
 
+SIZES = ((64, 64), (61, 35), (1, 1), (33, 2))
+"""Images: the largest, one that cuts blocks, and such as have hardly any."""
+
+
 @functools.cache
 def simulation(config) -> Simulation:
-    return Simulation(Raster(config), samples=("stop",))
+    return Simulation(Watched(config), samples=("stop", "full", "empty"))
+
+
+@functools.cache
+def prepare_simulation(config) -> Simulation:
+    return Simulation(Prepare(config))
 
 
 def random_entries(config, count: int, size: tuple[int, int], seed: int) -> Entries:
@@ -51,7 +66,7 @@ def test_prepare(config):
         "mask": rng.integers(0, 1 << config.group**2, count).astype(np.uint64),
         "end": rng.integers(0, 2, count).astype(np.uint64),
     }
-    result = Simulation(Prepare(config)).run(
+    result = prepare_simulation(config).run(
         {"i": featured_record(config).pack({"splat": features} | rest)},
         expected={"o": count}, stall=0.2,
     )  # fmt: skip
@@ -64,7 +79,7 @@ def test_prepare(config):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stall", [0, 0.3])
-@pytest.mark.parametrize("size", [(64, 64), (61, 35), (1, 1), (33, 2)], ids=str)
+@pytest.mark.parametrize("size", SIZES, ids=str)
 def test_random_tiles(size, stall):
     """Splats of all kinds, tiles that they reach and tiles that they do not."""
     for seed in range(3):
@@ -95,6 +110,51 @@ def test_groups_without_splats():
 
 
 @pytest.mark.slow
+def test_queues_fill_and_run_empty():
+    """All of them, several times, and nothing is lost: many splats, then hardly any, so that blocks
+    are finished faster than they are taken.
+    """
+    size, groups = (64, 64), np.tile(np.arange(4), 4)
+    full = empty = 0
+    for seed, (count, stall) in enumerate(((1000, 0), (1000, 0.3), (20, 0.3), (20, 0.8))):
+        features = random_features(TINY, count, size, seed)
+        entries = random_entries(TINY, count, size, seed)
+        background = (0, 300 * (seed & 1), 0)
+        run = run_groups(
+            simulation(TINY), TINY, features, entries, size, groups, background, stall=stall,
+            seed=seed,
+        )  # fmt: skip
+        assert run.differing == 0
+        samples = run.result.samples
+        pairs_full = (samples["full"] >> 1 & (1 << TINY.rasterizers) - 1) != 0
+        assert (count == 1000) <= run.counters["blocked"] <= pairs_full.sum()
+        full |= np.bitwise_or.reduce(samples["full"])
+        empty |= np.bitwise_or.reduce(samples["empty"][1:] & ~samples["empty"][:-1])
+    assert full == empty == (1 << 1 + 2 * TINY.rasterizers) - 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [20, 500])
+def test_counters(count):
+    """They are the twin's where no pixel ends; what ends is known some cycles later."""
+    size = (64, 64)
+    features = random_features(TINY, count, size, 7)
+    features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
+    entries = random_entries(TINY, count, size, 7)
+    run = run_groups(simulation(TINY), TINY, features, entries, size)
+    twin, counters = run.twin.counts, run.counters
+    assert run.differing == 0 and twin["ended"] == 0 and twin["visited"] > count
+    assert counters["splats"] == count and counters["dropped"] == 0
+    assert counters["pairs"] == twin["pairs"] == np.bitwise_count(entries.mask).sum()
+    assert counters["empty"] == twin["far"] + twin["empty"] > 0
+    for number in range(TINY.rasterizers):
+        blended = run.twin.work[:, number, WORK.index("visited")].sum()
+        assert counters[f"blended{number}"] == blended
+        assert blended < counters[f"waited{number}"] < run.result.cycles
+    assert counters["blocked"] == 0
+
+
+@pytest.mark.slow
 def test_stop():
     """It is raised once all pixels have ended, and what comes then changes nothing."""
     size = (32, 32)
@@ -108,6 +168,52 @@ def test_stop():
     run = run_groups(simulation(TINY), TINY, features, entries, size)
     assert run.differing == 0 and run.result.samples["stop"].any()
     assert run.twin.counts["entries"] < 10 and run.counters["dropped"] > 500
+
+
+FITTING = [
+    name
+    for name in HARD
+    if HARD[name](0).camera.width <= TINY.width_max
+    and HARD[name](0).camera.height <= TINY.height_max
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FITTING)
+def test_hard_cases(name):
+    case = HARD[name](0)
+    splats, _ = project(as_packed(case.scene.gaussians()), case.camera)
+    features, entries = features_of(TINY, splats), entries_of(TINY, splats, case.camera)
+    size = case.camera.width, case.camera.height
+    for seed, stall in enumerate((0, 0.3, 0.7)):
+        run = run_groups(simulation(TINY), TINY, features, entries, size, stall=stall, seed=seed)
+        assert run.differing == 0 and run.blocks == -(-size[0] // BLOCK) * -(-size[1] // BLOCK)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stall", [0, 0.4])
+def test_from_splats_to_pixels(stall):
+    """Binning's and this stage's hardware, between them the sorter's twin and what binning has left
+    in memory: the pixels of the machine's twin.
+    """
+    model, _ = pack(generate("garden", 3000), TINY)
+    camera = generated_camera("garden", 64, 64)
+    frame = render_twin(TINY, model, camera)
+    splats = splat_codes(TINY, frame.points.projected)
+    binned, _ = check_binning("TINY", [Frame(splats, *SIZES[0])], stall)
+    lists = read_memory(TINY, binned)
+    entries = entry_record(TINY).unpack(np.concatenate(lists))
+    counts = np.array([len(rows) for rows in lists])
+    ordered = sort(TINY, counts, entries).o
+    given = ordered["end"] == 0
+    start = np.concatenate([[0], np.cumsum(counts)])
+    splat, mask = (ordered[name][given].astype(np.int64) for name in ("splat", "mask"))
+    features = feature_record(TINY).unpack(binned.outputs["features"])
+    run = run_groups(
+        simulation(TINY), TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall
+    )  # fmt: skip
+    assert run.differing == 0 and (run.twin.pixels == frame.pixels).all()
+    assert counts.min() > 20 and frame.pixels.std() > 10
 
 
 @functools.cache

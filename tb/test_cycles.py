@@ -1,0 +1,90 @@
+"""The cycle model against the RTL, stage by stage."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from golden.bin import splat_codes
+from golden.exact import Entries
+from golden.pipeline import Frame, render
+from model.generate import generate, generated_camera
+from model.pack import pack
+from sim.cycles import Cycles, frame_cycles
+from sim.sort_rows import sort_rows
+from spec.config import DEFAULT, TINY
+from tb import bin_frames, test_points, test_raster, test_sort
+from tb.point_rows import point_rows
+from tb.raster_rows import run_groups
+
+WITHIN = 0.03
+"""How far off the model may be (design's figures)."""
+
+GAUSSIANS = 20_000
+
+
+@functools.cache
+def model():
+    return pack(generate("garden", GAUSSIANS), DEFAULT)[0]
+
+
+@functools.cache
+def garden() -> tuple[Frame, Cycles]:
+    frame = render(DEFAULT, model(), generated_camera("garden"))
+    return frame, frame_cycles(DEFAULT, frame)
+
+
+def check(modelled: int, cycles: int):
+    assert abs(modelled - cycles) <= WITHIN * cycles, f"{modelled} is not {cycles}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", ["chunk", "cull", "place", "project"])
+def test_stages_0_and_1(stage):
+    rows = point_rows(DEFAULT, model(), generated_camera("garden"))
+    check(getattr(garden()[1], stage), test_points.check(stage, rows, 0).cycles)
+
+
+@pytest.mark.slow
+def test_binning():
+    frame, cycles = garden()
+    camera = generated_camera("garden")
+    codes = splat_codes(DEFAULT, frame.points.projected)
+    run, _ = bin_frames.check(
+        "DEFAULT", [bin_frames.Frame(codes, camera.width, camera.height)], stall=0
+    )
+    check(cycles.bin, run.cycles)
+
+
+@pytest.mark.slow
+def test_stage_2():
+    frame, cycles = garden()
+    order = np.argsort(frame.binned.group, kind="stable")
+    entries = {name: codes[order] for name, codes in frame.binned.entries.items()}
+    rows = sort_rows(DEFAULT, np.diff(frame.start), entries)
+    result = test_sort.simulation("DEFAULT").run(
+        rows.inputs, constants={"stop": 0, "clear": 0}, expected=rows.counts
+    )
+    assert result.finished
+    check(cycles.sort, result.cycles)
+
+
+@pytest.mark.slow
+def test_stage_3():
+    frame, cycles = garden()
+    camera = generated_camera("garden")
+    entries = frame.binned.entries
+    run = run_groups(
+        test_raster.simulation(DEFAULT), DEFAULT, frame.binned.features,
+        Entries(frame.start, entries["splat"][frame.order], entries["mask"][frame.order]),
+        (camera.width, camera.height),
+    )  # fmt: skip
+    assert run.differing == 0
+    check(cycles.raster, run.result.cycles)
+
+
+def test_model_knows_sizes():
+    """More rasterizers and arrays take fewer cycles, and only where they are."""
+    few = render(TINY, pack(generate("garden", 2000), TINY)[0], generated_camera("garden", 64, 64))
+    found = frame_cycles(TINY, few)
+    assert found.frame == max(found.preprocessing, found.rendering) > 0
