@@ -32,6 +32,10 @@ demo: install
 	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json -o out/model.png \
 		--heat-map out/tiles.png --json out/model.json
 	$(SPLATCORE) compare out/scene.png out/model.png -o out/error.png
+	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --engine golden \
+		-o out/machine.png
+	$(SPLATCORE) compare out/model.png out/machine.png -o out/machine_error.png
+	$(SPLATCORE) cycles out/garden.splatcore --camera out/garden.json
 
 test: install demo
 	$(BIN)/ruff check .

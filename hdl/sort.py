@@ -156,8 +156,11 @@ class Sort(wiring.Component):
             self.spill.payload.entry.eq(given.payload.entry),
             given.ready.eq(Mux(given.payload.spill, self.spill.ready, self.o.ready)),
         ]
+        low, high = self.position[: COUNT_BITS // 2], self.position[COUNT_BITS // 2 :]
         with m.If(self.spill.valid & self.spill.ready):
-            m.d.sync += self.position.eq(self.position + 1)
+            m.d.sync += low.eq(low + 1)
+            with m.If(low.all()):  # a carry through all bits would be too deep
+                m.d.sync += high.eq(high + 1)
         with m.If(self.ends):
             m.d.sync += self.ending.eq(1)
         with m.Elif(self.o.valid & self.o.ready & self.o.payload.end):

@@ -1,6 +1,7 @@
 """The command `cycles`: what a frame takes, stage by stage, without the RTL."""
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -52,7 +53,7 @@ def cycles_command(
             "frame": found.frame, "fps": round(CLOCK_HZ / found.frame, 1),
             "psnr_db": psnr(frame.pixels / 255, reference.clip(0, 1)),
         }  # fmt: skip
-        table.add_column(source.name, justify="right")
+        table.add_column(Path(text).name.split(".")[0], justify="right", overflow="fold")
     for name in next(iter(facts.values())):
         values = [row[name] for row in facts.values()]
         if name in ("fps", "psnr_db"):

@@ -63,8 +63,7 @@ class Config:
     merge_ways: int = 16
 
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
-    rasterizers: int = 4
-    lanes: int = 16  # pixels at a time for each rasterizer
+    rasterizers: int = 4  # each has 16 lanes, a block's pixels
     exponent_fraction: int = 14  # bits of E's coefficients below the point
     pixel_fraction: int = 12  # bits of E within a block below the point
     power_fraction: int = 6  # bits of E below the point that index the table of 2^x
@@ -85,7 +84,7 @@ class Config:
         for name, low, high in (
             ("width_max", 1, 4096), ("height_max", 1, 4096), ("sh_degree", 0, 1),
             ("pe_arrays", 1, 4), ("pes", 1, 12), ("sub_sorters", 1, 16),
-            ("sub_sorter_entries", 2, 512), ("rasterizers", 1, 16), ("lanes", 1, 256),
+            ("sub_sorter_entries", 2, 512), ("rasterizers", 1, 16),
             ("group", 1, 4), ("burst", 2, 16), ("merge_ways", 2, 16),
         ):  # fmt: skip
             if not low <= getattr(self, name) <= high:

@@ -77,7 +77,8 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr, str]]:
         yield from _call(node)
     elif isinstance(node, ast.Subscript):
         for part in (node.slice.lower, node.slice.upper) if _slice(node) else (node.slice,):
-            if part is not None and not isinstance(part, ast.Constant | ast.Slice | ast.Tuple):
+            name = ast.Constant | ast.JoinedStr  # of a field: no other one is next to it
+            if part is not None and not isinstance(part, name | ast.Slice | ast.Tuple):
                 yield "index", part, f"({ast.unparse(part)}) - 1"
             elif isinstance(part, ast.Constant) and isinstance(part.value, int):
                 yield "index", part, str(part.value + 1)

@@ -5,8 +5,9 @@
 A fault is one change to the Python text of one file: an operator, a constant, an index, a condition
 that always holds, a handshake that is always high. Each is judged in a process of its own by the
 check that the tests use: the hardware's outputs, under stalls, against the twin's. Faults that
-cannot be built say nothing about the benches; others are drawn for them. `sim.mutation` does the
-like with many more faults in generated Verilog, a part of which changes nothing.
+cannot be built say nothing about the benches and are not counted. Some change nothing, as a sign
+of zero or a bit that is cut off again: what is missed has to be read. `sim.mutation` does the like
+with many more faults in generated Verilog.
 """
 
 import argparse

@@ -217,7 +217,7 @@ def test_synth_and_verilog(folder, capsys):
         assert f"module splatcore_{name}(" in text
 
 
-COMMANDS = "scene info pack render compare error programs verilog synth".split()
+COMMANDS = "scene info pack render compare error programs verilog synth memories cycles".split()
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])

@@ -30,13 +30,13 @@ def test_names():
 
 def test_frozen_and_hashable():
     with pytest.raises(FrozenInstanceError):
-        DEFAULT.lanes = 3
+        DEFAULT.rasterizers = 3
     assert len({DEFAULT, PAPER, TINY, replace(DEFAULT)}) == 3
 
 
 @pytest.mark.parametrize(
     "field, value",
-    [("lanes", 0), ("width_max", 0), ("sub_sorter_entries", 1024), ("sort_digits", (3, 4)),
+    [("rasterizers", 3), ("width_max", 0), ("sub_sorter_entries", 1024), ("sort_digits", (3, 4)),
      ("sh_degree", 2), ("group", -1), ("burst", 1), ("sh_index", ((),))],
 )  # fmt: skip
 def test_impossible_values_are_refused_by_name(field, value):
