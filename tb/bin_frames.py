@@ -1,6 +1,6 @@
 """Binning under test: a frame's registers as a stream, whole frames as rows, and exact tiles."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -26,7 +26,10 @@ from spec.number import Bits
 from spec.point import splat_record
 from spec.record import Record
 
-MACHINES = {config.name: config for config in (DEFAULT, TINY, PAPER)}
+SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19)
+"""A machine whose keys do not reach all depths."""
+
+MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, PAPER)}
 
 SIZE_BITS = 13
 

@@ -105,14 +105,15 @@ def raster() -> Callable[[], None]:
 
 
 def binning() -> Callable[[], None]:
-    """Frames of several sizes in a row, little memory, an entry a cycle."""
-    from tb import bin_frames, test_bin
+    """Frames of several sizes in a row, little memory, an entry a cycle; rows' ends in units."""
+    from tb import bin_frames, test_bin, test_row_end
 
-    bin_frames.simulation("TINY")
+    bin_frames.simulation("SHORT")
     test_bin.lists_simulation()
 
     def check():
-        test_bin.test_hardware_equals_twin("TINY")
+        test_row_end.test_row_end_equals_twin()
+        test_bin.test_hardware_equals_twin("SHORT")
         test_bin.test_an_entry_a_cycle()
         test_bin.test_queues_and_buffers_fill_and_run_empty()
 
