@@ -70,6 +70,7 @@ def test_prepare(config):
         {"i": featured_record(config).pack({"splat": features} | rest)},
         expected={"o": count}, stall=0.2,
     )  # fmt: skip
+    assert result.finished and len(result.outputs["o"]) == count
     expected = {"splat": prepared_codes(config, features)} | rest
     found = readied_record(config).unpack(result.outputs["o"])
     for name, codes in expected["splat"].items():
