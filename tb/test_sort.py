@@ -146,6 +146,14 @@ def test_cycles_of_a_list(name, kind):
 
 
 @pytest.mark.slow
+def test_no_merge_of_one_run():
+    """A list that fills the last level's ways needs no other level: an entry less saves little."""
+    whole = half_entries(TINY) * TINY.merge_ways**2
+    less, all_of_it = (check("TINY", "random", [count]).cycles for count in (whole - 1, whole))
+    assert less < all_of_it < less + 20
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_cycles_of_many_groups(name):
     """As the model says; two cycles an entry and a few for each group, if one sub-sorter is loaded
