@@ -90,7 +90,10 @@ def raster_table(found: dict) -> Table:
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("stage 3", no_wrap=True)
     scenes = list(found["DEFAULT"]["scenes"])
-    for heading in ("gates a lane", *(f"{scene}\ndB, max" for scene in scenes)):
+    for heading in (
+        "gates a lane",
+        *(f"{Path(scene).name.split('.')[0]}\ndB, max" for scene in scenes),
+    ):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, facts in found.items():
         size = facts.get("gates")
