@@ -9,7 +9,7 @@ from hdl.evaluate import power_layout
 from hdl.record import layout
 from spec.config import Config
 from spec.convention import BLOCK
-from spec.raster import COLOURS, SUM_INTEGER, colours, power_table, transmittance_min
+from spec.raster import COLOURS, HALVING_BITS, SUM_INTEGER, colours, power_table, transmittance_min
 from spec.record import Record
 
 PIXELS = BLOCK**2
@@ -96,7 +96,7 @@ class Blend(wiring.Component):
         m.d.comb += [self.stored.en.eq(now), self.stored.addr.eq(self.block)]
         self.fresh = ~self.touched.bit_select(self.block, 1)
         table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
-        lane = {"mantissa": config.power_mantissa, "halvings": 3, "seen": 1, "inside": 1}
+        lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1, "inside": 1}
         self.read = self._stage(m, "read", lane, now, self)
         for pixel, lane in enumerate(self.read[1].lanes):
             power = self.powers[pixel]
@@ -112,7 +112,7 @@ class Blend(wiring.Component):
         config, (valid, read) = self.config, self.read
         with m.If(valid):
             m.d.sync += self.touched.bit_select(read.block, 1).eq(~read.give)
-        lane = {"product": config.transmittance + config.power_mantissa, "halvings": 3}
+        lane = {"product": config.transmittance + config.power_mantissa, "halvings": HALVING_BITS}
         lane |= {"rest": config.transmittance, "ended": 1, "seen": 1}
         self.product = self._stage(m, "product", lane, valid, read)
         full = (1 << config.transmittance) - 1

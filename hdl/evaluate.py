@@ -12,7 +12,7 @@ from spec.convention import BLOCK
 from spec.raster import (
     BLOCKS,
     EXPONENT_INTEGER,
-    POWER_SHIFTS,
+    HALVING_BITS,
     STEPS,
     exponent_min,
     owned,
@@ -25,8 +25,7 @@ CUTS = ("multiples", "block", "lines", "exponents")
 
 def power_layout(config: Config) -> data.StructLayout:
     """A pixel's alpha, 2^(−halvings − 1 + (step + 1/2) / steps): whether it is at least 1/255."""
-    halvings = (POWER_SHIFTS - 1).bit_length()
-    return data.StructLayout({"step": config.power_fraction, "halvings": halvings, "seen": 1})
+    return data.StructLayout({"step": config.power_fraction, "halvings": HALVING_BITS, "seen": 1})
 
 
 class Evaluate(wiring.Component):

@@ -12,6 +12,11 @@ from numba import njit
 
 from golden.pipeline import Frame
 from golden.sort_cycles import cycles as sort_cycles
+from hdl.blend import Blend
+from hdl.evaluate import Evaluate
+from hdl.mark import Mark
+from hdl.rasterizer import PAIRS_WAITING
+from hdl.setup import Setup
 from spec.config import Config
 from spec.microprogram import culling, program, projection
 from spec.raster import BLOCKS, block_count, owner
@@ -24,12 +29,12 @@ SET_UP = 3  # of a splat in binning
 # Cycles as the registers and states of stage 3 make them.
 PAIR_LATENCY = 19  # from a splat's coming to its first pair's being marked
 QUEUE_LATENCY = 2  # from a pair's entering a rasterizer's queue to its first block
-BLOCK_LATENCY = 5  # from a block's being issued to the lanes
+BLOCK_LATENCY = 1 + Evaluate.LATENCY  # from a block's being issued to the lanes
 TURN = 7  # from a group's last block being given out to the next group's first
-PAIRS_WAITING = 33  # of a rasterizer, the one at hand included
+PAIRS_HELD = PAIRS_WAITING + 1  # of a rasterizer, the one at hand included
 SPLATS_INSIDE = 20  # splats before setup
-MARK_LATENCY = 11  # of setup and marking
-BUSY = 3  # before a block may come again
+MARK_LATENCY = Setup.LATENCY + Mark.LATENCY
+BUSY = Blend.BUSY  # before a block may come again
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ def raster_time(start, mask, blocks, owners, rasterizers, drained):
     entered = 0.0  # when the last splat came
     marked = float(PAIR_LATENCY)  # when the last pair was marked
     free = np.zeros(rasterizers)  # when a rasterizer can issue its next block
-    begun = np.zeros((rasterizers, PAIRS_WAITING))  # when its last pairs left the queue
+    begun = np.zeros((rasterizers, PAIRS_HELD))  # when its last pairs left the queue
     count = np.zeros(rasterizers, np.int64)
     last = np.full((rasterizers, BUSY), -1)  # its last visited blocks
     lanes = np.zeros((rasterizers, BUSY))  # when they entered the lanes
@@ -135,7 +140,7 @@ def raster_time(start, mask, blocks, owners, rasterizers, drained):
         marked += 1
         for r in range(rasterizers):
             free[r] = max(marked + QUEUE_LATENCY, free[r]) + drained + TURN
-            begun[r, count[r] % PAIRS_WAITING] = free[r]
+            begun[r, count[r] % PAIRS_HELD] = free[r]
             count[r] += 1
     return free.max() + BLOCK_LATENCY
 
@@ -146,7 +151,7 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
             r = owners[block]
-            marked = max(marked, begun[r, count[r] % PAIRS_WAITING])
+            marked = max(marked, begun[r, count[r] % PAIRS_HELD])
     for r in range(len(free)):
         now, some = max(marked + QUEUE_LATENCY, free[r]), False
         for block in range(BLOCKS_A_TILE):
@@ -165,6 +170,6 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
             now += 1
         if some:
             free[r] = now
-            begun[r, count[r] % PAIRS_WAITING] = now
+            begun[r, count[r] % PAIRS_HELD] = now
             count[r] += 1
     return marked

@@ -10,14 +10,13 @@ from rich.table import Table
 
 from golden.pipeline import render
 from golden.reference import render as render_reference
-from model.pack import pack
 from sim.cycles import frame_cycles
 from sim.error import psnr
 from sim.error_scenes import camera_beside
 from sim.options import CameraOption, JsonOption, PresetOption, SizeOption, app
 from sim.output import check_writable, console, progress_bar
 from sim.result import write_json
-from sim.source import open_camera, open_source
+from sim.source import open_camera, open_source, packed_model
 from spec.config import CLOCK_HZ
 from spec.config import preset as find_preset
 
@@ -43,7 +42,7 @@ def cycles_command(
         with progress_bar(f"reading {text}"):
             source = open_source(text)
             view = open_camera(camera or camera_beside(text), size, source)
-            model = source.model or pack(source.scene, config)[0]
+            model = packed_model(source, config)
         with progress_bar(f"rendering {text}"):
             frame = render(config, model, view)
             reference = render_reference(model.gaussians(), view).image
@@ -58,7 +57,7 @@ def cycles_command(
         values = [row[name] for row in facts.values()]
         if name in ("fps", "psnr_db"):
             label = {"fps": "frames a second", "psnr_db": "PSNR, dB"}[name]
-            cells = [f"{value:.1f}" for value in values]
+            cells = ["exact" if value is None else f"{value:.1f}" for value in values]
         else:
             label, cells = name, [f"{value / 1000:,.0f}" for value in values]
         table.add_row(label, *cells)

@@ -55,7 +55,7 @@ def lane_gates(config: Config) -> float:
     return two - one + gates(Evaluate(config, 0)).nand2 / BLOCK**2
 
 
-def raster_errors(subjects: list[Subject], with_gates: bool = True) -> dict:
+def raster_errors(subjects: list[Subject]) -> dict:
     """Machine → {"gates", "scenes": {scene → {psnr_db, max_error, contributions}}}."""
     found = {name: {"scenes": {}} for name in machines()}
     for subject in subjects:
@@ -64,9 +64,9 @@ def raster_errors(subjects: list[Subject], with_gates: bool = True) -> dict:
         gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
         splats, _ = project(gaussians, camera)
         image = np.clip(render(gaussians, camera).image, 0, 1)
+        entries = entries_of(DEFAULT, splats, camera)  # formats change nothing in them
         for name, config in machines().items():
             config = replace(config, arithmetic=EXACT)
-            entries = entries_of(config, splats, camera)
             raster = rasterize(
                 config, features_of(config, splats), entries.start, entries.splat, entries.mask,
                 (camera.width, camera.height),
@@ -77,11 +77,10 @@ def raster_errors(subjects: list[Subject], with_gates: bool = True) -> dict:
                 "max_error": float(np.abs(error).max()),
                 "contributions": raster.counts["contributions"],
             }
-    if with_gates:
-        with progress_bar("synthesising lanes") as advance:
-            for done, (name, config) in enumerate(machines().items()):
-                advance(done, len(found))
-                found[name]["gates"] = lane_gates(config)
+    with progress_bar("synthesising lanes") as advance:
+        for done, (name, config) in enumerate(machines().items()):
+            advance(done, len(found))
+            found[name]["gates"] = lane_gates(config)
     return found
 
 
@@ -96,12 +95,11 @@ def raster_table(found: dict) -> Table:
     ):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, facts in found.items():
-        size = facts.get("gates")
         cells = [
             f"{result['psnr_db']:.2f}, {result['max_error'] * 255:.1f}"
             for result in facts["scenes"].values()
         ]
-        table.add_row(name, "–" if size is None else f"{size:,.0f}", *cells)
+        table.add_row(name, f"{facts['gates']:,.0f}", *cells)
     return table
 
 

@@ -11,21 +11,26 @@ from rich.table import Table
 
 from golden import pipeline
 from golden.reference import Frame, render
-from model.pack import pack
 from sim import describe
 from sim.metric import difference
 from sim.options import CameraOption, JsonOption, PresetOption, SizeOption, SourceArgument, app
 from sim.output import check_writable, console, progress_bar
 from sim.picture import read_png, write_error_map, write_heat_map, write_png
 from sim.result import Result, write_json
-from sim.source import ENGINES, Source, check_engine, open_camera, open_source
+from sim.source import (
+    ENGINES,
+    Source,
+    check_engine,
+    open_camera,
+    open_source,
+    packed_model,
+)
 from spec.camera import Camera
 from spec.config import Config
 from spec.config import preset as find_preset
 from spec.convention import ORIGINAL, SPLATCORE, Convention
 from spec.error import InputError
 from spec.group import colour_format
-from spec.packed import PackedModel
 from spec.scene import Gaussians
 
 
@@ -139,11 +144,6 @@ def picture(
         return render_golden(source, view, config, SPLATCORE.background).pixels
     gaussians = packed_model(source, config).gaussians() if packed else source.gaussians
     return render_frame(gaussians, view, SPLATCORE, text).pixels
-
-
-def packed_model(source: Source, config: Config) -> PackedModel:
-    """The model that a machine renders; a scene is packed for it."""
-    return source.model or pack(source.scene, config)[0]
 
 
 def render_golden(

@@ -7,10 +7,12 @@ from functools import cached_property
 
 from model.camera_file import read_camera
 from model.generate import GENERATORS, generate, generated_camera
+from model.pack import pack
 from model.packed import is_packed, read_model
 from model.read import read_scene
 from model.view import sensible_view
 from spec.camera import SIZE_MAX, Camera
+from spec.config import Config
 from spec.error import InputError
 from spec.packed import PackedModel
 from spec.scene import Gaussians, Scene
@@ -68,6 +70,11 @@ def parse_size(text: str) -> tuple[int, int]:
         if not 1 <= side <= SIZE_MAX:
             raise InputError(f"--size {text}: {name} {side} is not in 1 … {SIZE_MAX}")
     return width, height
+
+
+def packed_model(source: Source, config: Config) -> PackedModel:
+    """The model that a machine renders; a scene is packed for it. An empty model is a model too."""
+    return source.model if source.model is not None else pack(source.scene, config)[0]
 
 
 def check_engine(name: str):

@@ -80,6 +80,9 @@ CURVATURE_INTEGER = 3
 POWER_SHIFTS = 8
 """Halvings within the reach of alpha: 1/255 > 2^−8."""
 
+HALVING_BITS = (POWER_SHIFTS - 1).bit_length()
+"""Width of their number."""
+
 
 def factor_fraction(config: Config) -> int:
     """Bits below the point of a normalised factor, which so holds any factor exactly."""

@@ -217,6 +217,16 @@ def test_synth_and_verilog(folder, capsys):
         assert f"module splatcore_{name}(" in text
 
 
+def test_empty_model(folder, capsys):
+    """A model of no Gaussians is false in Python and a model none the less."""
+    assert run("pack", "empty", "-o", "empty.splatcore") == 0
+    assert run("render", "empty.splatcore", "--engine", "golden", "-o", "e.png") == 0
+    assert run("compare", "reference", "golden", "--scene", "empty.splatcore") == 0
+    assert "identical" in capsys.readouterr().out
+    assert run("cycles", "empty.splatcore", "--json", "e.json") == 0
+    assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db"] is None
+
+
 COMMANDS = "scene info pack render compare error programs verilog synth memories cycles".split()
 
 

@@ -1,6 +1,7 @@
 """The cycle model against the RTL, stage by stage."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from model.generate import generate, generated_camera
 from model.pack import pack
 from sim.cycles import Cycles, frame_cycles
 from sim.sort_rows import sort_rows
-from spec.config import DEFAULT, TINY
+from spec.config import DEFAULT
 from tb import bin_frames, test_points, test_raster, test_sort
 from tb.point_rows import point_rows
 from tb.raster_rows import run_groups
@@ -85,6 +86,11 @@ def test_stage_3():
 
 def test_model_knows_sizes():
     """More rasterizers and arrays take fewer cycles, and only where they are."""
-    few = render(TINY, pack(generate("garden", 2000), TINY)[0], generated_camera("garden", 64, 64))
-    found = frame_cycles(TINY, few)
-    assert found.frame == max(found.preprocessing, found.rendering) > 0
+    packed, camera = pack(generate("garden", 2000), DEFAULT)[0], generated_camera("garden", 160, 90)
+    machines = [DEFAULT, replace(DEFAULT, rasterizers=8), replace(DEFAULT, pe_arrays=2)]
+    base, more_rasterizers, more_arrays = (
+        vars(frame_cycles(config, render(config, packed, camera))) for config in machines
+    )
+    for found, stages in ((more_rasterizers, {"raster"}), (more_arrays, {"project"})):
+        assert {name for name in base if found[name] < base[name]} == stages
+        assert all(found[name] <= base[name] for name in base)
