@@ -227,6 +227,14 @@ def test_empty_model(folder, capsys):
     assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db"] is None
 
 
+def test_memories(folder, capsys):
+    assert run("memories", "--json", "m.json") == 0
+    facts = load(folder / "m.json")
+    bits = [m["words"] * m["bits"] * m["count"] for part in facts["stages"].values() for m in part]
+    assert sum(bits) / 8192 == pytest.approx(facts["kilobytes"]) and facts["kilobytes"] > 50
+    assert "The paper: 120 KB" in capsys.readouterr().out
+
+
 COMMANDS = "scene info pack render compare error programs verilog synth memories cycles".split()
 
 
