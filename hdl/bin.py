@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from hdl.convert import ToFixed
-from hdl.counters import COUNTER_BITS, Counters
+from hdl.counters import Counters
 from hdl.gather import Gather
 from hdl.lists import Lists
 from hdl.outline import Outline
@@ -16,6 +16,7 @@ from hdl.stream import Queue, Register
 from spec.binning import PAGE_BITS, burst_record, group_record
 from spec.config import Config
 from spec.convention import TILE
+from spec.counters import BIN, COUNTER_BITS
 from spec.group import (
     EXTENT_FRACTION,
     SPLAT_BITS,
@@ -29,7 +30,7 @@ from spec.point import splat_record
 
 COLOURS = ("red", "green", "blue")
 
-COUNTED = ("splats", "kept", "rows", "entries", "bursts", "blocked")
+COUNTED = tuple(BIN)
 
 SPLATS_INSIDE = 32
 """Splats whose features wait until it is known whether they touch a tile."""

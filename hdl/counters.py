@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-COUNTER_BITS = 32
+from spec.counters import COUNTER_BITS
 
 SPARE = 4
 """A counter stops within 2^SPARE of its largest value: events on their way may still be counted."""

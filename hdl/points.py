@@ -6,17 +6,18 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from hdl.array import codes
 from hdl.chunk import Chunk
-from hdl.counters import COUNTER_BITS, Counters
+from hdl.counters import Counters
 from hdl.cull import Cull
 from hdl.place import Place
 from hdl.project import Project
 from hdl.record import layout
 from hdl.stream import Fork, Queue
 from spec.config import Config
+from spec.counters import COUNTER_BITS, POINTS
 from spec.point import FETCH, chunk_record
 from spec.programs import CONSTANTS
 
-COUNTED = ("chunks", "skipped", "points", "front", "inside", "projected", "starved", "blocked")
+COUNTED = tuple(POINTS)
 
 CHUNKS_WAITING = 2
 """Chunks that may wait before each part: the next one is ready when a chunk is through."""

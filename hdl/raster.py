@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from hdl.counters import COUNTER_BITS, Counters
+from hdl.counters import Counters
 from hdl.expand import Expand
 from hdl.mark import Mark
 from hdl.prepare import Prepare
@@ -13,6 +13,7 @@ from hdl.record import layout
 from hdl.setup import Setup
 from hdl.stream import Fork, Pipe, Queue, Register
 from spec.config import Config
+from spec.counters import COUNTER_BITS, RASTERIZER, raster
 from spec.raster import (
     COLOURS,
     GROUP_BITS,
@@ -23,18 +24,13 @@ from spec.raster import (
 )
 from spec.record import Record
 
-EACH = ("blended", "waited")
-"""What is counted for each rasterizer: blocks blended; cycles of a group, its end not yet seen."""
-
-
 SPLATS_WAITING = 16
 """Splats that may wait before stage 3: while others have many tiles, dead ones are left out."""
 
 
 def counted(config: Config) -> tuple[str, ...]:
     """Names of the counters."""
-    each = (f"{name}{number}" for name in EACH for number in range(config.rasterizers))
-    return ("splats", "dropped", "pairs", "empty", "blocked", *each)
+    return tuple(raster(config))
 
 
 class Raster(wiring.Component):
@@ -185,6 +181,6 @@ class Raster(wiring.Component):
             "blocked": o.valid & ~o.ready,
         }
         for number, part in enumerate(self.rasterizers):
-            events |= {f"{name}{number}": getattr(part, name) for name in EACH}
+            events |= {f"{name}{number}": getattr(part, name) for name in RASTERIZER}
         m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
         m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]

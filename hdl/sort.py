@@ -4,13 +4,14 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from hdl.counters import COUNTER_BITS, Counters
+from hdl.counters import Counters
 from hdl.merge import Merge
 from hdl.record import layout
 from hdl.refill import Refill
 from hdl.runs import HALVES, Half, Runs, place
 from hdl.stream import Queue
 from spec.config import Config
+from spec.counters import COUNTER_BITS, SORT
 from spec.group import COUNT_BITS, entry_record, sorted_record
 from spec.sort import (
     count_record,
@@ -21,7 +22,7 @@ from spec.sort import (
     way_bits,
 )
 
-COUNTED = ("entries", "given", "sorting", "starved", "blocked")
+COUNTED = tuple(SORT)
 
 OUT_WAITING = 2
 """Entries that may wait at the end, the one that is being looked up included."""

@@ -10,11 +10,13 @@ from model.factor import largest_axis
 from spec.convention import ALPHA_MIN
 from spec.memory import (
     ABSOLUTE_EXPONENT,
+    ALIGNMENT,
     CHUNK,
     CHUNK_HEADER,
     COLOUR_ENTRY,
     HEADER,
     MAGIC,
+    PLACED,
     POSITION_FORMATS,
     REACH,
     SH_ENTRY,
@@ -79,6 +81,8 @@ def header(model: Quantised, check: int) -> np.ndarray:
         "colour_exponent": model.colour.exponent,
         "sh_exponent": model.harmonics.exponent,
     }
+    layout = format.layout(len(model))
+    numbers |= {part: getattr(layout, part) // ALIGNMENT for part in PLACED}
     codes = {field: HEADER[field].encode(np.array([value])) for field, value in numbers.items()}
     for field in ("colour_index", "sh_index"):
         bits = getattr(format, field)

@@ -44,6 +44,18 @@ class FrameConstants:
     constants: dict[str, float]  # `spec.programs.CONSTANTS`, values that the format holds
 
 
+def fixed_constants(config: Config) -> dict[str, float]:
+    """Constants of `spec.programs` that no camera changes, before they are rounded."""
+    return {
+        "zero": 0.0,
+        "one": 1.0,
+        "blur": COVARIANCE_BLUR * 4.0**-config.screen_exponent,
+        "reach_slope": -2 * np.log(2) * OPACITY.step,
+        "reach_full": -2 * np.log(ALPHA_MIN),
+        "power": POWER_SCALE,
+    }
+
+
 def frame_constants(
     config: Config, camera: Camera, position_exponent: int, factor_exponent: int
 ) -> FrameConstants:
@@ -60,14 +72,7 @@ def frame_constants(
     guard = np.maximum(size - 1 - principal, principal) + EXTENT_MARGIN
     guard = guard * (1 + GUARD_ROUNDINGS * config.arithmetic.epsilon) * pixel
     spread = np.hypot(focal, limit)  # largest half-extent at z = 1 of what reaches one scene unit
-    constants = {
-        "zero": 0.0,
-        "one": 1.0,
-        "blur": COVARIANCE_BLUR * pixel**2,
-        "reach_slope": -2 * np.log(2) * OPACITY.step,
-        "reach_full": -2 * np.log(ALPHA_MIN),
-        "power": POWER_SCALE,
-    }
+    constants = fixed_constants(config)
     for axis, name in enumerate("xyz"):
         for k in range(3):
             constants[f"v{name}{k}"] = rows[axis, k]

@@ -30,7 +30,7 @@ from spec.number import FP16, Bits, Fixed, Float
 from spec.record import Array, Format, Record
 
 MAGIC = int.from_bytes(b"SPLT", "little")
-VERSION = 1
+VERSION = 2
 ALIGNMENT = 64
 """Bytes: parts begin at a multiple of a short burst."""
 
@@ -91,9 +91,16 @@ HEADER = Record(
         "sh_exponent": Fixed(15, 0, signed=True),
         "colour_index": Array(Bits(8), 4),  # index bits of each stage, 0 where there is none
         "sh_index": Array(Bits(8), 4),
-        "reserved": Array(Bits(64), 4),
+        "positions": Bits(32),  # where these parts begin, in units of ALIGNMENT from the header on
+        "attributes": Bits(32),
+        "colours": Bits(32),
+        "end": Bits(32),
+        "reserved": Array(Bits(64), 2),
     },
 )
+
+PLACED = ("positions", "attributes", "colours", "end")
+"""Parts of a model whose place its header tells; chunk headers follow the header."""
 
 CHUNK_HEADER = Record(
     "chunk_header",

@@ -8,12 +8,14 @@ import numpy as np
 
 from spec.error import InputError
 from spec.memory import (
+    ALIGNMENT,
     CHUNK,
     CHUNK_HEADER,
     COLOUR_ENTRY,
     EXPONENT_MAX,
     HEADER,
     MAGIC,
+    PLACED,
     POSITION_FORMATS,
     SH_ENTRY,
     STORED_BITS,
@@ -223,5 +225,8 @@ def _check(model: PackedModel):
         refuse("colour_index", str(error))
     if len(model.image) != expected:
         refuse("count", f"{len(model)} needs {expected} bytes but there are {len(model.image)}")
+    for part in PLACED:
+        if model.value(part) * ALIGNMENT != getattr(model.layout, part):
+            refuse(part, f"is said to be at {model.value(part) * ALIGNMENT}")
     if model.value("checksum") != checksum(model.image):
         refuse("checksum", "is wrong: the file is damaged")

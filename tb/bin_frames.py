@@ -13,12 +13,12 @@ from golden.bin import Binned, Codes, bin_splats
 from golden.lists import Lists
 from golden.reference_tiles import smallest_q
 from hdl.bin import COUNTED, Bin
-from hdl.counters import COUNTER_BITS
 from hdl.record import layout
 from sim.streams import Result, Simulation
 from spec.binning import PAGE_BITS, burst_record, group_record
 from spec.config import DEFAULT, PAPER, TINY, Config
 from spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
+from spec.counters import COUNTER_BITS
 from spec.frame import POWER_SCALE
 from spec.group import SPLAT_BITS, entry_record, feature_record
 from spec.memory import OPACITY

@@ -11,7 +11,6 @@ from golden.cull import rays
 from golden.points import Points, project_points
 from golden.program import run
 from golden.reference import covariance_and_conic, project
-from hdl.counters import COUNTER_BITS
 from hdl.points import COUNTED
 from model.camera_file import read_camera
 from model.generate import generate, generated_camera
@@ -20,6 +19,7 @@ from model.read import read_scene
 from sim.streams import Simulation
 from spec.config import DEFAULT, PAPER, Config
 from spec.convention import NEAR_PLANE, SPLATCORE
+from spec.counters import COUNTER_BITS
 from spec.microprogram import projection
 from tb.point_rows import PointRows, point_rows
 from tb.scenes import needs_scenes, scene_path

@@ -13,7 +13,6 @@ from amaranth.lib.wiring import In
 
 from golden.sort import sort
 from golden.sort_cycles import cycles
-from hdl.counters import COUNTER_BITS
 from hdl.merge import Merge
 from hdl.refill import Refill
 from hdl.runs import Half, Runs
@@ -22,6 +21,7 @@ from sim.bench_sort import BOUND, BOUND_FROM
 from sim.sort_rows import KEYS, entries_of, sort_rows
 from sim.streams import Result, Simulation
 from spec.config import DEFAULT, PAPER, TINY
+from spec.counters import COUNTER_BITS
 from spec.group import sorted_record
 from spec.sort import half_entries
 from tb.test_formal import planted

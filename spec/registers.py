@@ -1,0 +1,185 @@
+"""The register map: what the host writes and reads over AXI4-Lite, in words of 32 bits.
+
+Hardware, documentation, the C header and the testbench's names are all made from `register_map`.
+
+A frame: write the frame's registers, then START to CONTROL while STATUS says READY. Its points are
+made from these registers, which are locked meanwhile; with READY again (and an interrupt) the next
+frame's may be written and started, while this one's tiles are rendered. FRAME tells that all its
+pixels are in memory. Numbers of `Config.arithmetic` are codes, as `spec.frame` rounds them.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+from spec.axi import ADDRESS_BITS, LITE_DATA_BITS
+from spec.binning import PAGE_BITS
+from spec.config import Config
+from spec.counters import COUNTER_BITS, counters
+from spec.frame import CAMERA, FrameConstants, fixed_constants
+from spec.group import COUNT_BITS, SPLAT_BITS, colour_format
+from spec.memory import MAGIC, VERSION
+from spec.programs import CONSTANTS
+from spec.raster import COLOURS
+
+WORD = LITE_DATA_BITS // 8
+"""Bytes from one register to the next."""
+
+Access = Literal["read", "write", "frame", "clear", "control"]
+"""read: cannot be written. write: read and written. frame: the same, but locked while points are
+made. clear: bits written as 1 are cleared. control: writing commands, reads as 0."""
+
+START, ABORT = 1 << 0, 1 << 1
+"""CONTROL: begin a frame; give up all frames that have begun."""
+
+READY, PREPROCESSING, RENDERING = 1 << 0, 1 << 1, 1 << 2
+"""STATUS: START is taken; points are being made; tiles are being rendered."""
+
+INTERRUPT_READY, INTERRUPT_FRAME, INTERRUPT_ERROR = 1 << 0, 1 << 1, 1 << 2
+"""INTERRUPT: READY has come; a frame is complete; ERROR says what went wrong."""
+
+
+class ErrorCode(IntEnum):
+    """What went wrong, in the lowest 8 bits of ERROR; the first error stays until it is cleared."""
+
+    NONE = 0
+    START = 1  # START while not READY: nothing was begun
+    LOCKED = 2  # a frame's register was written while points were made: it was not changed
+    SIZE = 3  # width or height is 0 or too large for the machine
+    MAGIC = 4  # there is no packed model at MODEL
+    VERSION = 5  # the model's version is another one
+    FORMAT = 6  # the model's degree, positions or codebooks do not fit this machine
+    FEATURES = 7  # more than FEATURES_MAX splats touch the image
+    PAGES = 8  # LISTS_PAGES pages do not hold the lists; NEEDED says how many would
+    SCRATCH = 9  # a list that does not fit on chip is longer than SCRATCH_ENTRIES
+    READ = 10  # AXI read error; the detail is the reader
+    WRITE = 11  # AXI write error; the detail is the writer
+
+
+CODE_BITS = 8
+DETAIL_BITS = 8
+"""ERROR: the code, above it the detail (`ErrorCode`; else 0)."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """A word. value: what it reads as, if that never changes."""
+
+    name: str
+    width: int
+    access: Access
+    about: str
+    value: int | None = None
+
+
+def variable_constants(config: Config) -> list[str]:
+    """Constants of `spec.programs` that depend on the camera."""
+    return [name for name in CONSTANTS if name not in fixed_constants(config)]
+
+
+def control_registers(config: Config) -> list[Register]:
+    """What every driver needs."""
+    size = config.width_max | config.height_max << 16
+    return [
+        Register("ID", 32, "read", "says 'SPLT'", MAGIC),
+        Register("VERSION", 16, "read", "version of the packed models that it takes", VERSION),
+        Register("SIZE_MAX", 32, "read", "largest width, and height << 16, in pixels", size),
+        Register("CONTROL", 2, "control", "START, ABORT"),
+        Register("STATUS", 3, "read", "READY, PREPROCESSING, RENDERING"),
+        Register("INTERRUPT", 3, "clear", "READY, FRAME, ERROR"),
+        Register("INTERRUPT_ENABLE", 3, "write", "which of them raise the interrupt"),
+        Register("ERROR", CODE_BITS + DETAIL_BITS, "clear", "code, detail << 8; any write clears"),
+        Register("STARTED", 16, "read", "frames that have begun, modulo 2^16"),
+        Register("FINISHED", 16, "read", "frames that are complete, modulo 2^16"),
+        Register("NEEDED", PAGE_BITS, "read", "list pages that the last frame's points took"),
+    ]
+
+
+def frame_registers(config: Config) -> list[Register]:
+    """What a frame is."""
+
+    def address(name: str, about: str) -> Register:
+        return Register(name, ADDRESS_BITS, "frame", f"address of {about}")
+
+    colour = colour_format(config).width
+    registers = [
+        Register("WIDTH", config.width_max.bit_length(), "frame", "of the image, pixels"),
+        Register("HEIGHT", config.height_max.bit_length(), "frame", "of the image, pixels"),
+        address("MODEL", "the packed model, a multiple of 64"),
+        address("GROUPS", "work area 0's table of groups, a multiple of 4096"),
+        address("LISTS", "work area 0's list pages, a multiple of 4096"),
+        address("FEATURES", "work area 0's features, a multiple of 4096"),
+        Register("WORK_AREA", ADDRESS_BITS, "frame", "bytes from work area 0 to work area 1"),
+        Register("LISTS_PAGES", PAGE_BITS, "frame", "list pages of a work area"),
+        Register("FEATURES_MAX", SPLAT_BITS, "frame", "features of a work area"),
+        address("SCRATCH", "scratch memory, a multiple of 4096"),
+        Register("SCRATCH_AREA", ADDRESS_BITS, "frame", "bytes from its area 0 to its area 1"),
+        Register("SCRATCH_ENTRIES", COUNT_BITS, "frame", "longest list that it holds"),
+        address("PIXELS", "the image, a multiple of 16"),
+        Register("STRIDE", 16, "frame", "bytes from a row to the next, a multiple of 16"),
+    ]
+    registers += [
+        Register(f"BACKGROUND_{name.upper()}", colour, "frame", f"{name}, units of 2^-9·255/256")
+        for name in COLOURS
+    ]
+    registers += [
+        Register(f"CAMERA_{axis}_{part}", width, "frame", f"camera's {axis}, grid steps, {bits}")
+        for axis in "XYZ"
+        for part, width, bits in (
+            ("LOW", LITE_DATA_BITS, "lower 32 bits"),
+            ("HIGH", CAMERA.width - LITE_DATA_BITS, "upper bits"),
+        )
+    ]
+    number = config.arithmetic.width
+    registers.append(Register("NEAR_PLANE", number, "frame", "depth below which all is dropped"))
+    for name in variable_constants(config):
+        about = f"constant {name} of the projection"
+        registers.append(Register(f"CONSTANT_{name.upper()}", number, "frame", about))
+    return registers
+
+
+def counter_registers(config: Config) -> list[Register]:
+    """Performance counters."""
+    return [
+        Register(f"{stage.upper()}_{name.upper()}", COUNTER_BITS, "read", f"{stage}: {about}")
+        for stage, names in counters(config).items()
+        for name, about in names.items()
+    ]
+
+
+FRAME_START, COUNTER_START = 0x100, 0x400
+"""Addresses of the first frame register and of the first counter."""
+
+
+def register_map(config: Config) -> dict[int, Register]:
+    """All registers by their address."""
+    found: dict[int, Register] = {}
+    for start, registers in (
+        (0, control_registers(config)),
+        (FRAME_START, frame_registers(config)),
+        (COUNTER_START, counter_registers(config)),
+    ):
+        for k, register in enumerate(registers):
+            if start + k * WORD in found:
+                raise ValueError(f"{config.name}: register {register.name} has no place")
+            found[start + k * WORD] = register
+    return found
+
+
+def addresses(config: Config) -> dict[str, int]:
+    """The address of each register by its name."""
+    return {register.name: address for address, register in register_map(config).items()}
+
+
+def camera_values(config: Config, frame: FrameConstants) -> dict[str, int]:
+    """What the registers of a camera are set to."""
+    mask = (1 << LITE_DATA_BITS) - 1
+    found = {"NEAR_PLANE": int(config.arithmetic.encode(frame.near_plane))}
+    for axis, value in zip("XYZ", frame.camera, strict=True):
+        code = int(value) % (1 << CAMERA.width)
+        found |= {f"CAMERA_{axis}_LOW": code & mask}
+        found |= {f"CAMERA_{axis}_HIGH": code >> LITE_DATA_BITS}
+    for name in variable_constants(config):
+        code = config.arithmetic.encode(frame.constants[name])
+        found[f"CONSTANT_{name.upper()}"] = int(code)
+    return found

@@ -1,0 +1,99 @@
+"""What a frame's first half leaves in memory for its second half, and where it lies.
+
+The host gives two work areas, `WORK_AREA` bytes apart, which frames take in turn. Each has
+
+    groups' table │ list pages │ features
+
+each beginning at a multiple of `WORK_ALIGNMENT` (`Work`). Scratch memory for sorting long lists is
+apart, as only the second half uses it, and so is the image: rows of `STRIDE` bytes, a pixel red,
+green and blue, 8 bits each.
+"""
+
+from dataclasses import dataclass
+
+from spec.axi import BOUNDARY, LINE
+from spec.binning import PAGE_BITS, groups_max
+from spec.config import Config
+from spec.convention import BLOCK
+from spec.group import COUNT_BITS, ENTRY_BITS, feature_record
+from spec.number import Bits
+from spec.record import Record
+from spec.sort import AREAS
+
+WORK_ALIGNMENT = BOUNDARY
+
+SLOT = ENTRY_BITS // 8
+"""Bytes of an entry, and of a group in the table."""
+
+FEATURE = LINE
+"""Bytes from a feature to the next one."""
+
+PIXEL = 3
+"""Bytes of a pixel."""
+
+STRIDE_ALIGNMENT = 16
+"""Rows of the image begin at multiples of this many bytes."""
+
+
+def table_record() -> Record:
+    """A group in the table: first page and how many entries."""
+    spare = ENTRY_BITS - PAGE_BITS - COUNT_BITS
+    return Record(
+        "table",
+        {"page": Bits(PAGE_BITS), "count": Bits(COUNT_BITS), "reserved": Bits(spare)},
+    )
+
+
+def stored_feature_record(config: Config) -> Record:
+    """A feature as it lies in memory."""
+    feature = feature_record(config)
+    spare = FEATURE * 8 - feature.width
+    return Record("stored_feature", {"feature": feature} | _reserved(spare))
+
+
+def _reserved(bits: int) -> dict:
+    """Fields that fill so many bits."""
+    widths = [64] * (bits // 64) + [bits % 64] * bool(bits % 64)
+    return {f"reserved{k}": Bits(width) for k, width in enumerate(widths)}
+
+
+def page_bytes(config: Config) -> int:
+    """Bytes of a list page."""
+    return config.page * SLOT
+
+
+@dataclass(frozen=True)
+class Work:
+    """Byte offsets of the parts of a work area, and its size, for a machine's largest image."""
+
+    groups: int
+    lists: int
+    features: int
+    size: int
+
+
+def work(config: Config, pages: int, features: int) -> Work:
+    """A work area of that many list pages and features."""
+    lists = aligned(groups_max(config) * SLOT)
+    found = lists + aligned(pages * page_bytes(config))
+    return Work(0, lists, found, found + aligned(features * FEATURE))
+
+
+def scratch_bytes(entries: int) -> int:
+    """Bytes of scratch memory for lists of that length."""
+    return AREAS * aligned(entries * SLOT)
+
+
+def aligned(size: int) -> int:
+    """The next multiple of `WORK_ALIGNMENT`."""
+    return -(-size // WORK_ALIGNMENT) * WORK_ALIGNMENT
+
+
+def stride(width: int) -> int:
+    """Least bytes from one row of an image to the next."""
+    return -(-width * PIXEL // STRIDE_ALIGNMENT) * STRIDE_ALIGNMENT
+
+
+def block_bytes() -> int:
+    """Bytes of one row of a block."""
+    return BLOCK * PIXEL
