@@ -1,6 +1,6 @@
 """The point half of the machine, composed: chunk headers to splats."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -22,6 +22,10 @@ COUNTED = tuple(POINTS)
 CHUNKS_WAITING = 2
 """Chunks that may wait before each part: the next one is ready when a chunk is through."""
 
+CHUNKS_INSIDE = 4 * CHUNKS_WAITING
+"""More chunks than can be between the first part and the last: no queue holds more than
+`CHUNKS_WAITING`, and the fork one."""
+
 
 class Points(wiring.Component):
     """Stages 0 and 1: chunk headers, positions and attributes in, splats out.
@@ -34,6 +38,7 @@ class Points(wiring.Component):
         gaussians, camera, position_exponent, near_plane, constants, sh, colour_exponent,
             sh_exponent: registers of the model and the frame.
         splats: stream of `splat_record`, in the model's order.
+        idle: no chunk and no splat is inside: with the last header taken, the frame is through.
         counters, clear: events of `COUNTED`; the last three are rounds of the projection's array
             that began with a Gaussian, without one, and with none because splats were not taken.
 
@@ -55,6 +60,7 @@ class Points(wiring.Component):
                 "near_plane": In(config.arithmetic.width),
                 "constants": In(codes(config, tuple(CONSTANTS))),
                 "splats": project["o"],
+                "idle": Out(1),
                 "clear": In(1),
                 "counters": Out(data.StructLayout(dict.fromkeys(COUNTED, COUNTER_BITS))),
             }
@@ -76,6 +82,7 @@ class Points(wiring.Component):
         connect(m, self.place.o, self.project.i)
         self._chunks(m)
         self._registers(m)
+        self._idle(m)
         self._count(m)
         return m
 
@@ -118,6 +125,23 @@ class Points(wiring.Component):
                 connect(m, flipped(self).write, self.project.write)
             else:
                 m.d.comb += getattr(self.project, name).eq(getattr(self, name))
+
+    def _idle(self, m: Module):
+        """Chunks from their first part to their last, and splats from their slot to the outside."""
+        first, last, project = self.chunk.o, self.project.chunks, self.project
+        most = self.config.projection_slots + project.splats_inside
+        chunks, splats = Signal(range(CHUNKS_INSIDE + 1)), Signal(range(most + 1))
+        for count, comes, goes in (
+            (chunks, first.valid & first.ready, last.valid & last.ready),
+            (
+                splats,
+                project.wanted.valid & project.wanted.ready,
+                project.o.valid & project.o.ready,
+            ),
+        ):
+            with m.If(comes != goes):
+                m.d.sync += count.eq(Mux(comes, count + 1, count - 1))
+        m.d.comb += self.idle.eq(~(chunks.any() | splats.any()))
 
     def _count(self, m: Module):
         m.submodules.counters = counters = Counters(COUNTED)

@@ -71,6 +71,8 @@ class Project(wiring.Component):
             raise ValueError(f"{config.name}: colours are wanted before they can be looked up")
         outside = ("write", "sh", "colour_exponent", "sh_exponent")
         self.tables = [name for name in outside if name in self.look_up.signature.members]
+        self.splats_inside = self.array.round_count + SPARE
+        """Splats in the array and in the queue behind it, at most."""
         inner = self.slots.signature.members
         super().__init__(
             {name: inner[name] for name in ("i", "chunks", "wanted", "attributes")}
@@ -105,7 +107,7 @@ class Project(wiring.Component):
 
     def _output(self, m: Module) -> Value:
         """The queue of splats; whether it will have room for one more."""
-        depth = self.array.round_count + SPARE
+        depth = self.splats_inside
         m.submodules.splats = queue = Queue(layout(splat_record(self.config)), depth, memory=True)
         found, splat = self.array.o.payload.outputs, queue.i.payload
         for name in splat.shape().members:

@@ -3,8 +3,10 @@
 from amaranth.hdl import Shape, unsigned
 from amaranth.lib import data
 
+from spec.config import Config
 from spec.number import Fixed
 from spec.record import Array, Format, Record
+from spec.registers import frame_registers
 
 
 def layout(record: Record) -> data.StructLayout:
@@ -28,3 +30,9 @@ def _shape(format: Format) -> data.Layout | Shape:
 def signed_shape(fixed: Fixed) -> Shape:
     """The shape of a signed integer of a fixed-point format."""
     return Shape(fixed.width, signed=True)
+
+
+def frame_layout(config: Config) -> data.StructLayout:
+    """The registers of a frame."""
+    registers = frame_registers(config)
+    return data.StructLayout({register.name.lower(): register.width for register in registers})

@@ -37,7 +37,6 @@ PREPROCESSING, RENDERING = 0, 1
 
 READERS = {
     "model": PREPROCESSING,
-    "headers": PREPROCESSING,
     "positions": PREPROCESSING,
     "attributes": PREPROCESSING,
     "groups": RENDERING,
@@ -45,7 +44,7 @@ READERS = {
     "scratch": RENDERING,
     "features": RENDERING,
 }
-"""Who reads → for which half: a model's header and codebooks, its chunk headers, positions and
+"""Who reads → for which half: a model's header, codebooks and chunk headers, its positions and its
 attributes; the groups' table, their lists, entries being sorted, features in sorted order."""
 
 WRITERS = {
@@ -69,6 +68,11 @@ OKAY, SLAVE_ERROR = 0, 2
 def read_record() -> Record:
     """A burst to be read. length: its beats less one."""
     return Record("read", {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS)})
+
+
+def range_record(count_bits: int) -> Record:
+    """Consecutive beats to be read, at least one."""
+    return Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(count_bits)})
 
 
 def write_record() -> Record:

@@ -1,0 +1,156 @@
+"""Frames: both halves at work on neighbouring ones, and what happens when something goes wrong."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from hdl.preprocess import AREA, ERROR
+from hdl.record import frame_layout
+from hdl.render import job_layout
+from spec.axi import BEAT_BITS, ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
+from spec.config import Config
+from spec.raster import COLOURS
+from spec.registers import ErrorCode
+
+HALVES = (PREPROCESSING, RENDERING)
+
+FRAME_BITS = 16
+"""Width of the counts of frames."""
+
+FAULT = data.StructLayout({"now": 1, "client": ID_BITS})
+
+
+class Frame(wiring.Component):
+    """Starts the halves, hands a frame over from the first to the second, and cleans up.
+
+    A half that fails begins nothing more on the bus; when all that it had begun there has ended, it
+    is reset, its frame is forgotten, and it is idle again. The other half goes on.
+
+    Members
+        frame: the host's registers. start, abort: its commands.
+        ready, working: what STATUS says: START is taken; each half is at work.
+        ready_event, frame_event: `ready` has come; a frame is complete.
+        error: what goes wrong. started, finished: frames so far.
+        begin, done, fails: each half's start, its end, what it says is wrong. taken: the first
+            half's work area has been handed over.
+        area, job: what they are told.
+        read_error, write_error: from the bus. idle: nothing of a half is under way there.
+        failing: a half is to begin nothing more. reset: a half is to forget all.
+
+    **Timing**: two cycles from one half to the other.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        halves = len(HALVES)
+        super().__init__(
+            {
+                "frame": In(frame_layout(config)),
+                "start": In(1),
+                "abort": In(1),
+                "ready": Out(1),
+                "working": Out(halves),
+                "ready_event": Out(1),
+                "frame_event": Out(1),
+                "error": Out(ERROR),
+                "started": Out(FRAME_BITS),
+                "finished": Out(FRAME_BITS),
+                "begin": Out(halves),
+                "done": In(halves),
+                "taken": Out(1),
+                "fails": In(ERROR).array(halves),
+                "area": Out(AREA),
+                "job": Out(job_layout(config)),
+                "read_error": In(FAULT),
+                "write_error": In(FAULT),
+                "idle": In(halves),
+                "failing": Out(halves),
+                "reset": Out(halves),
+            }
+        )
+        self.handing = Signal()
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        faults = self._errors(m)
+        m.d.comb += [
+            self.handing.eq(
+                self.done[PREPROCESSING]
+                & self.working[PREPROCESSING]
+                & ~self.working[RENDERING]
+                & ~self.failing.any()
+            ),
+            self.ready.eq(~self.working[PREPROCESSING] & ~self.reset[PREPROCESSING]),
+        ]
+        begins = (self.start & self.ready, self.handing)
+        ends = (self.handing, self.done[RENDERING] & ~self.failing[RENDERING])
+        for half in HALVES:
+            self._half(m, half, begins[half], ends[half], faults[half])
+        self._areas(m)
+        was_ready = Signal(init=1)
+        m.d.sync += was_ready.eq(self.ready)
+        m.d.comb += [
+            self.taken.eq(self.handing),
+            self.ready_event.eq(self.ready & ~was_ready),
+            self.frame_event.eq(ends[RENDERING] & self.working[RENDERING]),
+        ]
+        with m.If(begins[PREPROCESSING]):
+            m.d.sync += self.started.eq(self.started + 1)
+        with m.If(self.frame_event):
+            m.d.sync += self.finished.eq(self.finished + 1)
+        return m
+
+    def _half(self, m: Module, half: int, begins: Value, ends: Value, fault: Value):
+        """A half: idle, at work, or failing until the bus is quiet; then it is reset."""
+        working, failing, reset = (
+            getattr(self, name)[half] for name in ("working", "failing", "reset")
+        )
+        quiet = Signal(2, name=f"quiet{half}")  # the bus has been idle so long
+        m.d.sync += [self.begin[half].eq(begins & ~failing), reset.eq(0)]
+        with m.If(begins & ~failing):
+            m.d.sync += working.eq(1)
+        with m.Elif(ends):
+            m.d.sync += working.eq(0)
+        with m.If(failing):
+            m.d.sync += quiet.eq(Mux(self.idle[half], quiet + 1, 0))
+            with m.If(quiet.all() & self.idle[half]):
+                m.d.sync += [failing.eq(0), reset.eq(1), working.eq(0), quiet.eq(0)]
+        with m.Elif(fault & working):
+            m.d.sync += failing.eq(1)
+
+    def _errors(self, m: Module) -> list[Value]:
+        """The one error that is told, and whether a half has one."""
+        faults = [self.abort | self.fails[half].now for half in HALVES]
+        for error, clients, code in (
+            (self.read_error, READERS, ErrorCode.READ),
+            (self.write_error, WRITERS, ErrorCode.WRITE),
+        ):
+            mine = [
+                Cat(error.client == k for k, of in enumerate(clients.values()) if of == half).any()
+                for half in HALVES
+            ]
+            told = Cat(mine[half] & ~self.failing[half] for half in HALVES).any()
+            for half in HALVES:
+                faults[half] = faults[half] | (error.now & mine[half])
+            with m.If(error.now & told):
+                m.d.comb += [self.error.now.eq(1), self.error.code.eq(code)]
+                m.d.comb += self.error.detail.eq(error.client)
+        for half in HALVES:
+            with m.If(self.fails[half].now & ~self.failing[half]):
+                m.d.comb += self.error.eq(self.fails[half])
+        return faults
+
+    def _areas(self, m: Module):
+        """Frames take the work areas in turn; what the second half is told stays for its frame."""
+        frame, area, job, second = self.frame, self.area, self.job, Signal()
+        for part in ("groups", "lists", "features"):
+            behind = Mux(second, frame.work_area, 0)
+            m.d.sync += area[part].eq((frame[part] + behind) >> BEAT_BITS)
+        with m.If(self.handing):
+            m.d.sync += [second.eq(~second), job.area.eq(area)]
+            for name in ("width", "height", "scratch_entries"):
+                m.d.sync += job[name].eq(frame[name])
+            for name in ("scratch", "scratch_area", "pixels", "stride"):
+                m.d.sync += job[name].eq(frame[name] >> BEAT_BITS)
+            for name in COLOURS:
+                m.d.sync += job.background[name].eq(frame[f"background_{name}"])

@@ -1,0 +1,143 @@
+"""The groups of an image, one after the other: where they are, and where their lists begin."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from hdl.axi import read_beat
+from hdl.fetch import Fetch
+from hdl.record import layout
+from hdl.stream import Fork, Queue
+from hdl.unpack import Unpack
+from spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
+from spec.binning import group_record, groups_max
+from spec.config import Config
+from spec.convention import TILE
+from spec.group import COUNT_BITS
+from spec.raster import place_record
+from spec.record import Record
+from spec.sort import count_record, half_entries
+from spec.work import SLOT
+
+GROUPS_WAITING = 8
+"""Groups that may be known to one part and still wait before another."""
+
+TAKERS = ("counts", "lists", "places", "pixels")
+
+
+def known_record(config: Config) -> Record:
+    """What is known of a group."""
+    return Record("known", {"group": group_record(), "place": place_record(config)})
+
+
+class Groups(wiring.Component):
+    """Reads the groups' table and tells each group to all parts that handle it.
+
+    Members
+        start: a frame begins. width, height: of its image, pixels; groups_at: where its table is,
+            in beats; scratch_entries: how long a list may be that does not fit on chip.
+        counts: stream of `count_record` for sorting. lists: stream of `group_record` for reading
+            the entries. places, pixels: streams of `place_record` for rasterizing and writing.
+        too_long: there is a list that is too long; its group does not come.
+        reads, data: to and from memory.
+
+    **Timing**: a group a cycle.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        place = Out(stream.Signature(layout(place_record(config))))
+        super().__init__(
+            {
+                "start": In(1),
+                "width": In(range(config.width_max + 1)),
+                "height": In(range(config.height_max + 1)),
+                "groups_at": In(BEAT_ADDRESS_BITS),
+                "scratch_entries": In(COUNT_BITS),
+                "counts": Out(stream.Signature(layout(count_record()))),
+                "lists": Out(stream.Signature(layout(group_record()))),
+                "places": place,
+                "pixels": place,
+                "too_long": Out(1),
+                "reads": Out(stream.Signature(layout(read_record()))),
+                "data": In(stream.Signature(read_beat())),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        rows, columns = self._grid(m)
+        slots = self._table(m, rows * columns)
+        known = layout(known_record(self.config))
+        m.submodules.fork = fork = Fork(known, len(TAKERS))
+        row, column = Signal.like(rows), Signal.like(columns)
+        group = fork.i.payload.group
+        m.d.comb += [
+            group.eq(slots.payload),
+            fork.i.payload.place.row.eq(row),
+            fork.i.payload.place.column.eq(column),
+            self.too_long.eq(
+                slots.valid
+                & (group.count > half_entries(self.config))
+                & (group.count > self.scratch_entries)
+            ),
+            fork.i.valid.eq(slots.valid & ~self.too_long),
+            slots.ready.eq(fork.i.ready & ~self.too_long),
+        ]
+        last = column + 1 == columns
+        with m.If(fork.i.valid & fork.i.ready):
+            m.d.sync += [column.eq(Mux(last, 0, column + 1)), row.eq(row + last)]
+        with m.If(self.start):
+            m.d.sync += [column.eq(0), row.eq(0)]
+        self._give(m, fork)
+        return m
+
+    def _grid(self, m: Module) -> tuple[Signal, Signal]:
+        """Rows and columns of groups."""
+        side = TILE * self.config.group
+        rows = Signal(range(self.config.height_max // side + 2))
+        columns = Signal(range(self.config.width_max // side + 2))
+        m.d.sync += [
+            rows.eq((self.height + side - 1) // side),
+            columns.eq((self.width + side - 1) // side),
+        ]
+        return rows, columns
+
+    def _table(self, m: Module, count) -> stream.Interface:
+        """The table's slots; it is asked for when the number of groups is known."""
+        bits = groups_max(self.config).bit_length()
+        m.submodules.fetch = fetch = Fetch(BURST_BEATS, bits)
+        m.submodules.unpack = unpack = Unpack(bits)
+        connect(m, fetch.reads, flipped(self.reads))
+        connect(m, flipped(self.data), fetch.data)
+        connect(m, fetch.o, unpack.beats)
+        groups, waits = Signal(bits), Signal(3)
+        asks, tells = Signal(), Signal()
+        m.d.sync += [groups.eq(count), waits.eq(Cat(self.start, waits))]
+        a_beat = DATA_BITS // 8 // SLOT
+        m.d.comb += [
+            fetch.i.valid.eq(asks),
+            fetch.i.payload.beat.eq(self.groups_at),
+            fetch.i.payload.count.eq((groups + a_beat - 1) // a_beat),
+            unpack.counts.valid.eq(tells),
+            unpack.counts.payload.eq(groups),
+        ]
+        for wish, taken in ((asks, fetch.i.ready), (tells, unpack.counts.ready)):
+            with m.If(waits[-1]):
+                m.d.sync += wish.eq(1)
+            with m.Elif(taken):
+                m.d.sync += wish.eq(0)
+        return unpack.o
+
+    def _give(self, m: Module, fork: Fork):
+        """To each part at its own pace."""
+        for name, known in zip(TAKERS, fork.o, strict=True):
+            target = getattr(self, name)
+            m.submodules[name] = queue = Queue(target.payload.shape(), GROUPS_WAITING)
+            m.d.comb += [queue.i.valid.eq(known.valid), known.ready.eq(queue.i.ready)]
+            if name == "counts":
+                m.d.comb += queue.i.payload.count.eq(known.payload.group.count)
+            else:
+                part = known.payload.group if name == "lists" else known.payload.place
+                m.d.comb += queue.i.payload.eq(part)
+            connect(m, queue.o, flipped(target))

@@ -1,0 +1,243 @@
+"""The AXI4-Lite slave: the host's registers (`spec.registers`)."""
+
+from amaranth.hdl import Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
+
+from hdl.bus import axi_lite
+from hdl.record import frame_layout
+from spec.axi import LITE_ADDRESS_BITS, LITE_DATA_BITS, OKAY, SLAVE_ERROR
+from spec.binning import PAGE_BITS
+from spec.config import Config
+from spec.counters import COUNTER_BITS, counters
+from spec.registers import (
+    ABORT,
+    CODE_BITS,
+    DETAIL_BITS,
+    FRAME_START,
+    INTERRUPT_ERROR,
+    INTERRUPT_FRAME,
+    INTERRUPT_READY,
+    READY,
+    START,
+    WORD,
+    ErrorCode,
+    Register,
+    frame_registers,
+    register_map,
+)
+
+WORD_BITS = exact_log2(WORD)
+FIRST = FRAME_START // WORD
+
+ERROR = data.StructLayout({"code": CODE_BITS, "detail": DETAIL_BITS})
+"""What ERROR reads as."""
+
+
+def counters_layout(config: Config) -> data.StructLayout:
+    """All counters by stage and name."""
+    return data.StructLayout(
+        {
+            stage: data.StructLayout(dict.fromkeys(names, COUNTER_BITS))
+            for stage, names in counters(config).items()
+        }
+    )
+
+
+class Registers(wiring.Component):
+    """Registers of the machine, read and written by the host.
+
+    A word is written as a whole: a write without all its strobes is refused, as is one of a frame's
+    register while that is locked, and one of what cannot be written or is no register. What is
+    refused changes nothing and is answered by SLAVE_ERROR; so is reading what is no register, which
+    gives 0. The two lowest bits of an address are ignored, and so are bits above a register's.
+    START where READY is low is answered by OKAY, begins nothing and is an error; together with
+    ABORT it is ignored.
+
+    Members
+        s_axi: AXI4-Lite.
+        interrupt: an event of INTERRUPT that is enabled has come.
+        frame: the frame's registers (`frame_layout`); locked: they stay as they are.
+        start, abort: the command has been given; high for a cycle. READY may stay high in this
+            cycle and the next one, not longer.
+        status: the bits of STATUS.
+        ready_event, frame_event: high for a cycle: bits of INTERRUPT.
+        error: `now` high for a cycle: code and detail go to ERROR unless there is one already.
+        started, finished, needed, counters: what is read as such (`counters_layout`).
+
+    **Timing**: a write is done in the cycle after its address and data have come; a read is
+    answered 2 cycles after its address; one of each every 2 cycles. No path from an input of the
+    port to an output of it. No multiplier.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.map: dict[int, Register] = register_map(config)
+        self.address = {register.name: address for address, register in self.map.items()}
+        super().__init__(
+            {
+                "s_axi": In(axi_lite()),
+                "interrupt": Out(1),
+                "frame": Out(frame_layout(config)),
+                "locked": In(1),
+                "start": Out(1),
+                "abort": Out(1),
+                "status": In(self.map[self.address["STATUS"]].width),
+                "ready_event": In(1),
+                "frame_event": In(1),
+                "error": In(data.StructLayout({"now": 1} | ERROR.members)),
+                "started": In(self.map[self.address["STARTED"]].width),
+                "finished": In(self.map[self.address["FINISHED"]].width),
+                "needed": In(PAGE_BITS),
+                "counters": In(counters_layout(config)),
+            }
+        )
+        # A write that is being done: of which word, what, and whether it is taken.
+        self.write, self.taken = Signal(), Signal()
+        self.word = Signal(LITE_ADDRESS_BITS - WORD_BITS, reset_less=True)
+        self.value = Signal(LITE_DATA_BITS, reset_less=True)
+        self.events = Signal(self.map[self.address["INTERRUPT"]].width)
+        self.enabled = Signal(self.map[self.address["INTERRUPT_ENABLE"]].width)
+        self.first_error = Signal(ERROR)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        lock_broken = self._take(m)
+        start_refused = self._commands(m)
+        self._errors(m, start_refused, lock_broken)
+        self._frame(m)
+        self._read(m)
+        return m
+
+    def _at(self, name: str) -> Value:
+        """Whether a register is being written."""
+        return self.taken & (self.word == self.address[name] // WORD)
+
+    def _take(self, m: Module) -> Value:
+        """Writes; whether one of a locked register is refused."""
+        s_axi = self.s_axi
+        addressed, given, whole = Signal(), Signal(), Signal()
+        with m.If(s_axi.awready):
+            m.d.sync += [
+                addressed.eq(s_axi.awvalid),
+                self.word.eq(s_axi.awaddr[WORD_BITS:]),
+            ]
+        with m.If(s_axi.wready):
+            m.d.sync += [
+                given.eq(s_axi.wvalid),
+                self.value.eq(s_axi.wdata),
+                whole.eq(s_axi.wstrb.all()),
+            ]
+        writable, of_frame = Signal(), Signal()
+        with m.Switch(self.word):
+            for address, register in self.map.items():
+                if register.access != "read":
+                    with m.Case(address // WORD):
+                        m.d.comb += writable.eq(1)
+                        if register.access == "frame":
+                            m.d.comb += of_frame.eq(1)
+        m.d.comb += [
+            s_axi.awready.eq(~addressed),
+            s_axi.wready.eq(~given),
+            self.write.eq(addressed & given & ~s_axi.bvalid),
+            self.taken.eq(self.write & whole & writable & ~(of_frame & self.locked)),
+        ]
+        with m.If(self.write):
+            m.d.sync += [
+                addressed.eq(0),
+                given.eq(0),
+                s_axi.bvalid.eq(1),
+                s_axi.bresp.eq(Mux(self.taken, OKAY, SLAVE_ERROR)),
+            ]
+        with m.Elif(s_axi.bready):
+            m.d.sync += s_axi.bvalid.eq(0)
+        return self.write & whole & of_frame & self.locked
+
+    def _commands(self, m: Module) -> Value:
+        """START and ABORT; whether START comes where it must not."""
+        start, abort, ready = Signal(), Signal(), Signal()
+        control = self._at("CONTROL")
+        m.d.comb += [
+            abort.eq(control & (self.value & ABORT).any()),
+            start.eq(control & (self.value & START).any() & ~abort),
+            ready.eq((self.status & READY).any()),
+            self.start.eq(start & ready),
+            self.abort.eq(abort),
+        ]
+        return start & ~ready
+
+    def _errors(self, m: Module, start_refused: Value, lock_broken: Value):
+        """The first error, and interrupts. An error from outside goes before one of the host's."""
+        new, now = Signal(ERROR), Signal()
+        m.d.comb += [
+            now.eq(self.error.now | start_refused | lock_broken),
+            new.code.eq(Mux(lock_broken, ErrorCode.LOCKED, ErrorCode.START)),
+            new.detail.eq(Mux(lock_broken, self.word - FIRST, 0)),
+        ]
+        with m.If(self.error.now):
+            m.d.comb += [new.code.eq(self.error.code), new.detail.eq(self.error.detail)]
+        clears = self._at("ERROR")
+        with m.If(clears | (self.first_error.code == ErrorCode.NONE)):
+            m.d.sync += self.first_error.eq(Mux(now, new, 0))
+        events = {
+            INTERRUPT_READY: self.ready_event,
+            INTERRUPT_FRAME: self.frame_event,
+            INTERRUPT_ERROR: now,
+        }
+        cleared = Mux(self._at("INTERRUPT"), self.value, 0)
+        for bit, event in events.items():
+            k = exact_log2(bit)
+            m.d.sync += self.events[k].eq(event | (self.events[k] & ~cleared[k]))
+        with m.If(self._at("INTERRUPT_ENABLE")):
+            m.d.sync += self.enabled.eq(self.value)
+        m.d.comb += self.interrupt.eq((self.events & self.enabled).any())
+
+    def _frame(self, m: Module):
+        """The frame's registers."""
+        for register in frame_registers(self.config):
+            with m.If(self._at(register.name)):
+                m.d.sync += self.frame[register.name.lower()].eq(self.value)
+
+    def _values(self) -> dict[str, Value]:
+        """What registers read as by their names, but those that never change or read as 0."""
+        values = {
+            "STATUS": self.status,
+            "INTERRUPT": self.events,
+            "INTERRUPT_ENABLE": self.enabled,
+            "ERROR": self.first_error,
+            "STARTED": self.started,
+            "FINISHED": self.finished,
+            "NEEDED": self.needed,
+        }
+        values |= {name.upper(): self.frame[name] for name in self.frame.shape().members}
+        for stage, names in counters(self.config).items():
+            values |= {f"{stage}_{name}".upper(): self.counters[stage][name] for name in names}
+        return values
+
+    def _read(self, m: Module):
+        """Reads."""
+        s_axi, values = self.s_axi, self._values()
+        asked = Signal()
+        word = Signal(LITE_ADDRESS_BITS - WORD_BITS, reset_less=True)
+        found, known = Signal(LITE_DATA_BITS), Signal()
+        m.d.comb += s_axi.arready.eq(~asked)
+        with m.If(s_axi.arready):
+            m.d.sync += [asked.eq(s_axi.arvalid), word.eq(s_axi.araddr[WORD_BITS:])]
+        with m.Switch(word):
+            for address, register in self.map.items():
+                with m.Case(address // WORD):
+                    m.d.comb += known.eq(1)
+                    if register.value is not None:
+                        m.d.comb += found.eq(register.value)
+                    elif register.access != "control":
+                        m.d.comb += found.eq(values[register.name])
+        with m.If(asked & ~s_axi.rvalid):
+            m.d.sync += [
+                asked.eq(0),
+                s_axi.rvalid.eq(1),
+                s_axi.rdata.eq(found),
+                s_axi.rresp.eq(Mux(known, OKAY, SLAVE_ERROR)),
+            ]
+        with m.Elif(s_axi.rready):
+            m.d.sync += s_axi.rvalid.eq(0)

@@ -1,0 +1,118 @@
+"""The whole machine: registers, both halves, and the memory port."""
+
+from amaranth.hdl import Cat, Module, ResetInserter
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from hdl.axi import Axi
+from hdl.bus import axi, axi_lite
+from hdl.counters import Counters
+from hdl.frame import Frame
+from hdl.preprocess import Preprocess
+from hdl.registers import Registers
+from hdl.render import Render
+from spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
+from spec.config import Config
+from spec.counters import HALF, beats
+
+
+class Top(wiring.Component):
+    """Splatcore: packed models in memory to images in memory.
+
+    Members
+        s_axi: AXI4-Lite slave: the registers of `spec.registers`.
+        m_axi: AXI4 master: memory.
+        interrupt: something has happened that the host wants to know.
+
+    **Timing**: a frame's points are made while the tiles of the one before are rendered; each half
+    takes as long as its slowest stage.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.registers, self.frame, self.axi = Registers(config), Frame(config), Axi(config)
+        self.preprocess, self.render = Preprocess(config), Render(config)
+        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi()), "interrupt": Out(1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        frame, halves = self.frame, {"preprocess": self.preprocess, "render": self.render}
+        m.submodules.registers, m.submodules.axi = self.registers, self.axi
+        m.submodules.frame = frame
+        for half, (name, part) in enumerate(halves.items()):
+            m.submodules[name] = ResetInserter(frame.reset[half])(part)
+            m.d.comb += [
+                part.start.eq(frame.begin[half]),
+                frame.done[half].eq(part.done),
+                frame.fails[half].eq(part.error),
+            ]
+            self._connect(m, part, half)
+            self._count(m, name, half)
+        connect(m, flipped(self).s_axi, self.registers.s_axi)
+        connect(m, self.axi.m_axi, flipped(self).m_axi)
+        settled = self.axi.settled
+        m.d.comb += [
+            self.preprocess.frame.eq(self.registers.frame),
+            self.preprocess.area.eq(frame.area),
+            self.preprocess.taken.eq(frame.taken),
+            self.preprocess.settled.eq(
+                Cat(
+                    settled[k] for k, of in enumerate(WRITERS.values()) if of == PREPROCESSING
+                ).all()
+            ),
+            self.render.job.eq(frame.job),
+            self.render.settled.eq(
+                Cat(settled[k] for k, of in enumerate(WRITERS.values()) if of == RENDERING)
+            ),
+        ]
+        self._host(m)
+        return m
+
+    def _connect(self, m: Module, part: Preprocess | Render, half: int):
+        """A half's readers and writers to their places at the memory port."""
+        readers = [k for k, of in enumerate(READERS.values()) if of == half]
+        writers = [k for k, of in enumerate(WRITERS.values()) if of == half]
+        for number, place in enumerate(readers):
+            connect(m, part.reads[number], self.axi.reads[place])
+            connect(m, self.axi.data[place], part.data[number])
+        for number, place in enumerate(writers):
+            connect(m, part.writes[number], self.axi.writes[place])
+
+    def _count(self, m: Module, name: str, half: int):
+        """A half's cycles and traffic."""
+        names = tuple(HALF | beats(half))
+        m.submodules[f"{name}_counters"] = counters = Counters(names)
+        events = {"cycles": self.frame.working[half]}
+        for way, clients, passed in (
+            ("read", READERS, self.axi.beats_read),
+            ("write", WRITERS, self.axi.beats_written),
+        ):
+            for place, (client, of) in enumerate(clients.items()):
+                if of == half:
+                    events[f"{way}_{client}"] = passed[place]
+        m.d.comb += [counters.event[event].eq(now) for event, now in events.items()]
+        m.d.comb += counters.clear.eq(self.frame.begin[half])
+        stage = ("preprocessing", "rendering")[half]
+        m.d.comb += self.registers.counters[stage].eq(counters.value)
+
+    def _host(self, m: Module):
+        """Between the host's registers and the frames."""
+        registers, frame = self.registers, self.frame
+        m.d.comb += [
+            frame.frame.eq(registers.frame),
+            frame.start.eq(registers.start),
+            frame.abort.eq(registers.abort),
+            registers.status.eq(Cat(frame.ready, frame.working)),
+            registers.locked.eq(frame.working[PREPROCESSING]),
+            registers.needed.eq(self.preprocess.needed),
+            self.interrupt.eq(registers.interrupt),
+            frame.idle.eq(self.axi.idle),
+            self.axi.failing.eq(frame.failing),
+        ]
+        for name in ("ready_event", "frame_event", "error", "started", "finished"):
+            m.d.comb += getattr(registers, name).eq(getattr(frame, name))
+        for name in ("read_error", "write_error"):
+            m.d.comb += getattr(frame, name).eq(getattr(self.axi, name))
+        for part in (self.preprocess, self.render):
+            for stage in part.counters.shape().members:
+                m.d.comb += registers.counters[stage].eq(part.counters[stage])
