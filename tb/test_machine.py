@@ -1,0 +1,75 @@
+"""The whole machine in simulation: every pixel and every count is the twin's."""
+
+import numpy as np
+import pytest
+
+from golden.pipeline import render
+from model.hard import HARD
+from model.pack import pack
+from sim.machine import Job
+from sim.machine_script import IDEAL, LPDDR4, Timing
+from spec.config import TINY
+from spec.group import feature_record
+from spec.sort import half_entries
+from spec.work import FEATURE
+from tb.machines import check, garden, machine, view
+
+pytestmark = pytest.mark.slow
+
+ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
+"""Slow memory that idles at random."""
+
+
+@pytest.mark.parametrize("timing", [IDEAL, LPDDR4, ROUGH], ids=lambda timing: timing.name)
+def test_garden(timing):
+    job = Job(garden(TINY, 400), view(), (40, 200, 511))
+    check(TINY, job, machine(TINY).run([job], timing))
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_hard_cases(name):
+    """Lists of 20,000, equal depths, no Gaussian at all, one pixel, …"""
+    case = HARD[name](0)
+    job = Job(pack(case.scene, TINY)[0], case.camera)
+    run = machine(TINY).run([job])
+    check(TINY, job, run)
+    if name == "long_list":
+        longest = np.diff(render(TINY, *job).start).max()
+        assert longest > half_entries(TINY) * TINY.merge_ways**2  # several levels in memory
+
+
+def test_sizes():
+    """Images that end within groups, tiles and blocks, each in memory as wide as it is."""
+    jobs = [
+        Job(garden(TINY, 150), view(width, height), (0, 0, 300))
+        for width, height in ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3))
+    ]
+    run = machine(TINY).run(jobs, ROUGH)
+    for number, job in enumerate(jobs):
+        check(TINY, job, run, number)
+
+
+def test_path():
+    """Neighbouring frames in both halves at once; each in the work area of its own."""
+    jobs = [Job(garden(TINY, 400), view(step=0.1 * k)) for k in range(5)]
+    run = machine(TINY).run(jobs, LPDDR4)
+    for number, job in enumerate(jobs):
+        check(TINY, job, run, number)
+    # Both halves are at work at once: a frame takes as long as its longer half and a bit.
+    for frame, first, second in zip(
+        run.frame_cycles, run.preprocessing_cycles[1:], run.rendering_cycles[:-1], strict=True
+    ):
+        assert frame < 1.05 * max(first, second) + 1000
+
+
+def test_work_area():
+    """Features, lists and table in memory are the twin's."""
+    job = Job(garden(TINY, 400), view())
+    run = machine(TINY).run([job])
+    frame = render(TINY, *job)
+    record = feature_record(TINY)
+    count = len(frame.binned.kept)
+    stored = run.areas.read(run.memory, "features0")[: count * FEATURE].reshape(-1, FEATURE)
+    assert np.array_equal(stored[:, : record.size], record.pack(frame.binned.features))
+    lists = run.areas.read(run.memory, "lists0").view("<u8").reshape(-1, TINY.burst)
+    assert np.array_equal(lists[frame.binned.lists.address], frame.binned.lists.slots)
