@@ -23,14 +23,14 @@ ENDS_WAITING = 8
 class Features(wiring.Component):
     """Sorted splats in; the same with their features out, in the same order.
 
-    A group's splats are fetched once for all its tiles, and none of them once no pixel of the group
-    is live.
+    A splat is fetched once for all tiles of a group, unless it is known that none of its tiles has
+    a live pixel any more.
 
     Members
         i: stream of `sorted_record`; o: stream of `featured_record`.
         features_at: where the features lie, in beats.
-        dead: no pixel of the group at `o` is live. stop: nor of the group at `i`, which is the
-            same; what comes of it is dropped.
+        live: tiles of the group at `o` that have live pixels. stop: none of the group at `i`, which
+            is the same, has any; what comes of it is dropped.
         reads, data: to and from memory.
 
     **Timing**: a splat in two cycles, `FEATURES_WAITING` on their way.
@@ -43,12 +43,13 @@ class Features(wiring.Component):
                 "i": In(stream.Signature(layout(sorted_record(config)))),
                 "o": Out(stream.Signature(layout(featured_record(config)))),
                 "features_at": In(BEAT_ADDRESS_BITS),
-                "dead": In(1),
+                "live": In(config.group**2),
                 "stop": Out(1),
                 "reads": Out(stream.Signature(layout(read_record()))),
                 "data": In(stream.Signature(read_beat())),
             }
         )
+        self.known = Signal()  # `live` is about the group at `i`
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -70,7 +71,7 @@ class Features(wiring.Component):
         ):
             with m.If(comes != goes):
                 m.d.sync += count.eq(Mux(comes, count + 1, count - 1))
-        m.d.comb += self.stop.eq(self.dead & ~ends.any())
+        m.d.comb += [self.known.eq(~ends.any()), self.stop.eq(self.known & ~self.live.any())]
         return m
 
     def _ask(self, m: Module, order: stream.Interface, reserved: Signal) -> Signal:
@@ -79,7 +80,7 @@ class Features(wiring.Component):
         connect(m, register.o, flipped(self.reads))
         i, read, taken = self.i, register.i, Signal()
         room = (reserved != FEATURES_WAITING) & order.ready
-        drops = self.stop & ~i.payload.end
+        drops = self.known & ~(i.payload.mask & self.live).any() & ~i.payload.end
         m.d.comb += [
             read.valid.eq(i.valid & ~i.payload.end & room & ~drops),
             read.payload.beat.eq(self.features_at + i.payload.splat * (FEATURE // BEAT)),

@@ -80,7 +80,7 @@ class Frame(wiring.Component):
                 & ~self.working[RENDERING]
                 & ~self.failing.any()
             ),
-            self.ready.eq(~self.working[PREPROCESSING] & ~self.reset[PREPROCESSING]),
+            self.ready.eq(~self.working[PREPROCESSING]),
         ]
         begins = (self.start & self.ready, self.handing)
         ends = (self.handing, self.done[RENDERING] & ~self.failing[RENDERING])
@@ -113,8 +113,10 @@ class Frame(wiring.Component):
             m.d.sync += working.eq(0)
         with m.If(failing):
             m.d.sync += quiet.eq(Mux(self.idle[half], quiet + 1, 0))
-            with m.If(quiet.all() & self.idle[half]):
-                m.d.sync += [failing.eq(0), reset.eq(1), working.eq(0), quiet.eq(0)]
+            with m.If(reset):  # what the half offers until then is not taken
+                m.d.sync += [failing.eq(0), working.eq(0), quiet.eq(0)]
+            with m.Elif(quiet.all() & self.idle[half]):
+                m.d.sync += reset.eq(1)
         with m.Elif(fault & working):
             m.d.sync += failing.eq(1)
 

@@ -14,7 +14,7 @@ from spec.binning import group_record, groups_max
 from spec.config import Config
 from spec.convention import TILE
 from spec.group import COUNT_BITS
-from spec.raster import place_record
+from spec.raster import place_record, written_record
 from spec.record import Record
 from spec.sort import count_record, half_entries
 from spec.work import SLOT
@@ -37,7 +37,8 @@ class Groups(wiring.Component):
         start: a frame begins. width, height: of its image, pixels; groups_at: where its table is,
             in beats; scratch_entries: how long a list may be that does not fit on chip.
         counts: stream of `count_record` for sorting. lists: stream of `group_record` for reading
-            the entries. places, pixels: streams of `place_record` for rasterizing and writing.
+            the entries. places: stream of `place_record` for rasterizing. These three only tell
+            of groups that have entries. pixels: stream of `written_record` for writing.
         too_long: there is a list that is too long; its group does not come.
         reads, data: to and from memory.
 
@@ -46,7 +47,6 @@ class Groups(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        place = Out(stream.Signature(layout(place_record(config))))
         super().__init__(
             {
                 "start": In(1),
@@ -56,8 +56,8 @@ class Groups(wiring.Component):
                 "scratch_entries": In(COUNT_BITS),
                 "counts": Out(stream.Signature(layout(count_record()))),
                 "lists": Out(stream.Signature(layout(group_record()))),
-                "places": place,
-                "pixels": place,
+                "places": Out(stream.Signature(layout(place_record(config)))),
+                "pixels": Out(stream.Signature(layout(written_record(config)))),
                 "too_long": Out(1),
                 "reads": Out(stream.Signature(layout(read_record()))),
                 "data": In(stream.Signature(read_beat())),
@@ -134,10 +134,19 @@ class Groups(wiring.Component):
         for name, known in zip(TAKERS, fork.o, strict=True):
             target = getattr(self, name)
             m.submodules[name] = queue = Queue(target.payload.shape(), GROUPS_WAITING)
-            m.d.comb += [queue.i.valid.eq(known.valid), known.ready.eq(queue.i.ready)]
-            if name == "counts":
-                m.d.comb += queue.i.payload.count.eq(known.payload.group.count)
-            else:
-                part = known.payload.group if name == "lists" else known.payload.place
-                m.d.comb += queue.i.payload.eq(part)
+            group, place = known.payload.group, known.payload.place
+            empty = ~group.count.any()
+            skipped = empty & (name != "pixels")
+            m.d.comb += [
+                queue.i.valid.eq(known.valid & ~skipped),
+                known.ready.eq(queue.i.ready | skipped),
+                queue.i.payload.eq(
+                    {
+                        "counts": group.count,
+                        "lists": group.as_value(),
+                        "places": place.as_value(),
+                        "pixels": Cat(place, empty),
+                    }[name]
+                ),
+            ]
             connect(m, queue.o, flipped(target))

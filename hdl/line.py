@@ -65,7 +65,7 @@ class Line(wiring.Component):
             fits.eq(~here.any() | ((address == line) & behind)),
             room.eq(~first & ~(second & place[-1])),
             self.i.ready.eq(fits & room),
-            self.empty.eq(~there.any()),
+            self.empty.eq(~there.any() & ~second),
         ]
         self._offer(m, gathered, there, written, first, second)
         left = self.writes.valid & self.writes.ready

@@ -10,7 +10,16 @@ from hdl.stream import Register
 from spec.axi import BEAT, BEAT_ADDRESS_BITS, BEAT_BITS, BOUNDARY, DATA_BITS, write_record
 from spec.config import Config
 from spec.convention import BLOCK, TILE
-from spec.raster import BLOCKS, owner, pixels_record, place_record
+from spec.raster import (
+    BLOCKS,
+    COLOURS,
+    background_code,
+    colours,
+    owner,
+    pixels_record,
+    written_record,
+)
+from spec.record import Record
 from spec.registers import WORD
 from spec.work import PIXEL
 
@@ -24,7 +33,8 @@ class Pixels(wiring.Component):
     Members
         start: a frame begins. width, height: of its image, pixels; pixels_at, stride_beats: where
             it is in memory and from a row to the next, in beats.
-        places: stream of `place_record`, the groups in their order.
+        background: a colour (`spec.group.colour_format`).
+        places: stream of `written_record`, the groups in their order.
         i: streams of `pixels_record`, one for each rasterizer: the group's blocks within the image.
         through: the image's last block has been given.
         writes: to memory.
@@ -44,7 +54,8 @@ class Pixels(wiring.Component):
                 "height": In(range(config.height_max + 1)),
                 "pixels_at": In(BEAT_ADDRESS_BITS),
                 "stride_beats": In(16 - BEAT_BITS),
-                "places": In(stream.Signature(layout(place_record(config)))),
+                "background": In(layout(Record("colour", colours(config)))),
+                "places": In(stream.Signature(layout(written_record(config)))),
                 "i": pixels,
                 "through": Out(1),
                 "writes": Out(stream.Signature(layout(write_record()))),
@@ -71,13 +82,14 @@ class Pixels(wiring.Component):
         """The span's first block's column in the image, and its row of pixels in the group."""
         tile_column = self.tile[: self.side]
         tile_row = self.tile[self.side :]
-        column = Cat(self.span_number, tile_column, self.places.payload.column)
+        column = Cat(self.span_number, tile_column, self.places.payload.place.column)
         first = column << exact_log2(self.span)
         return first, Cat(0, 0, self.block_row, tile_row)
 
     def _heads(self, first: Value) -> tuple[list[Value], Value]:
         """The blocks of the span, and whether all that lie within the image are there."""
-        heads, there = [], []
+        heads, there, empty = [], [], self.places.payload.empty
+        plain = self._plain()
         self.takes = [Value.cast(0)] * self.config.rasterizers
         spans = BLOCKS // self.span
         for k in range(self.span):
@@ -88,12 +100,18 @@ class Pixels(wiring.Component):
             ]
             number = Cat(self.span_number, self.block_row)
             inside = (first + k) * BLOCK < self.width
-            heads.append(Array(self.i[who].payload.pixels.as_value() for who in owners)[number])
-            there.append(Array(self.i[who].valid for who in owners)[number] | ~inside)
+            head = Array(self.i[who].payload.pixels.as_value() for who in owners)[number]
+            heads.append(Mux(empty, plain, head))
+            there.append(Array(self.i[who].valid for who in owners)[number] | ~inside | empty)
             for who in set(owners):
                 mine = Cat(number == n for n, other in enumerate(owners) if other == who).any()
-                self.takes[who] = self.takes[who] | (mine & inside)
+                self.takes[who] = self.takes[who] | (mine & inside & ~empty)
         return heads, Cat(there).all()
+
+    def _plain(self) -> Value:
+        """A block of nothing but background."""
+        codes = [background_code(self.config, self.background[name]) for name in COLOURS]
+        return Cat(Mux(code > 255, 255, code)[:8] for code in codes).replicate(BLOCK**2)
 
     def _beats(self, m: Module, heads: list[Value], first: Value) -> Value:
         """A row of the span as beats; the number of the last one."""
@@ -123,7 +141,7 @@ class Pixels(wiring.Component):
 
     def _control(self, m: Module, first: Value, within: Value, here: Value, end: Value):
         """Group after group, tile after tile, span after span."""
-        config, place, write = self.config, self.places.payload, self.write.payload
+        config, place, write = self.config, self.places.payload.place, self.write.payload
         side = TILE * config.group
         group_at, line = Signal(BEAT_ADDRESS_BITS), Signal(BEAT_ADDRESS_BITS)
         within_image = (first * BLOCK < self.width) & (

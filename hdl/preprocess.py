@@ -73,7 +73,7 @@ class Preprocess(wiring.Component):
         m = Module()
         for name in ("model", "points", "bin", "binned"):
             m.submodules[name] = getattr(self, name)
-        outside, model, points, bin = flipped(self), self.model, self.points, self.bin
+        model, points, bin = self.model, self.points, self.bin
         for number in range(len(READING)):
             connect(m, model.reads[number], flipped(self.reads[number]))
             connect(m, flipped(self.data[number]), model.data[number])

@@ -40,7 +40,7 @@ class Raster(wiring.Component):
         i: stream of `featured_record`: a group's splats front to back, then its end.
         places: stream of `place_record`: where the groups are, in their order.
         width, height: of the image, pixels. background: a colour (`spec.group.colour_format`).
-        stop: no pixel of the group at `i` is live; its other splats are not needed.
+        live: tiles of the group at `i` that have live pixels; splats of others are not needed.
         o: streams of `pixels_record`, one for each rasterizer: blocks within the image, group after
             group, each once.
         splats, rasterizers: the queue of splats, and the rasterizers (for tests).
@@ -64,7 +64,7 @@ class Raster(wiring.Component):
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
                 "background": In(layout(Record("colour", colours(config)))),
-                "stop": Out(1),
+                "live": Out(config.group**2),
                 "o": pixels,
                 "clear": In(1),
                 "counters": Out(data.StructLayout(dict.fromkeys(counted(config), COUNTER_BITS))),
@@ -147,7 +147,7 @@ class Raster(wiring.Component):
         m.submodules.splats = queue = self.splats
         live = self._live(m, "entering", self.i.valid & self.i.ready & i.end)
         m.d.comb += [
-            self.stop.eq(~live.any()),
+            self.live.eq(live),
             self.dropped.eq(self.i.valid & ~i.end & ~(i.mask & live).any()),
             queue.i.payload.eq(i),
             queue.i.valid.eq(self.i.valid & ~self.dropped),

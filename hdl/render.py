@@ -83,7 +83,6 @@ class Render(wiring.Component):
         m = Module()
         for name in ("groups", "lists", "sort", "scratch", "features", "raster", "pixels"):
             m.submodules[name] = getattr(self, name)
-        outside = flipped(self)
         for number, name in enumerate(READING):
             connect(m, getattr(self, name).reads, flipped(self.reads[number]))
             connect(m, flipped(self.data[number]), getattr(self, name).data)
@@ -104,7 +103,7 @@ class Render(wiring.Component):
             *zip(raster.o, self.pixels.i, strict=True),
         ):
             connect(m, source, target)
-        m.d.comb += [self.features.dead.eq(raster.stop), sort.stop.eq(self.features.stop)]
+        m.d.comb += [self.features.live.eq(raster.live), sort.stop.eq(self.features.stop)]
         self._job(m)
         self._control(m)
         return m
@@ -123,6 +122,7 @@ class Render(wiring.Component):
             self.scratch.area_beats.eq(job.scratch_area),
             self.scratch.settled.eq(self.settled[WRITING.index("scratch")]),
             self.raster.background.eq(job.background),
+            self.pixels.background.eq(job.background),
             self.pixels.pixels_at.eq(job.pixels),
             self.pixels.stride_beats.eq(job.stride),
             self.counters.sort.eq(self.sort.counters),

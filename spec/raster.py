@@ -184,6 +184,24 @@ def place_record(config: Config) -> Record:
     return Record("place", {"column": Bits(widths[0]), "row": Bits(widths[1])})
 
 
+def written_record(config: Config) -> Record:
+    """A group to be written to memory. empty: no splat touches it, so that stages 2 and 3 know
+    nothing of it: all its pixels are `background_code`.
+    """
+    return Record("written", {"place": place_record(config), "empty": Bits(1)})
+
+
+def background_code(config: Config, colour):
+    """8 bits of a pixel of which a colour's code is all there is; of integers or hardware values.
+
+    As stage 3 does it: the weight of a whole T, rounded to a pixel's colour, then to 8 bits.
+    """
+    product = config.weight + config.colour_fraction - config.sum_fraction
+    coarser = config.sum_fraction - 8
+    total = ((colour << config.weight) - colour + (1 << product - 1)) >> product
+    return (total + (1 << coarser - 1)) >> coarser
+
+
 def pair_record(config: Config) -> Record:
     """A splat and one of its tiles: the tile's place in the image, in tiles, and in the group."""
     widths = [

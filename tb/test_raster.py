@@ -38,7 +38,7 @@ SIZES = ((64, 64), (61, 35), (1, 1), (33, 2))
 
 @functools.cache
 def simulation(config) -> Simulation:
-    return Simulation(Watched(config), samples=("stop", "full", "empty"))
+    return Simulation(Watched(config), samples=("live", "full", "empty"))
 
 
 @functools.cache
@@ -157,7 +157,7 @@ def test_counters(count):
 
 @pytest.mark.slow
 def test_stop():
-    """It is raised once all pixels have ended, and what comes then changes nothing."""
+    """No tile is live once all pixels have ended, and what comes then changes nothing."""
     size = (32, 32)
     features = random_features(TINY, 600, size, 5)
     features["opacity"][:] = 0
@@ -167,7 +167,7 @@ def test_stop():
     features["u"][:] = features["v"][:] = TINY.arithmetic.encode(16.0)
     entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
     run = run_groups(simulation(TINY), TINY, features, entries, size)
-    assert run.differing == 0 and run.result.samples["stop"].any()
+    assert run.differing == 0 and (run.result.samples["live"] == 0).any()
     assert run.twin.counts["entries"] < 10 and run.counters["dropped"] > 500
 
 
