@@ -19,10 +19,8 @@ from spec.record import Record
 from spec.sort import count_record, half_entries
 from spec.work import SLOT
 
-GROUPS_WAITING = 8
-"""Groups that may be known to one part and still wait before another."""
-
-TAKERS = ("counts", "lists", "places", "pixels")
+TAKERS = {"counts": 2, "lists": 2, "places": 8, "pixels": 8}
+"""Parts that are told of groups → how many may wait before it: the later ones are behind."""
 
 
 def known_record(config: Config) -> Record:
@@ -131,9 +129,9 @@ class Groups(wiring.Component):
 
     def _give(self, m: Module, fork: Fork):
         """To each part at its own pace."""
-        for name, known in zip(TAKERS, fork.o, strict=True):
+        for (name, depth), known in zip(TAKERS.items(), fork.o, strict=True):
             target = getattr(self, name)
-            m.submodules[name] = queue = Queue(target.payload.shape(), GROUPS_WAITING)
+            m.submodules[name] = queue = Queue(target.payload.shape(), depth)
             group, place = known.payload.group, known.payload.place
             empty = ~group.count.any()
             skipped = empty & (name != "pixels")

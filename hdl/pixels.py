@@ -87,9 +87,11 @@ class Pixels(wiring.Component):
         return first, Cat(0, 0, self.block_row, tile_row)
 
     def _heads(self, first: Value) -> tuple[list[Value], Value]:
-        """The blocks of the span, and whether all that lie within the image are there."""
+        """The present row of the span's blocks, and whether all that lie within the image are
+        there."""
         heads, there, empty = [], [], self.places.payload.empty
         plain = self._plain()
+        rows = [i.payload.pixels.as_value().word_select(self.pixel_row, ROW_BITS) for i in self.i]
         self.takes = [Value.cast(0)] * self.config.rasterizers
         spans = BLOCKS // self.span
         for k in range(self.span):
@@ -100,8 +102,7 @@ class Pixels(wiring.Component):
             ]
             number = Cat(self.span_number, self.block_row)
             inside = (first + k) * BLOCK < self.width
-            head = Array(self.i[who].payload.pixels.as_value() for who in owners)[number]
-            heads.append(Mux(empty, plain, head))
+            heads.append(Mux(empty, plain, Array(rows[who] for who in owners)[number]))
             there.append(Array(self.i[who].valid for who in owners)[number] | ~inside | empty)
             for who in set(owners):
                 mine = Cat(number == n for n, other in enumerate(owners) if other == who).any()
@@ -109,19 +110,18 @@ class Pixels(wiring.Component):
         return heads, Cat(there).all()
 
     def _plain(self) -> Value:
-        """A block of nothing but background."""
+        """A row of a block of nothing but background."""
         codes = [background_code(self.config, self.background[name]) for name in COLOURS]
-        return Cat(Mux(code > 255, 255, code)[:8] for code in codes).replicate(BLOCK**2)
+        return Cat(Mux(code > 255, 255, code)[:8] for code in codes).replicate(BLOCK)
 
     def _beats(self, m: Module, heads: list[Value], first: Value) -> Value:
         """A row of the span as beats; the number of the last one."""
-        rows = [head.word_select(self.pixel_row, ROW_BITS) for head in heads]
         words = ROW_BITS // 8 // WORD  # of a row of a block
         # A span begins at a multiple of 4 bytes.
         skipped = (first * words)[: exact_log2(BEAT // WORD)]
         if self.span == BLOCKS:
             skipped = Value.cast(0)
-        segment = Cat(rows) << (skipped * WORD * 8)
+        segment = Cat(heads) << (skipped * WORD * 8)
         pixels = Mux(
             (first + self.span) * BLOCK > self.width,
             (self.width - first * BLOCK)[: exact_log2(self.span * BLOCK) + 1],
