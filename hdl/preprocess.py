@@ -3,6 +3,7 @@
 from amaranth.hdl import Cat, Const, Module, Mux, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
 
 from hdl.axi import read_beat
 from hdl.bin import Bin
@@ -15,7 +16,7 @@ from spec.binning import PAGE_BITS
 from spec.config import Config
 from spec.frame import fixed_constants
 from spec.programs import CONSTANTS
-from spec.registers import CODE_BITS, DETAIL_BITS, ErrorCode
+from spec.registers import ALIGNED, CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
 from spec.work import PIXEL, STRIDE_ALIGNMENT
 
 AREA = data.StructLayout(dict.fromkeys(("groups", "lists", "features"), BEAT_ADDRESS_BITS))
@@ -130,16 +131,19 @@ class Preprocess(wiring.Component):
         """A frame from its start to the end of its work area."""
         model, points, bin, binned = self.model, self.points, self.bin, self.binned
         wrong, detail = self._size()
+        unaligned, register = self._unaligned()
         for part in (points, bin, binned):
             m.d.comb += part.clear.eq(self.start)
         with m.FSM():
             with m.State("IDLE"), m.If(self.start):
                 m.next = "SIZE"
             with m.State("SIZE"):
-                m.d.comb += model.start.eq(~wrong)
+                m.d.comb += model.start.eq(~wrong & ~unaligned)
                 m.next = "LOAD"
                 with m.If(wrong):
                     self._fail(m, ErrorCode.SIZE, detail)
+                with m.Elif(unaligned):
+                    self._fail(m, ErrorCode.ALIGNMENT, register)
             with m.State("LOAD"):
                 with m.If(model.error != ErrorCode.NONE):
                     self._fail(m, model.error)
@@ -174,6 +178,15 @@ class Preprocess(wiring.Component):
         """Say what is wrong, and wait for the reset."""
         m.d.comb += [self.error.now.eq(1), self.error.code.eq(code), self.error.detail.eq(detail)]
         m.next = "FAILED"
+
+    def _unaligned(self) -> tuple[Value, Value]:
+        """Whether an address is not aligned, and its register: the last one that is not."""
+        names = [register.name for register in frame_registers(self.config)]
+        found, wrong = Const(0, DETAIL_BITS), Const(0, 1)
+        for name, bytes_ in ALIGNED.items():
+            odd = self.frame[name.lower()][: exact_log2(bytes_)].any()
+            found, wrong = Mux(odd, names.index(name), found), wrong | odd
+        return wrong, found
 
     def _size(self) -> tuple[Value, Value]:
         """Whether width, height or stride cannot be, and which of them: 0, 1, 2."""

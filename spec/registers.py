@@ -18,9 +18,10 @@ from spec.config import Config
 from spec.counters import COUNTER_BITS, counters
 from spec.frame import CAMERA, FrameConstants, fixed_constants
 from spec.group import COUNT_BITS, SPLAT_BITS, colour_format
-from spec.memory import MAGIC, VERSION
+from spec.memory import ALIGNMENT, MAGIC, VERSION
 from spec.programs import CONSTANTS
 from spec.raster import COLOURS
+from spec.work import STRIDE_ALIGNMENT, WORK_ALIGNMENT
 
 WORD = LITE_DATA_BITS // 8
 """Bytes from one register to the next."""
@@ -44,8 +45,8 @@ class ErrorCode(IntEnum):
 
     NONE = 0
     START = 1  # START while not READY: nothing was begun
-    LOCKED = 2  # a frame's register was written while points were made: it was not changed
-    SIZE = 3  # width or height is 0 or too large for the machine
+    LOCKED = 2  # a frame's register, the detail, was written while points were made: not changed
+    SIZE = 3  # width (detail 0) or height (1) is 0 or too large, or the stride (2) cannot be
     MAGIC = 4  # there is no packed model at MODEL
     VERSION = 5  # the model's version is another one
     FORMAT = 6  # the model's degree, positions or codebooks do not fit this machine
@@ -54,11 +55,21 @@ class ErrorCode(IntEnum):
     SCRATCH = 9  # a list that does not fit on chip is longer than SCRATCH_ENTRIES
     READ = 10  # AXI read error; the detail is the reader
     WRITE = 11  # AXI write error; the detail is the writer
+    ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
 
 
 CODE_BITS = 8
 DETAIL_BITS = 8
-"""ERROR: the code, above it the detail (`ErrorCode`; else 0)."""
+"""ERROR: the code, above it the detail (`ErrorCode`; else 0). Registers as details are counted from
+the first one of a frame on."""
+
+ALIGNED = {
+    "MODEL": ALIGNMENT,
+    **dict.fromkeys(("GROUPS", "LISTS", "FEATURES", "WORK_AREA"), WORK_ALIGNMENT),
+    **dict.fromkeys(("SCRATCH", "SCRATCH_AREA"), WORK_ALIGNMENT),
+    "PIXELS": STRIDE_ALIGNMENT,
+}
+"""Registers of a frame whose value must be a multiple of so many bytes."""
 
 
 @dataclass(frozen=True)
@@ -99,23 +110,24 @@ def frame_registers(config: Config) -> list[Register]:
     """What a frame is."""
 
     def address(name: str, about: str) -> Register:
-        return Register(name, ADDRESS_BITS, "frame", f"address of {about}")
+        about = f"{about}, a multiple of {ALIGNED[name]}"
+        return Register(name, ADDRESS_BITS, "frame", about)
 
     colour = colour_format(config).width
     registers = [
         Register("WIDTH", config.width_max.bit_length(), "frame", "of the image, pixels"),
         Register("HEIGHT", config.height_max.bit_length(), "frame", "of the image, pixels"),
-        address("MODEL", "the packed model, a multiple of 64"),
-        address("GROUPS", "work area 0's table of groups, a multiple of 4096"),
-        address("LISTS", "work area 0's list pages, a multiple of 4096"),
-        address("FEATURES", "work area 0's features, a multiple of 4096"),
-        Register("WORK_AREA", ADDRESS_BITS, "frame", "bytes from work area 0 to work area 1"),
+        address("MODEL", "address of the packed model"),
+        address("GROUPS", "address of work area 0's table of groups"),
+        address("LISTS", "address of work area 0's list pages"),
+        address("FEATURES", "address of work area 0's features"),
+        address("WORK_AREA", "bytes from work area 0 to work area 1"),
         Register("LISTS_PAGES", PAGE_BITS, "frame", "list pages of a work area"),
         Register("FEATURES_MAX", SPLAT_BITS, "frame", "features of a work area"),
-        address("SCRATCH", "scratch memory, a multiple of 4096"),
-        Register("SCRATCH_AREA", ADDRESS_BITS, "frame", "bytes from its area 0 to its area 1"),
+        address("SCRATCH", "address of scratch memory"),
+        address("SCRATCH_AREA", "bytes from its area 0 to its area 1"),
         Register("SCRATCH_ENTRIES", COUNT_BITS, "frame", "longest list that it holds"),
-        address("PIXELS", "the image, a multiple of 16"),
+        address("PIXELS", "address of the image"),
         Register("STRIDE", 16, "frame", "bytes from a row to the next, a multiple of 16"),
     ]
     registers += [

@@ -17,6 +17,7 @@ from spec.config import TINY
 from spec.memory import HEADER
 from spec.registers import (
     ABORT,
+    ALIGNED,
     CODE_BITS,
     FRAME_START,
     INTERRUPT_ERROR,
@@ -40,6 +41,12 @@ IDLE_MAX = 20_000
 
 GOOD, BAD = 0, 1
 """Models, and images, of the good frame and of the one that something goes wrong in."""
+
+KINDS = (
+    "read", "write", "pages", "features", "scratch", "magic", "version", "format", "size",
+    "alignment", "reset", "abort", "start", "locked",
+)  # fmt: skip
+"""What can go wrong."""
 
 ALL = INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR
 
@@ -205,6 +212,12 @@ def drawn(kind: str, seed: int) -> Fault:
         fields = [{"sh_degree": 2 + below(254)}, {"position": 1}, {"colour_index": 5}]
         fields += [{"position_exponent": 256 + below(1000)}, {"sh_index": 1}]
         return Fault(ErrorCode.FORMAT, header=fields[below(len(fields))])
+    if kind == "alignment":
+        names = [register.name for register in frame_registers(TINY)]
+        name = list(ALIGNED)[below(len(ALIGNED))]
+        values = frame_values(TINY, job(), BAD, areas_of(), BAD)
+        value = values[name] + 1 + below(ALIGNED[name] - 1)
+        return Fault(ErrorCode.ALIGNMENT, names.index(name), values={name: value})
     if kind == "size":
         return drawn_size(below)
     return drawn_host(kind, seed, below)

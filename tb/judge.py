@@ -14,6 +14,9 @@ import numpy as np
 STALL = 0.4
 GAUSSIANS = 6000
 
+FAULTS = 3
+"""Random runs of each kind of fault."""
+
 CYCLES_MAX = 2_000_000
 """Cycles of a run at most: a fault may make hardware that gives items for ever."""
 
@@ -140,8 +143,35 @@ def sort() -> Callable[[], None]:
     return check
 
 
+def machine() -> Callable[[], None]:
+    """Whole frames on fast and on slow memory, long lists, odd sizes, and faults of all kinds."""
+    from sim.machine_script import IDEAL, execute
+    from spec.config import TINY
+    from tb import test_machine
+    from tb.fault_runs import IDLE_MAX, KINDS, check_outcome, drawn, run_fault
+    from tb.machines import machine
+
+    execute.__kwdefaults__ |= {"cycles_max": CYCLES_MAX, "idle_max": IDLE_MAX}
+    machine(TINY)
+
+    def check():
+        for timing in (IDEAL, test_machine.ROUGH):
+            test_machine.test_garden(timing)
+        test_machine.test_sizes()
+        test_machine.test_path()
+        for name in ("long_list", "empty"):
+            test_machine.test_hard_cases(name)
+        for kind in KINDS:
+            for seed in range(FAULTS):
+                fault = drawn(kind, seed)
+                check_outcome(fault, run_fault(fault, seed))
+
+    return check
+
+
 CHECKS = {
     "arithmetic": arithmetic, "prepare": prepare, "raster": raster, "bin": binning, "sort": sort,
+    "machine": machine,
 }  # fmt: skip
 """Each builds what is to be checked and returns the check; stages by their names as well."""
 

@@ -37,7 +37,11 @@ JUDGES = {
     "refill": "sort", "prepare": "prepare", "expand": "raster", "setup": "raster",
     "mark": "raster", "evaluate": "raster", "blend": "raster", "rasterizer": "raster",
     "raster": "raster",
-}  # fmt: skip
+} | dict.fromkeys(
+    "load model binned preprocess groups entries scratch features pixels render frame unpack store "
+    "line fetch axi registers top".split(),
+    "machine",
+)  # fmt: skip
 """Files and what judges their faults (`tb.judge`)."""
 
 COUNT = 40

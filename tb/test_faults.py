@@ -2,15 +2,10 @@
 
 import pytest
 
-from tb.fault_runs import check_outcome, drawn, run_fault
+from tb.fault_runs import KINDS, check_outcome, drawn, run_fault
 
-RUNS = 45
+RUNS = 40
 """Random runs for each kind: more than 500 together."""
-
-KINDS = (
-    "read", "write", "pages", "features", "scratch", "magic", "version", "format", "size",
-    "reset", "abort", "start", "locked",
-)  # fmt: skip
 
 
 @pytest.mark.slow
