@@ -6,10 +6,14 @@ from typing import Annotated
 import typer
 
 from golden.sort_cycles import cycles
+from sim.bench_scenes import bench_scenes, views
 from sim.bench_sort import LENGTHS, bench_sort
+from sim.machine_path import find_timing
+from sim.machine_script import TIMINGS
 from sim.options import JsonOption, PresetOption, app
 from sim.output import check_writable, console
 from sim.result import write_json
+from sim.source import VIEW_SIZE, parse_size
 from spec.config import preset as find_preset
 from spec.error import InputError
 
@@ -20,11 +24,6 @@ app.add_typer(bench, name="bench")
 
 LENGTH_MAX = 1_000_000
 """Longest list that can be asked for: more than a frame has in a group."""
-
-
-@bench.callback()
-def several():
-    """Makes of `bench` a group of commands, even with one command."""
 
 
 @bench.command("sort")
@@ -52,6 +51,43 @@ def sort_command(
     model = [cycles(config, [count]) for count in counts]
     facts = {"preset": config.name, "lengths": list(counts), "cycles": found, "model": model}
     write_json(json, facts)
+
+
+@bench.command("scenes")
+def scenes_command(
+    output: Annotated[
+        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for results and tables.")
+    ],
+    scene: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="SCENE …", help="Default: all in the folder SPLATCORE_SCENES."),
+    ] = None,
+    cameras: Annotated[
+        str | None, typer.Option(metavar="ID,ID,…", help="Default: each scene's first, and more.")
+    ] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Pixels.")] = "x".join(
+        map(str, VIEW_SIZE)
+    ),
+    timing: Annotated[
+        str, typer.Option(metavar="NAME", help="Memory: 'ideal', 'lpddr4' or 'both'.")
+    ] = "both",
+    preset: PresetOption = "DEFAULT",
+):
+    """Render scenes by the simulated machine: cycles, traffic, and whether the pictures are right.
+
+    A result that is in DIR already is not simulated again while the machine's Verilog is the same.
+    Exit status 1 if a picture is not the golden model's.
+    """
+    config = find_preset(preset)
+    timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
+    size = "x".join(map(str, parse_size(size)))
+    found = views(list(scene or ()), cameras, size)
+    check_writable(output / "x" if output.is_dir() else output)
+    output.mkdir(exist_ok=True)
+    right = bench_scenes(config, found, timings, output)
+    console.print((output / "scenes.md").read_text(), soft_wrap=True)
+    if not right:
+        raise typer.Exit(1)
 
 
 def parse_lengths(text: str) -> tuple[int, ...]:

@@ -15,8 +15,8 @@ from sim.output import messages
 from spec.error import InputError
 
 ORDER = (
-    "scene", "info", "pack", "render", "compare", "error", "programs", "verilog", "synth",
-    "memories", "cycles", "bench",
+    "scene", "info", "pack", "render", "compare", "error", "programs", "verilog", "registers",
+    "synth", "memories", "cycles", "bench",
 )  # fmt: skip
 """The commands as the help lists them: the way of the data."""
 

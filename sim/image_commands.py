@@ -12,11 +12,24 @@ from rich.table import Table
 from golden import pipeline
 from golden.reference import Frame, render
 from sim import describe
+from sim.machine_path import check_fits
 from sim.metric import difference
 from sim.options import CameraOption, JsonOption, PresetOption, SizeOption, SourceArgument, app
 from sim.output import check_writable, console, progress_bar
 from sim.picture import read_png, write_error_map, write_heat_map, write_png
 from sim.result import Result, write_json
+from sim.rtl_command import (
+    ErrorMapOption,
+    FramesOption,
+    Request,
+    TileOption,
+    TimingOption,
+    WavesOption,
+    WindowOption,
+    background_codes,
+    render_rtl,
+    rtl_pixels,
+)
 from sim.source import (
     ENGINES,
     Source,
@@ -30,7 +43,6 @@ from spec.config import Config
 from spec.config import preset as find_preset
 from spec.convention import ORIGINAL, SPLATCORE, Convention
 from spec.error import InputError
-from spec.group import colour_format
 from spec.scene import Gaussians
 
 
@@ -51,10 +63,22 @@ def render_command(
     heat_map: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the lengths of the tiles' lists.")
     ] = None,
+    frames: FramesOption = 1,
+    timing: TimingOption = "lpddr4",
+    error_map: ErrorMapOption = None,
+    waves: WavesOption = None,
+    window: WindowOption = None,
+    tile: TileOption = None,
     json: JsonOption = None,
 ):
-    """Render one frame and count the work in it."""
+    """Render one frame and count the work in it.
+
+    --engine rtl simulates the hardware, compares with the golden model and with the reference on
+    the packed model, and tells cycles; exit status 1 if a pixel is not the golden model's.
+    """
     check_engine(engine)
+    request = Request(frames, timing, error_map, waves, window, tile)
+    request.check(engine, output)
     check_writable(output, heat_map, json)
     config = find_preset(preset)
     convention = replace(ORIGINAL if original else SPLATCORE, background=parse_colour(background))
@@ -62,9 +86,12 @@ def render_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
+    if engine != "reference" and (original or heat_map):
+        raise InputError(f"--engine {engine}: no --original, no --heat-map")
+    if engine == "rtl":
+        colour = convention.background
+        return render_rtl(source, view, camera, config, colour, request, output, json)
     if engine == "golden":
-        if original or heat_map:
-            raise InputError("--engine golden: no --original, no --heat-map")
         frame = render_golden(source, view, config, convention.background)
     else:
         frame = render_frame(source.gaussians, view, convention, "rendering")
@@ -100,13 +127,13 @@ def compare_command(
     """PSNR, SSIM and maximum error of images against the first one, and an error map.
 
     Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
-    the reference renders the same packed model.
+    or rtl the reference renders the same packed model.
     """
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
     check_writable(output, json)
     config = find_preset(preset)
-    packed = "golden" in images
+    packed = bool({"golden", "rtl"} & set(images))
     pictures = [picture(text, scene, camera, size, config, packed) for text in images]
     results = []
     table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {images[0]}")
@@ -142,6 +169,8 @@ def picture(
     view = open_camera(camera, size, source)
     if text == "golden":
         return render_golden(source, view, config, SPLATCORE.background).pixels
+    if text == "rtl":
+        return rtl_pixels(config, packed_model(source, config), view, SPLATCORE.background)
     gaussians = packed_model(source, config).gaussians() if packed else source.gaussians
     return render_frame(gaussians, view, SPLATCORE, text).pixels
 
@@ -150,14 +179,11 @@ def render_golden(
     source: Source, camera: Camera, config: Config, background: tuple[float, float, float]
 ) -> pipeline.Frame:
     """The twin's frame; a scene is packed first. InputError for an image that is too large."""
-    if camera.width > config.width_max or camera.height > config.height_max:
-        most = f"{config.width_max}x{config.height_max}"
-        raise InputError(f"--size {camera.width}x{camera.height}: preset {config.name} has {most}")
+    check_fits(config, camera)
     with progress_bar("packing"):
         model = packed_model(source, config)
-    colour = colour_format(config).encode(np.array(background) * 255 / 256)
     with progress_bar("rendering"):
-        return pipeline.render(config, model, camera, tuple(int(code) for code in colour))
+        return pipeline.render(config, model, camera, background_codes(config, background))
 
 
 def render_frame(gaussians: Gaussians, camera: Camera, convention: Convention, label: str) -> Frame:

@@ -5,10 +5,10 @@ what a driver does: it writes a frame's registers, starts it, and while its tile
 starts the next one.
 """
 
-import hashlib
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -140,13 +140,8 @@ class Machine:
 
     def __init__(self, config: Config, source: str | None = None, trace: bool = False):
         self.config = config
-        self.source = source or verilog.convert(Top(config), name="top", emit_src=False)
+        self.source = source or machine_source(config)
         self.program = compiled(self.source, trace)
-
-    @property
-    def digest(self) -> str:
-        """Stands for everything that decides on the cycles of a run."""
-        return hashlib.sha256(self.program.parent.parent.name.encode()).hexdigest()[:16]
 
     def run(
         self,
@@ -204,6 +199,12 @@ class Machine:
         detail = code >> CODE_BITS
         error = ErrorCode(code & ((1 << CODE_BITS) - 1))
         return Run(frames, report, error, detail, state, areas, memory)
+
+
+@cache
+def machine_source(config: Config) -> str:
+    """The machine's Verilog."""
+    return verilog.convert(Top(config), name="top", emit_src=False)
 
 
 def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int) -> dict[str, int]:

@@ -14,7 +14,7 @@ from sim.memory_model import MEMORY
 from spec.axi import BEAT, BEAT_BITS, BOUNDARY
 from spec.registers import INTERRUPT_ERROR
 
-TRACE_ARGS = ("--trace", "--trace-depth", "5")
+TRACE_ARGS = ("--trace", "--trace-depth", "4")
 
 PARTS = r"""
 #include "Vtop.h"
