@@ -33,11 +33,12 @@ demo: install
 		-o out/reference.png --heat-map out/tiles.png
 	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(SIZE) \
 		--engine rtl -o out/rtl.png --error-map out/error.png --json out/rtl.json
+	$(SPLATCORE) registers -o out
 
 test: install demo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: install
 	$(BIN)/ruff check .

@@ -141,6 +141,7 @@ class Render(wiring.Component):
             with m.State("GROUPS"):
                 with m.If(self.groups.too_long):
                     m.d.comb += [self.error.now.eq(1), self.error.code.eq(ErrorCode.SCRATCH)]
+                    m.d.comb += self.error.detail.eq(0)
                     m.next = "FAILED"
                 with m.Elif(self.pixels.through):
                     m.next = "SETTLE"

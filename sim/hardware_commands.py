@@ -1,4 +1,4 @@
-"""Commands about the hardware: verilog, synth, programs."""
+"""Commands about the hardware: verilog, registers, synth, memories, programs."""
 
 from collections import Counter
 from pathlib import Path
@@ -8,12 +8,14 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from hdl.stages import PAPER_GATES, PAPER_MEMORIES, PRIMITIVES, STAGES
+from hdl.stages import CONTROL, PAPER_GATES, PAPER_MEMORIES, PRIMITIVES, STAGES
 from sim import verilog
 from sim.options import JsonOption, PresetOption, app
 from sim.output import check_writable, console, progress_bar
+from sim.register_files import write_register_files
 from sim.result import write_json
 from sim.synth import DEPTH_MAX, gates, memories
+from sim.synth_table import synthesise_machine
 from spec.config import KB, Config
 from spec.config import preset as find_preset
 from spec.error import InputError
@@ -21,26 +23,56 @@ from spec.microprogram import Program, operation_counts, program
 from spec.programs import TEXTS
 from spec.schedule import pes, schedule
 
+PARTS = STAGES | CONTROL | PRIMITIVES
+
 
 @app.command("verilog")
 def verilog_command(
     output: Annotated[Path, typer.Option("-o", metavar="DIR", help="Folder to write into.")],
+    part: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help=f"{', '.join(verilog.WRITERS)}. Default: both."),
+    ] = None,
     preset: PresetOption = "DEFAULT",
 ):
-    """Write the machine's stages as Verilog, one file each."""
+    """Write the machine as Verilog.
+
+    top: splatcore_top.v with splatcore_memories.v, memories.csv, a FuseSoC core file, constraints
+    and lint's waivers. stages: one file each, which stands alone. docs/integration.md says more.
+    """
     check_writable(output / "x" if output.is_dir() else output)
     config = find_preset(preset)
-    with progress_bar("generating Verilog"):
-        paths = verilog.write_stages(config, output)
+    parts = part or list(verilog.WRITERS)
+    if unknown := [name for name in parts if name not in verilog.WRITERS]:
+        names = ", ".join(verilog.WRITERS)
+        raise InputError(f"--part '{unknown[0]}': unknown (there are {names})")
+    paths: dict[Path, None] = {}
+    with progress_bar("writing Verilog") as advance:
+        for done, name in enumerate(parts):
+            advance(done, len(parts), f"writing {name}")
+            paths |= dict.fromkeys(verilog.WRITERS[name](config, output))
     for path in paths:
+        console.print(str(path), soft_wrap=True)
+
+
+@app.command("registers")
+def registers_command(
+    output: Annotated[Path, typer.Option("-o", metavar="DIR", help="Folder to write into.")],
+    preset: PresetOption = "DEFAULT",
+):
+    """Write the register map: registers.md, and the C header splatcore.h.
+
+    The header also has the layout of memory and the function that makes registers' numbers;
+    docs/example_frame.c renders a frame with it.
+    """
+    check_writable(output / "x" if output.is_dir() else output)
+    for path in write_register_files(find_preset(preset), output):
         console.print(str(path), soft_wrap=True)
 
 
 @app.command("synth")
 def synth_command(
-    stage: Annotated[
-        list[str], typer.Option(metavar="NAME", help=f"{', '.join(STAGES | PRIMITIVES)}.")
-    ],
+    stage: Annotated[list[str], typer.Option(metavar="NAME", help=f"top, {', '.join(PARTS)}.")],
     preset: PresetOption = "DEFAULT",
     json: JsonOption = None,
 ):
@@ -49,22 +81,35 @@ def synth_command(
     Sizes are NAND2-equivalents with flip-flops and without memories, which are listed in bits.
     Depth is the number of gates on the longest path between registers; 800 MHz in 28 nm leave room
     for 40. Mapped for area, with the depth that this gives, and mapped for speed.
+
+    top is the whole machine, part by part, and checked for latches, loops, wires of several drivers
+    and of none. It takes a quarter of an hour the first time; parts are kept in build/.
     """
     check_writable(json)
     config = find_preset(preset)
-    unknown = [name for name in stage if name not in STAGES | PRIMITIVES]
+    unknown = [name for name in stage if name not in PARTS and name != "top"]
     if unknown:
-        names = ", ".join(STAGES | PRIMITIVES)
-        raise InputError(f"--stage '{unknown[0]}': unknown (there are {names})")
+        names = ", ".join(PARTS)
+        raise InputError(f"--stage '{unknown[0]}': unknown (there are top, {names})")
+    facts = {"preset": config.name}
+    if parts := [name for name in stage if name != "top"]:
+        facts["stages"] = _synthesise_parts(config, parts)
+    if "top" in stage:
+        facts["top"] = synthesise_machine(config)
+    write_json(json, facts)
+
+
+def _synthesise_parts(config: Config, names: list[str]) -> dict:
+    """Print a table of parts on their own; the same for a JSON file."""
     facts = {}
     title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     table.add_column("stage", no_wrap=True)
     for heading in ("NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits"):
         table.add_column(heading, justify="right")
-    for name in stage:
+    for name in names:
         with progress_bar(f"synthesising {name}"):
-            found = gates((STAGES | PRIMITIVES)[name](config))
+            found = gates(PARTS[name](config))
         paper = PAPER_GATES.get(name)
         row = (
             *(found.nand2, paper, found.depth, found.speed_nand2, found.speed_depth),
@@ -73,7 +118,7 @@ def synth_command(
         table.add_row(name, *("–" if value is None else f"{value:,.0f}" for value in row))
         facts[name] = vars(found) | {"memory_bits": found.memory_bits, "paper_nand2": paper}
     console.print(table)
-    write_json(json, {"preset": config.name, "stages": facts})
+    return facts
 
 
 @app.command("memories")
@@ -85,8 +130,8 @@ def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
     for heading in ("stage", "words", "bits", "how many", "KB"):
         table.add_column(heading, justify="left" if heading == "stage" else "right")
     facts, total = {}, 0.0
-    for name in WHOLE:
-        sizes = Counter(memories(STAGES[name](config)))
+    for name, parts in WHOLE.items():
+        sizes = Counter(size for make in parts for size in memories(make(config)))
         facts[name] = [
             {"words": words, "bits": bits, "count": count} for (words, bits), count in sizes.items()
         ]
@@ -101,8 +146,10 @@ def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
     write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})
 
 
-WHOLE = ("points", "bin", "sort", "raster")
-"""Stages that together are all of them."""
+WHOLE = {name: (STAGES[name],) for name in ("points", "bin", "sort", "raster")} | {
+    "control": tuple(CONTROL.values())
+}
+"""What together is all of the machine."""
 
 
 @app.command("programs")

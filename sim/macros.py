@@ -1,39 +1,93 @@
-"""On-chip memories as macros: what is left of them when the gates around them are synthesised."""
+"""On-chip memories as modules of their own, for macros to take their place."""
 
-from amaranth.hdl import ClockSignal, Instance, Module, Shape, Value
+from amaranth.hdl import ClockSignal, Instance, Module, Shape
 from amaranth.lib.memory import Memory
+
+PORTS = """\
+  input clk,
+  input write_enable,
+  input [{address}:0] write_address,
+  input [{data}:0] write_data,
+  input read_enable,
+  input [{address}:0] read_address,
+"""
+
+BOX = """\
+(* blackbox *)
+module {name} (
+{ports}  output [{data}:0] read_data
+);
+endmodule
+"""
+
+MODULE = """\
+module {name} (
+{ports}  output reg [{data}:0] read_data
+);
+  reg [{data}:0] rows [0:{last}];
+
+  always @(posedge clk) begin
+    if (write_enable) rows[write_address] <= write_data;
+    if (read_enable) read_data <= rows[read_address];
+  end
+endmodule
+"""
+
+
+def memory_name(words: int, bits: int) -> str:
+    """The module of a memory of that size."""
+    return f"splatcore_memory_{words}x{bits}"
+
+
+def _text(template: str, words: int, bits: int) -> str:
+    address, data = (words - 1).bit_length() - 1, bits - 1
+    ports = PORTS.format(address=address, data=data)
+    name = memory_name(words, bits)
+    return template.format(name=name, ports=ports, data=data, last=words - 1)
+
+
+def box(words: int, bits: int) -> str:
+    """Verilog of a memory's ports alone, as a black box."""
+    return _text(BOX, words, bits)
+
+
+def module(words: int, bits: int) -> str:
+    """Verilog of a memory from which tools make what the target has: block RAM, or flip-flops."""
+    return _text(MODULE, words, bits)
 
 
 class Macros:
-    """An Amaranth platform that replaces synchronous memories by black boxes.
+    """An Amaranth platform that makes each synchronous memory an instance of its size's module.
 
-    Memories with an asynchronous read port stay as they are: they become flip-flops.
+    Such a memory has one port to write and one to read, and its rows keep what they are given: none
+    begins with a value. Memories with an asynchronous read port stay as they are: they become
+    flip-flops.
 
-    sizes: (words, bits) of each memory that was replaced. library: Verilog of the black boxes.
+    sizes: (words, bits) of each memory that was replaced.
     """
 
     def __init__(self):
         self.sizes: list[tuple[int, int]] = []
-        self.library = ""
+
+    @property
+    def library(self) -> str:
+        """Verilog of the black boxes."""
+        return "".join(box(*size) for size in sorted(set(self.sizes)))
 
     def get_memory(self, memory: Memory):
         """What stands for a memory; called by Amaranth."""
         if any(port.domain == "comb" for port in memory.read_ports):
             return memory.elaborate(None)
-        name = f"macro{len(self.sizes)}"
-        self.sizes.append((memory.depth, Shape.cast(memory.shape).width))
-        ports = {"i_clk": ClockSignal()}
-        for k, port in enumerate(memory.write_ports):
-            ports |= {f"i_write{k}_en": port.en, f"i_write{k}_addr": port.addr}
-            ports[f"i_write{k}_data"] = port.data
-        for k, port in enumerate(memory.read_ports):
-            ports |= {f"i_read{k}_en": port.en, f"i_read{k}_addr": port.addr}
-            ports[f"o_read{k}_data"] = port.data
-        listed = []
-        for port, value in ports.items():
-            way = "output" if port.startswith("o_") else "input"
-            listed.append(f"{way} [{len(Value.cast(value)) - 1}:0] {port[2:]}")
-        self.library += f"(* blackbox *) module {name}({', '.join(listed)}); endmodule\n"
+        size = memory.depth, Shape.cast(memory.shape).width
+        (write,), (read,) = memory.write_ports, memory.read_ports
+        if len(write.en) != 1 or read.transparent_for or any(memory.init):
+            raise ValueError(f"a memory of {size} that has no macro")
+        self.sizes.append(size)
         m = Module()
-        m.submodules.macro = Instance(name, **ports)
+        m.submodules.macro = Instance(
+            memory_name(*size),
+            i_clk=ClockSignal(),
+            i_write_enable=write.en, i_write_address=write.addr, i_write_data=write.data,
+            i_read_enable=read.en, i_read_address=read.addr, o_read_data=read.data,
+        )  # fmt: skip
         return m

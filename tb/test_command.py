@@ -226,7 +226,7 @@ def test_synth_and_verilog(folder, capsys):
     assert 1000 < stages["add"]["nand2"] < stages["cull"]["nand2"] < stages["cull"]["speed_nand2"]
     assert stages["cull"]["paper_nand2"] == 12_900
     assert stages["add"]["flip_flops"] > 50 and stages["add"]["depth"] > 5
-    assert run("verilog", "-o", "rtl") == 0
+    assert run("verilog", "--part", "stages", "-o", "rtl") == 0
     for name in ("chunk", "cull", "place", "project"):
         text = (folder / "rtl" / f"splatcore_{name}.v").read_text()
         assert text.startswith(f"// Splatcore {name}, preset DEFAULT")

@@ -1,0 +1,90 @@
+"""The hierarchy of a netlist as text (RTLIL): its instances, and cutting parts out of it."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+MODULE = re.compile(r"^module (\S+)\n(.*?)^end\n", re.M | re.S)
+CELL = re.compile(r"^(  cell )(\\\S+)( (\S+))$", re.M)
+"""A cell of a module; those of yosys itself have a $ where these have a backslash."""
+
+PORT = re.compile(r"^  wire .*\b(?:input|output) \d+ .*\n", re.M)
+
+WIRE = re.compile(r"\\port\$\d+\$\d+")
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A module's place in the hierarchy. path: names from the top on, without the top's own."""
+
+    path: str
+    module: str
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part on its own. text: RTLIL with the top module `top`, in which parts that were cut out
+    are black boxes; memories: modules of the memories inside, one for each.
+    """
+
+    text: str
+    memories: tuple[str, ...]
+
+
+class Hierarchy:
+    """RTLIL text by modules. top: name of the module that all others are in."""
+
+    def __init__(self, text: str, top: str = "top"):
+        self.modules = {found[1]: found[2] for found in MODULE.finditer(text)}
+        self.top = "\\" + top
+
+    @cached_property
+    def cells(self) -> dict[str, list[tuple[str, str]]]:
+        """Of each module: what is inside, as (path from there, module), memories included."""
+        return {
+            name: [(re.sub(r"^\\|\$\d+$", "", found[4]), found[2]) for found in CELL.finditer(body)]
+            for name, body in self.modules.items()
+        }
+
+    def instances(self, module: str | None = None, path: str = "") -> Iterator[Instance]:
+        """A module and all that is inside, from above; memories are modules without a text."""
+        module = module or self.top
+        yield Instance(path, module)
+        for name, inner in self.cells.get(module, ()):
+            yield from self.instances(inner, f"{path}.{name}" if path else name)
+
+    def piece(self, root: Instance, is_cut: Callable[[str], object]) -> Piece:
+        """What is inside of an instance, without the instances that are cut out.
+
+        Modules have names by their order alone, so that equal pieces have equal texts.
+        """
+        names: dict[str, str] = {root.module: "\\top"}
+        texts, memories = [], []
+
+        def visit(instance: Instance):
+            for name, inner in self.cells[instance.module]:
+                path = f"{instance.path}.{name}" if instance.path else name
+                if inner not in self.modules:
+                    memories.append(inner[1:])
+                elif is_cut(path):
+                    names[inner] = f"\\cut{len(names)}"
+                    ports = "".join(PORT.findall(self.modules[inner]))
+                    texts.append(f"attribute \\blackbox 1\nmodule {names[inner]}\n{ports}end\n")
+                else:
+                    names[inner] = f"\\module{len(names)}"
+                    visit(Instance(path, inner))
+            body = CELL.sub(
+                lambda cell: cell[1] + names.get(cell[2], cell[2]) + cell[3],
+                self.modules[instance.module],
+            )
+            texts.append(f"module {names[instance.module]}\n{body}end\n")
+
+        visit(root)
+        return Piece(_numbered("\n".join(texts)), tuple(memories))
+
+
+def _numbered(text: str) -> str:
+    """The same with the wires that Amaranth numbers through the whole netlist numbered anew."""
+    names: dict[str, str] = {}
+    return WIRE.sub(lambda wire: names.setdefault(wire[0], f"\\port{len(names)}"), text)
