@@ -33,7 +33,7 @@ demo: install
 		-o out/reference.png --heat-map out/tiles.png
 	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(SIZE) \
 		--engine rtl -o out/rtl.png --error-map out/error.png --json out/rtl.json
-	$(SPLATCORE) registers -o out
+	$(SPLATCORE) registers -o docs
 
 test: install demo
 	$(BIN)/ruff check .
@@ -46,4 +46,4 @@ check: install
 	$(BIN)/python -m pytest -m "not slow and not scenes"
 
 clean:
-	rm -rf .venv out build *.egg-info
+	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore.h

@@ -268,9 +268,10 @@ int main(int argc, char** argv) {
 """
 
 
-def build(source: str, main: str) -> Path:
-    """The program made of a Verilog module `top` and a C++ main, compiled unless it is there."""
-    made_from = json.dumps([source, main, ARGS])
+def build(source: str, main: str, more: tuple[str, ...] = ()) -> Path:
+    """The program of a Verilog module `top` and a C++ main; more: arguments for Verilator."""
+    args = [*ARGS, *more]
+    made_from = json.dumps([source, main, args])
     folder = (BUILD / _digest(made_from)).absolute()
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "lock", "w") as lock:
@@ -278,12 +279,12 @@ def build(source: str, main: str) -> Path:
         if not (folder / "built").exists():
             (folder / "top.sv").write_text(source)
             (folder / "main.cpp").write_text(main)
-            _compile(folder)
+            _compile(folder, args)
             (folder / "built").touch()
     return folder / "obj" / "Vtop"
 
 
-def _compile(folder: Path) -> None:
+def _compile(folder: Path, args: list[str]) -> None:
     """Run Verilator and the C++ compiler in a folder; RuntimeError with the end of their log.
 
     Most of the time would go into Verilator's own library, the same for all: it is compiled once.
@@ -292,14 +293,14 @@ def _compile(folder: Path) -> None:
     run = partial(subprocess.run, env=variables, capture_output=True, text=True, check=False)
     program = shutil.which("verilator", path=variables["PATH"])
     version = run([program, "--version"]).stdout
-    made_from = json.dumps([program, version, variables.get("MAKEFLAGS"), ARGS])
+    made_from = json.dumps([program, version, variables.get("MAKEFLAGS"), args])
     library, objects = folder.parent / f"library-{_digest(made_from)}", folder / "obj"
     for made in (library, objects):
         made.mkdir(exist_ok=True)
     _copy(library, objects)
     there = [f"-o {file.name}" for file in objects.glob("verilated*.o")]
     flags = " ".join(["OPT_FAST=-O2", *there])
-    done = run([program, *ARGS, "-MAKEFLAGS", flags, "top.sv", "main.cpp"], cwd=folder)
+    done = run([program, *args, "-MAKEFLAGS", flags, "top.sv", "main.cpp"], cwd=folder)
     if done.returncode:
         log = (done.stdout + done.stderr).splitlines()[-LOG_LINES:]
         raise RuntimeError("\n".join([f"Verilator or g++ failed in {folder}", *log]))

@@ -6,7 +6,6 @@ machine's AXI4 master sees. The program writes `report`, and tells on standard o
 """
 
 from pathlib import Path
-from unittest.mock import patch
 
 from sim import harness
 from sim.machine_host import HOST
@@ -206,5 +205,4 @@ def compiled(source: str, trace: bool = False) -> Path:
         "ERROR": str(INTERRUPT_ERROR),
     }.items():
         main = main.replace(f"@{key}@", text)
-    with patch.object(harness, "ARGS", [*harness.ARGS, *(TRACE_ARGS if trace else ())]):
-        return harness.build(source, main)
+    return harness.build(source, main, TRACE_ARGS if trace else ())

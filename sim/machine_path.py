@@ -10,8 +10,9 @@ from sim.machine_script import TIMINGS, Timing
 from sim.output import progress_bar
 from spec.camera import Camera
 from spec.config import Config
-from spec.convention import NEAR_PLANE
+from spec.convention import NEAR_PLANE, TILE
 from spec.error import InputError
+from spec.work import PIXEL
 
 STEP = np.radians(0.25)
 """Angle from a frame of a path to the next: half a turn takes 12 seconds at 60 frames a second."""
@@ -71,12 +72,13 @@ def build(config: Config, trace: bool = False) -> Machine:
 
 
 def simulate(machine: Machine, jobs: list[Job], timing: Timing, label: str, **options) -> Run:
-    """Run frames behind a bar that tells how much of the images is written, and how fast."""
-    begin = time.perf_counter()
-    with progress_bar(label, 100) as advance:
+    """Run frames behind a bar that tells how many tiles are written, and how fast it goes."""
+    begin, tile = time.perf_counter(), TILE**2 * PIXEL
+    with progress_bar(label) as advance:
 
         def tell(cycles: int, written: int, total: int):
             rate = cycles / (time.perf_counter() - begin)
-            advance(100 * written // total, 100, f"{label}, {rate / 1000:.0f}k cycles/s, image %")
+            text = f"{label}: {rate / 1000:.0f}k cycles/s, tiles"
+            advance(written // tile, -(-total // tile), text)
 
         return machine.run(jobs, timing, tell, **options)
