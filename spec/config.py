@@ -72,6 +72,7 @@ class Config:
     weight: int = 11  # bits of T·alpha, all below the point
     colour_fraction: int = 9  # bits of a splat's colour below the point
     sum_fraction: int = 13  # bits of a pixel's colour below the point
+    early_termination: bool = True  # pixels end once too little of T is left
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB

@@ -274,7 +274,9 @@ def power_table(config: Config) -> tuple[int, ...]:
 
 
 def transmittance_min(config: Config) -> int:
-    """T below which a pixel ends."""
+    """T below which a pixel ends; none is below 0."""
+    if not config.early_termination:
+        return 0
     return int(np.ceil(TRANSMITTANCE_MIN * 2.0**config.transmittance))
 
 

@@ -159,6 +159,7 @@ def machine() -> Callable[[], None]:
             test_machine.test_garden(timing)
         test_machine.test_sizes()
         test_machine.test_path()
+        test_machine.test_no_scratch_memory()
         for name in ("long_list", "empty"):
             test_machine.test_hard_cases(name)
         for kind in KINDS:

@@ -73,3 +73,12 @@ def test_work_area():
     assert np.array_equal(stored[:, : record.size], record.pack(frame.binned.features))
     lists = run.areas.read(run.memory, "lists0").view("<u8").reshape(-1, TINY.burst)
     assert np.array_equal(lists[frame.binned.lists.address], frame.binned.lists.slots)
+
+
+def test_no_scratch_memory():
+    """Lists that fit on chip need none, however little the host has set apart."""
+    job = Job(garden(TINY, 60), view())
+    assert 0 < np.diff(render(TINY, *job).start).max() <= half_entries(TINY)
+    run = machine(TINY).run([job], sizes={"entries": 0})
+    check(TINY, job, run)
+    assert run.frames[0].counters["rendering_write_scratch"] == 0

@@ -171,6 +171,21 @@ def test_stop():
     assert run.twin.counts["entries"] < 10 and run.counters["dropped"] > 500
 
 
+@pytest.mark.slow
+def test_without_early_termination():
+    """No pixel ends, and nothing of a splat that is behind all others is left out."""
+    config = replace(TINY, early_termination=False)
+    size = (64, 64)
+    features = random_features(config, 500, size, 3)
+    features["opacity"][:] = 0
+    entries = random_entries(config, 500, size, 3)
+    run = run_groups(simulation(config), config, features, entries, size)
+    assert run.differing == 0 and run.twin.counts["ended"] == 0 and run.counters["dropped"] == 0
+    ending = rasterize(TINY, features, entries.start, entries.splat, entries.mask, size)
+    assert ending.counts["ended"] > 100
+    assert ending.counts["contributions"] < run.twin.counts["contributions"]
+
+
 FITTING = [
     name
     for name in HARD
