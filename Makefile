@@ -38,7 +38,7 @@ demo: install
 test: install demo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile  # a thread for each process
 
 check: install
 	$(BIN)/ruff check .

@@ -88,7 +88,6 @@ class Model(wiring.Component):
         asks, left = Signal(), Signal(NUMBER_BITS + 1)
         upper, low = Signal(), Signal(DATA_BITS, reset_less=True)
         running = Signal()
-        whole = upper | ~running
         m.d.comb += [
             fetch.i.valid.eq(asks | load.ranges.valid),
             fetch.i.payload.beat.eq(
@@ -113,7 +112,7 @@ class Model(wiring.Component):
             m.d.sync += running.eq(0)
         with m.If(running & fetch.o.valid & fetch.o.ready):
             m.d.sync += [upper.eq(~upper), low.eq(fetch.o.payload)]
-            with m.If(whole):
+            with m.If(upper):
                 m.d.sync += left.eq(left - 1)
 
     def _positions(self, m: Module):

@@ -6,6 +6,7 @@ from sim import (
     bench_command,
     cycles_command,
     error_command,
+    hard_command,
     hardware_commands,
     image_commands,
     scene_commands,
@@ -15,13 +16,14 @@ from sim.output import messages
 from spec.error import InputError
 
 ORDER = (
-    "scene", "info", "pack", "render", "compare", "error", "programs", "verilog", "registers",
-    "synth", "memories", "cycles", "bench",
+    "scene", "info", "pack", "render", "compare", "error", "hard", "programs", "verilog",
+    "registers", "synth", "memories", "cycles", "bench",
 )  # fmt: skip
 """The commands as the help lists them: the way of the data."""
 
 COMMANDS = (
-    scene_commands, image_commands, error_command, hardware_commands, cycles_command, bench_command,
+    scene_commands, image_commands, error_command, hard_command, hardware_commands, cycles_command,
+    bench_command,
 )  # fmt: skip
 """Modules whose import has registered their commands with `app`."""
 
