@@ -1,6 +1,7 @@
 """The registers' page and C header; the C example against `spec.registers`."""
 
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -106,6 +107,7 @@ def test_page(files):
 def run(config, folder: Path, name: str, main: str, *, status: int = 0) -> list[tuple[int, ...]]:
     """What a C program prints: lines of whole numbers."""
     (folder / f"{name}.c").write_text(main)
+    shutil.copy(EXAMPLE, folder)  # another machine's header may lie beside the original
     program = folder / name
     sources = [f"-I{folder}", folder / f"{name}.c", "-lm", "-o", program]
     subprocess.run([*COMPILE, *sources], check=True)
@@ -134,7 +136,7 @@ def example(config, view: Camera, exponents: tuple[int, int], need: int = 0) -> 
     braces = ["{" + ", ".join(float(v).hex() for v in row) + "}" for row in rows]
     text = ", ".join(str(v) if isinstance(v, int) else float(v).hex() for v in numbers)
     text += f", {{{', '.join(braces[:3])}}}, {braces[3]}"
-    main = MAIN.replace("@EXAMPLE@", str(EXAMPLE)).replace("@NEED@", str(need))
+    main = MAIN.replace("@EXAMPLE@", EXAMPLE.name).replace("@NEED@", str(need))
     image = ", ".join(map(str, HEADER.pack(codes)[0]))
     return main.replace("@MODEL@", image).replace("@CAMERA@", text)
 
