@@ -2,13 +2,13 @@
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out
 
 from hdl.axi import read_beat
 from hdl.fetch import Fetch
 from hdl.record import layout
-from hdl.unpack import Unpack
-from spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
+from hdl.unpack import Unpack, unpacked
+from spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from spec.binning import PAGE_BITS, group_record
 from spec.config import Config
 from spec.group import COUNT_BITS, ENTRY_BITS, entry_record
@@ -47,11 +47,9 @@ class Entries(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         beats = page_bytes(self.config) // BEAT
-        m.submodules.fetch = fetch = Fetch(max(PAGES_WAITING * beats, 32), beats.bit_length())
-        m.submodules.unpack = unpack = Unpack(self.config.page.bit_length())
-        connect(m, fetch.reads, flipped(self.reads))
-        connect(m, flipped(self.data), fetch.data)
-        connect(m, fetch.o, unpack.beats)
+        depth = max(PAGES_WAITING * beats, 2 * BURST_BEATS)
+        page_bits = self.config.page.bit_length()
+        fetch, unpack = unpacked(m, self, depth, beats.bit_length(), page_bits)
         m.d.comb += [
             self.o.valid.eq(unpack.o.valid),
             self.o.payload.eq(unpack.o.payload),

@@ -10,12 +10,9 @@ from hdl.render import job_layout
 from spec.axi import BEAT_BITS, ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from spec.config import Config
 from spec.raster import COLOURS
-from spec.registers import ErrorCode
+from spec.registers import FRAME_BITS, ErrorCode
 
 HALVES = (PREPROCESSING, RENDERING)
-
-FRAME_BITS = 16
-"""Width of the counts of frames."""
 
 FAULT = data.StructLayout({"now": 1, "client": ID_BITS})
 

@@ -5,10 +5,9 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from hdl.axi import read_beat
-from hdl.fetch import Fetch
 from hdl.record import layout
 from hdl.stream import Fork, Queue
-from hdl.unpack import Unpack
+from hdl.unpack import unpacked
 from spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from spec.binning import group_record, groups_max
 from spec.config import Config
@@ -104,11 +103,7 @@ class Groups(wiring.Component):
     def _table(self, m: Module, count) -> stream.Interface:
         """The table's slots; it is asked for when the number of groups is known."""
         bits = groups_max(self.config).bit_length()
-        m.submodules.fetch = fetch = Fetch(BURST_BEATS, bits)
-        m.submodules.unpack = unpack = Unpack(bits)
-        connect(m, fetch.reads, flipped(self.reads))
-        connect(m, flipped(self.data), fetch.data)
-        connect(m, fetch.o, unpack.beats)
+        fetch, unpack = unpacked(m, self, BURST_BEATS, bits, bits)
         groups, waits = Signal(bits), Signal(3)
         asks, tells = Signal(), Signal()
         m.d.sync += [groups.eq(count), waits.eq(Cat(self.start, waits))]

@@ -9,7 +9,7 @@ from hdl.fetch import Fetch
 from hdl.load import EXPONENTS, Load
 from hdl.record import layout
 from hdl.stream import Register
-from spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, range_record, read_record
+from spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, range_record, read_record
 from spec.config import Config
 from spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER, model_format
 from spec.point import FETCH, GAUSSIAN_BITS, NUMBER_BITS
@@ -17,7 +17,7 @@ from spec.point import FETCH, GAUSSIAN_BITS, NUMBER_BITS
 READING = ("model", "positions", "attributes")
 """Its readers of `spec.axi.READERS`, in their order."""
 
-BEATS_WAITING = 32
+BEATS_WAITING = 2 * BURST_BEATS
 """Beats of chunk headers and of positions that may wait: two bursts of each."""
 
 HEADER_BEATS = CHUNK_HEADER.size // BEAT

@@ -21,7 +21,7 @@ from spec.raster import (
 )
 from spec.record import Record
 from spec.registers import WORD
-from spec.work import PIXEL
+from spec.work import PIXEL, STRIDE_BITS
 
 ROW_BITS = BLOCK * PIXEL * 8
 """Bits of a row of a block."""
@@ -53,7 +53,7 @@ class Pixels(wiring.Component):
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
                 "pixels_at": In(BEAT_ADDRESS_BITS),
-                "stride_beats": In(16 - BEAT_BITS),
+                "stride_beats": In(STRIDE_BITS - BEAT_BITS),
                 "background": In(layout(Record("colour", colours(config)))),
                 "places": In(stream.Signature(layout(written_record(config)))),
                 "i": pixels,

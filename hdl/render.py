@@ -20,6 +20,7 @@ from spec.group import COUNT_BITS
 from spec.raster import colours
 from spec.record import Record
 from spec.registers import ErrorCode
+from spec.work import STRIDE_BITS
 
 READING = ("groups", "lists", "scratch", "features")
 WRITING = ("scratch", "pixels")
@@ -38,7 +39,7 @@ def job_layout(config: Config) -> data.StructLayout:
             "scratch_area": BEAT_ADDRESS_BITS,
             "scratch_entries": COUNT_BITS,
             "pixels": BEAT_ADDRESS_BITS,
-            "stride": 16 - BEAT_BITS,
+            "stride": STRIDE_BITS - BEAT_BITS,
         }
     )
 

@@ -5,17 +5,16 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from hdl.axi import read_beat
-from hdl.fetch import Fetch
 from hdl.line import Line
 from hdl.record import layout
-from hdl.unpack import Unpack
-from spec.axi import BEAT, BEAT_ADDRESS_BITS, read_record, write_record
+from hdl.unpack import unpacked
+from spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, read_record, write_record
 from spec.config import Config
 from spec.group import COUNT_BITS, entry_record
-from spec.sort import read_entries, spill_record, wanted_record
+from spec.sort import AREAS, read_entries, spill_record, wanted_record
 from spec.work import SLOT
 
-BEATS_WAITING = 32
+BEATS_WAITING = 2 * BURST_BEATS
 """Beats that may wait on their way back."""
 
 
@@ -51,7 +50,7 @@ class Scratch(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        starts = [Signal(BEAT_ADDRESS_BITS, name=f"start{k}") for k in range(2)]
+        starts = [Signal(BEAT_ADDRESS_BITS, name=f"start{k}") for k in range(AREAS)]
         first, second = starts
         m.d.sync += [first.eq(self.scratch_at), second.eq(self.scratch_at + self.area_beats)]
         pending, written = self._spill(m, starts)
@@ -81,11 +80,7 @@ class Scratch(wiring.Component):
     def _read(self, m: Module, starts: list[Signal], pending: Signal, written: Signal):
         """Pieces as ranges of beats."""
         count_bits = read_entries(self.config).bit_length()
-        m.submodules.fetch = fetch = Fetch(BEATS_WAITING, count_bits)
-        m.submodules.unpack = unpack = Unpack(count_bits)
-        connect(m, fetch.reads, flipped(self.reads))
-        connect(m, flipped(self.data), fetch.data)
-        connect(m, fetch.o, unpack.beats)
+        fetch, unpack = unpacked(m, self, BEATS_WAITING, count_bits, count_bits)
         wanted, slots = self.wanted.payload, BEAT // SLOT
         area, position = wanted.address[COUNT_BITS:], wanted.address[:COUNT_BITS]
         begin = Mux(area, starts[1], starts[0])

@@ -4,6 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from hdl.fetch import Fetch
 from hdl.stream import Queue
 from spec.axi import DATA_BITS
 from spec.group import ENTRY_BITS
@@ -56,3 +57,15 @@ class Unpack(wiring.Component):
         with m.If(taken):
             m.d.sync += upper.eq(~upper & ~last)
         return m
+
+
+def unpacked(
+    m: Module, reader: wiring.Component, depth: int, range_bits: int, count_bits: int
+) -> tuple[Fetch, Unpack]:
+    """What reads ranges of slots for a component with the streams `reads` and `data`."""
+    m.submodules.fetch = fetch = Fetch(depth, range_bits)
+    m.submodules.unpack = unpack = Unpack(count_bits)
+    connect(m, fetch.reads, flipped(reader.reads))
+    connect(m, flipped(reader.data), fetch.data)
+    connect(m, fetch.o, unpack.beats)
+    return fetch, unpack

@@ -105,7 +105,7 @@ def bench_scenes(config: Config, found: list[View], timings: list[Timing], folde
             path = folder / f"{view.name.replace(':', '-')}-{view.size}-{timing.name}.json"
             row = finished(path, key)
             if row is None:
-                machine = machine or build(config)
+                machine = machine or build(config, source=source)
                 expected = expected or expect(config, view)
                 row = {"key": key} | measure(machine, view, expected, timing)
                 write(path, (json.dumps(row, indent=2) + "\n").encode())

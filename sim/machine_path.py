@@ -65,10 +65,10 @@ def find_timing(name: str) -> Timing:
         raise InputError(f"--timing '{name}': unknown (there are {', '.join(TIMINGS)})") from None
 
 
-def build(config: Config, trace: bool = False) -> Machine:
-    """The machine, compiled unless it is there."""
+def build(config: Config, trace: bool = False, source: str | None = None) -> Machine:
+    """The machine, compiled unless it is there. source: its Verilog, if that is known."""
     with progress_bar(f"building the machine {config.name}, which takes minutes when it is new"):
-        return Machine(config, trace=trace)
+        return Machine(config, source, trace)
 
 
 def simulate(machine: Machine, jobs: list[Job], timing: Timing, label: str, **options) -> Run:

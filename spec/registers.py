@@ -21,7 +21,7 @@ from spec.group import COUNT_BITS, SPLAT_BITS, colour_format
 from spec.memory import ALIGNMENT, MAGIC, VERSION
 from spec.programs import CONSTANTS
 from spec.raster import COLOURS
-from spec.work import STRIDE_ALIGNMENT, WORK_ALIGNMENT
+from spec.work import STRIDE_ALIGNMENT, STRIDE_BITS, WORK_ALIGNMENT
 
 WORD = LITE_DATA_BITS // 8
 """Bytes from one register to the next."""
@@ -57,6 +57,9 @@ class ErrorCode(IntEnum):
     WRITE = 11  # AXI write error; the detail is the writer
     ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
 
+
+FRAME_BITS = 16
+"""Width of the counts of frames."""
 
 CODE_BITS = 8
 DETAIL_BITS = 8
@@ -100,8 +103,8 @@ def control_registers(config: Config) -> list[Register]:
         Register("INTERRUPT", 3, "clear", "READY, FRAME, ERROR"),
         Register("INTERRUPT_ENABLE", 3, "write", "which of them raise the interrupt"),
         Register("ERROR", CODE_BITS + DETAIL_BITS, "clear", "code, detail << 8; any write clears"),
-        Register("STARTED", 16, "read", "frames that have begun, modulo 2^16"),
-        Register("FINISHED", 16, "read", "frames that are complete, modulo 2^16"),
+        Register("STARTED", FRAME_BITS, "read", "frames that have begun, modulo 2^16"),
+        Register("FINISHED", FRAME_BITS, "read", "frames that are complete, modulo 2^16"),
         Register("NEEDED", PAGE_BITS, "read", "list pages that the last frame's points took"),
     ]
 
@@ -128,7 +131,7 @@ def frame_registers(config: Config) -> list[Register]:
         address("SCRATCH_AREA", "bytes from its area 0 to its area 1"),
         Register("SCRATCH_ENTRIES", COUNT_BITS, "frame", "longest list that it holds"),
         address("PIXELS", "address of the image"),
-        Register("STRIDE", 16, "frame", "bytes from a row to the next, a multiple of 16"),
+        Register("STRIDE", STRIDE_BITS, "frame", "bytes from a row to the next, a multiple of 16"),
     ]
     registers += [
         Register(f"BACKGROUND_{name.upper()}", colour, "frame", f"{name}, units of 2^-9·255/256")

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from spec.axi import BOUNDARY, LINE
 from spec.binning import PAGE_BITS, groups_max
 from spec.config import Config
-from spec.convention import BLOCK
-from spec.group import COUNT_BITS, ENTRY_BITS, feature_record
+from spec.group import COUNT_BITS, ENTRY_BITS
 from spec.number import Bits
 from spec.record import Record
 from spec.sort import AREAS
@@ -31,6 +30,9 @@ FEATURE = LINE
 PIXEL = 3
 """Bytes of a pixel."""
 
+STRIDE_BITS = 16
+"""Width of the bytes from a row of the image to the next."""
+
 STRIDE_ALIGNMENT = 16
 """Rows of the image begin at multiples of this many bytes."""
 
@@ -42,19 +44,6 @@ def table_record() -> Record:
         "table",
         {"page": Bits(PAGE_BITS), "count": Bits(COUNT_BITS), "reserved": Bits(spare)},
     )
-
-
-def stored_feature_record(config: Config) -> Record:
-    """A feature as it lies in memory."""
-    feature = feature_record(config)
-    spare = FEATURE * 8 - feature.width
-    return Record("stored_feature", {"feature": feature} | _reserved(spare))
-
-
-def _reserved(bits: int) -> dict:
-    """Fields that fill so many bits."""
-    widths = [64] * (bits // 64) + [bits % 64] * bool(bits % 64)
-    return {f"reserved{k}": Bits(width) for k, width in enumerate(widths)}
 
 
 def page_bytes(config: Config) -> int:
@@ -92,8 +81,3 @@ def aligned(size: int) -> int:
 def stride(width: int) -> int:
     """Least bytes from one row of an image to the next."""
     return -(-width * PIXEL // STRIDE_ALIGNMENT) * STRIDE_ALIGNMENT
-
-
-def block_bytes() -> int:
-    """Bytes of one row of a block."""
-    return BLOCK * PIXEL

@@ -14,7 +14,7 @@ from sim.machine_areas import BASE, Areas, make_memory, place_areas
 from sim.machine_script import Report, Script, Timing, execute
 from spec.axi import READERS, WRITERS
 from spec.config import TINY
-from spec.memory import HEADER
+from spec.memory import HEADER, MAGIC
 from spec.registers import (
     ABORT,
     ALIGNED,
@@ -205,7 +205,7 @@ def drawn(kind: str, seed: int) -> Fault:
         longest = int(np.diff(frame.start).max())
         return Fault(ErrorCode.SCRATCH, values={"SCRATCH_ENTRIES": below(longest)})
     if kind == "magic":
-        return Fault(ErrorCode.MAGIC, header={"magic": HEADER_MAGIC ^ (1 << below(32))})
+        return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
     if kind == "version":
         return Fault(ErrorCode.VERSION, header={"version": [0, 1, 3, 0xFFFF][below(4)]})
     if kind == "format":
@@ -221,9 +221,6 @@ def drawn(kind: str, seed: int) -> Fault:
     if kind == "size":
         return drawn_size(below)
     return drawn_host(kind, seed, below)
-
-
-HEADER_MAGIC = int.from_bytes(b"SPLT", "little")
 
 
 def drawn_size(below: Callable[[int], int]) -> Fault:
