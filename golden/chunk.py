@@ -17,7 +17,8 @@ def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Va
     The ways from the camera to a chunk's ends along the world axes are exact on the grid and
     rounded once. A chunk is skipped if the bounds of its points are behind the near plane or beyond
     the guard band: `place` would drop every one of them. Absolute positions have no extent, and no
-    chunk is skipped.
+    chunk is skipped; nor is any without culling, or beyond the guard band if the near plane alone
+    culls.
     """
     headers, round_ = model.chunks, config.arithmetic.round
     exponent = model.value("position_exponent")
@@ -30,10 +31,10 @@ def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Va
         falls = frame.constants[constant] < 0
         fields[name] = ends[falls != (side == "most")][:, int(name[-1])]
     values = run(config, program("chunk"), frame.constants | fields)
-    if model.format.position == "absolute":
+    if model.format.position == "absolute" or config.culling == "none":
         return values, np.ones(len(low), bool)
     kept = values["z_high"] > frame.near_plane
-    for axis in "xy":
+    for axis in "xy" if config.culling == "all" else "":
         kept &= values[f"{axis}_low"] <= values[f"far_{axis}"]
         kept &= -values[f"{axis}_high"] <= values[f"far_{axis}"]
     return values, kept

@@ -23,7 +23,9 @@ def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.nd
 def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
     """Values of the cull program, and which points [N] are kept: z + Δz beyond the near plane.
 
-    Δz is the reach of the point's chunk if `Config.depth_interval`, else 0.
+    Δz is the reach of the point's chunk if `Config.depth_interval`, else 0. Without culling all
+    are.
     """
     values = run(config, culling(config.depth_interval), frame.constants | points)
-    return values, values["farthest" if config.depth_interval else "z"] > frame.near_plane
+    kept = values["farthest" if config.depth_interval else "z"] > frame.near_plane
+    return values, np.full_like(kept, True) if config.culling == "none" else kept

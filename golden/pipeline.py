@@ -35,7 +35,7 @@ class Frame:
         tiles = np.bitwise_count(self.binned.entries["mask"])
         return {
             "points_read": len(self.points.points),
-            "projected": len(self.points.index),
+            "projected": len(self.points.inside),
             "splats": len(self.binned.kept),
             "tile_rows": self.binned.rows,
             "group_entries": len(self.order),

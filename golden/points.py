@@ -28,10 +28,11 @@ class Points:
     read: np.ndarray  # [C] chunks whose points are read
     culled: Values  # [N] of the cull program, for the points of those chunks
     placed: Values  # [K] of the place program, for what stage 0 kept
-    projected: Values  # [M] of the projection, for what the guard band kept
+    projected: Values  # [M] of the projection
     points: np.ndarray  # [N] which Gaussians
     front: np.ndarray  # [K] which Gaussians
-    index: np.ndarray  # [M] which Gaussians
+    inside: np.ndarray  # [L] which Gaussians are projected
+    index: np.ndarray  # [M] which Gaussians' splats are in front: all, if any point was culled
 
 
 def project_points(config: Config, model: PackedModel, camera: Camera) -> Points:
@@ -48,10 +49,15 @@ def project_points(config: Config, model: PackedModel, camera: Camera) -> Points
 
     placed, inside = place(config, frame, _take(fields, kept))
     front = points[kept]
-    index = front[inside]
+    chosen = front[inside]
     shared = _take(_take(fields, kept), inside) | {axis: placed[axis][inside] for axis in "xy"}
-    projected = project(config, frame, model, shared, index)
-    return Points(frame, chunks, read, culled, placed, projected, points, front, index)
+    projected = project(config, frame, model, shared, chosen)
+    index = chosen
+    if config.culling == "none":
+        seen = shared["z"] > frame.near_plane
+        arrays = {name: found for name, found in projected.items() if np.ndim(found)}
+        projected, index = projected | _take(arrays, seen), chosen[seen]
+    return Points(frame, chunks, read, culled, placed, projected, points, front, chosen, index)
 
 
 def _take(values: Values, chosen: np.ndarray) -> Values:

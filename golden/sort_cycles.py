@@ -1,6 +1,6 @@
 """Stage 2's cycle model: when batches, jobs and groups are through, without a look at any key."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from spec.config import Config
 from spec.sort import half_entries, phases, read_entries
@@ -16,11 +16,24 @@ RELEASED = 5  # from the last entry of a merge to the half and the merge being f
 TURNED = 6  # from the last entry of a merge to the first piece of the next one being asked for
 
 
-class Timeline:
-    """Times at which the parts of stage 2 are free, in cycles from the first group's taking."""
+Give = Callable[[float, int], float]
+"""When the first of so many entries can be merged → when the last one is."""
 
-    def __init__(self, config: Config):
+
+def at_once(first: float, count: int) -> float:
+    """Every second cycle an entry."""
+    return first + 2 * (count - 1)
+
+
+class Timeline:
+    """Times at which the parts of stage 2 are free, in cycles from the first group's taking.
+
+    pace: cycles that an entry takes to come. give: what becomes of a group's sorted entries.
+    """
+
+    def __init__(self, config: Config, pace: float = 1, give: Give = at_once):
         self.config, self.fill = config, 2 * len(phases(config))
+        self.pace, self.give = pace, give
         self.load = self.merge = self.given = self.half = self.turn = 0
         self.halves, self.sorters = [0, 0], [0] * config.sub_sorters
 
@@ -30,7 +43,7 @@ class Timeline:
         step = half_entries(self.config)
         jobs = [min(step, count - start) for start in range(0, count, step)] or [0]
         for number, entries in enumerate(jobs):
-            last = self._job(entries)
+            last = self._job(entries, at_once if len(jobs) > 1 else self.give)
             if number < len(jobs) - 1:
                 self._free(last + MERGED)
         if len(jobs) > 1:
@@ -42,22 +55,22 @@ class Timeline:
         self.merge = self.halves[self.half] = time
         self.half = 1 - self.half
 
-    def _job(self, entries: int) -> int:
+    def _job(self, entries: int, give: Give) -> float:
         """Forms the runs of a job and merges them; returns when the last entry is merged."""
         size = self.config.sub_sorter_entries
         self.load = max(self.load, self.halves[self.half]) + OPENED
         batches = [min(size, entries - start) for start in range(0, entries, size)]
         first = 0
         for batch in batches:
-            self.load = max(self.load, self.sorters[self.turn]) + batch
+            self.load = max(self.load, self.sorters[self.turn]) + batch * self.pace
             self.sorters[self.turn] = self.load + self.fill + 2 * batch - 1
             self.turn = (self.turn + 1) % self.config.sub_sorters
             first = self.load + self.fill + RUN_TO_MERGE
         self.load += 1
         first = max(first, max(self.load, self.merge) + BEGUN + len(batches))
-        return first + 2 * (entries - 1)
+        return give(first, entries)
 
-    def _levels(self, last: int, count: int) -> int:
+    def _levels(self, last: float, count: int) -> float:
         """Merges from scratch memory until one run is left; returns when its last entry is."""
         ways, length = self.config.merge_ways, half_entries(self.config)
         while length < count:
@@ -66,7 +79,8 @@ class Timeline:
                 runs = -(-entries // length)
                 asked = 3 * ways + BEGUN + runs
                 back = read_entries(self.config) * (runs - 1) + READ_TO_MERGE
-                last += TURNED + max(asked, back) + 2 * (entries - 1)
+                give = self.give if entries == count else at_once
+                last = give(last + TURNED + max(asked, back), entries)
             length *= ways
         return last
 
@@ -80,4 +94,4 @@ def cycles(config: Config, counts: Sequence[int]) -> int:
     timeline = Timeline(config)
     for count in counts:
         timeline.group(int(count))
-    return timeline.given
+    return int(timeline.given)

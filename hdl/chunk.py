@@ -153,10 +153,10 @@ class Chunk(wiring.Component):
 
     def _kept(self, m: Module, found: data.View) -> Value:
         """Whether a point within the bounds can be in front and in the guard band."""
-        if self.config.position != "chunk":
+        if self.config.position != "chunk" or self.config.culling == "none":
             return Value.cast(1)
         pairs = {"front": (self.near_plane, found.z_high)}
-        for axis in "xy":
+        for axis in "xy" if self.config.culling == "all" else "":
             far, high = found[f"far_{axis}"], found[f"{axis}_high"]
             pairs[f"{axis}_low"] = (found[f"{axis}_low"], far)
             pairs[f"{axis}_high"] = (high ^ (1 << (len(high) - 1)), far)

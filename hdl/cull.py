@@ -1,6 +1,6 @@
 """Stage 0: the depth of each point, culled at the near plane."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -75,7 +75,8 @@ class Cull(wiring.Component):
             m.d.sync += place.eq(Mux(last, 0, place + 1))
 
         found, through = array.o.payload.outputs, array.o.payload.carried
-        kept, passes = compare.less, compare.less | through.last
+        kept = Const(1, 1) if self.config.culling == "none" else compare.less
+        passes = kept | through.last
         m.d.comb += [
             compare.enable.eq(1),
             compare.a.eq(self.near_plane),

@@ -1,6 +1,6 @@
 """Stage 1's front: x and y of the points that stage 0 kept, and the guard band."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Const, Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -71,12 +71,14 @@ class Place(wiring.Component):
 
         With a depth interval stage 0 lets points pass whose centre is behind the near plane.
         """
+        if self.config.culling == "none":
+            return Const(1, 1)
         format = self.config.arithmetic
         magnitude = (1 << (format.width - 1)) - 1
         m.submodules.compare_z = compare = Compare(format, 0)
         m.d.comb += [compare.a.eq(self.near_plane), compare.b.eq(found.z), compare.enable.eq(1)]
         inside = compare.less
-        for axis in "xy":
+        for axis in "xy" if self.config.culling == "all" else "":
             m.submodules[f"compare_{axis}"] = compare = Compare(format, 0)
             m.d.comb += [
                 compare.a.eq(found[axis] & magnitude),

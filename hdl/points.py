@@ -8,14 +8,15 @@ from hdl.array import codes
 from hdl.chunk import Chunk
 from hdl.counters import Counters
 from hdl.cull import Cull
+from hdl.front import Front
 from hdl.place import Place
 from hdl.project import Project
 from hdl.record import layout
 from hdl.stream import Fork, Queue
 from spec.config import Config
 from spec.counters import COUNTER_BITS, POINTS
+from spec.microprogram import constants
 from spec.point import FETCH, chunk_record
-from spec.programs import CONSTANTS
 
 COUNTED = tuple(POINTS)
 
@@ -58,7 +59,7 @@ class Points(wiring.Component):
                 "wanted": project["wanted"],
                 "attributes": project["attributes"],
                 "near_plane": In(config.arithmetic.width),
-                "constants": In(codes(config, tuple(CONSTANTS))),
+                "constants": In(codes(config, constants(config))),
                 "splats": project["o"],
                 "idle": Out(1),
                 "clear": In(1),
@@ -77,7 +78,7 @@ class Points(wiring.Component):
         connect(m, outside.positions, self.cull.positions)
         connect(m, outside.wanted, self.project.wanted)
         connect(m, outside.attributes, self.project.attributes)
-        connect(m, outside.splats, self.project.o)
+        self._splats(m, outside.splats)
         connect(m, self.cull.o, self.place.i)
         connect(m, self.place.o, self.project.i)
         self._chunks(m)
@@ -108,6 +109,16 @@ class Points(wiring.Component):
             self.fetch.valid.eq(last.valid),
             last.ready.eq(self.fetch.ready),
         ]
+
+    def _splats(self, m: Module, splats):
+        """Splats to the outside; where nothing was culled, those in front."""
+        if self.config.culling != "none":
+            connect(m, splats, self.project.o)
+            return
+        m.submodules.front = front = Front(self.config)
+        m.d.comb += front.near_plane.eq(self.near_plane)
+        connect(m, self.project.o, front.i)
+        connect(m, front.o, splats)
 
     def _registers(self, m: Module):
         """Registers of the frame, to whom they concern."""

@@ -1,40 +1,23 @@
 """Cycles of each stage from a machine's sizes and its twins' counts, without the RTL.
 
-Each stage by itself: its inputs are always there, its outputs are always taken. What a chunk, a
-point, a splat, an entry or a block costs is counted; only the queues in front of the rasterizers
-are followed pair by pair, as they decide how much of one's work hides behind another's.
+Each stage by itself: its inputs are always there, its outputs are always taken; what a chunk, a
+point, a splat, an entry or a block costs is counted. And both halves as wholes, in which stages
+wait for each other (`sim.cycles_preprocessing`, `sim.cycles_rendering`).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from golden.pipeline import Frame
 from golden.sort_cycles import cycles as sort_cycles
-from hdl.blend import Blend
-from hdl.evaluate import Evaluate
-from hdl.mark import Mark
-from hdl.rasterizer import PAIRS_WAITING
-from hdl.setup import Setup
+from sim.cycles_preprocessing import bin_costs, chunk_interval, preprocessing_cycles
+from sim.cycles_raster import raster_cycles
+from sim.cycles_rendering import rendering_cycles
+from sim.machine_script import LPDDR4, Timing
 from spec.config import Config
 from spec.microprogram import culling, program, projection
-from spec.raster import BLOCKS, block_count, owner
 from spec.schedule import schedule
-
-BLOCKS_A_TILE = BLOCKS**2
-
-SET_UP = 3  # of a splat in binning
-
-# Cycles as the registers and states of stage 3 make them.
-PAIR_LATENCY = 19  # from a splat's coming to its first pair's being marked
-QUEUE_LATENCY = 2  # from a pair's entering a rasterizer's queue to its first block
-BLOCK_LATENCY = 1 + Evaluate.LATENCY  # from a block's being issued to the lanes
-TURN = 7  # from a group's last block being given out to the next group's first
-PAIRS_HELD = PAIRS_WAITING + 1  # of a rasterizer, the one at hand included
-SPLATS_INSIDE = 20  # splats before setup
-MARK_LATENCY = Setup.LATENCY + Mark.LATENCY
-BUSY = Blend.BUSY  # before a block may come again
 
 
 @dataclass(frozen=True)
@@ -48,16 +31,8 @@ class Cycles:
     bin: int
     sort: int
     raster: int
-
-    @property
-    def preprocessing(self) -> int:
-        """Stages 0 and 1 and binning, at work at once."""
-        return max(self.chunk, self.cull, self.place, self.project, self.bin)
-
-    @property
-    def rendering(self) -> int:
-        """Stages 2 and 3, at work at once."""
-        return max(self.sort, self.raster)
+    preprocessing: int  # stages 0 and 1, binning and their memory side
+    rendering: int  # stages 2 and 3 and their memory side
 
     @property
     def frame(self) -> int:
@@ -65,111 +40,28 @@ class Cycles:
         return max(self.preprocessing, self.rendering)
 
 
-def frame_cycles(config: Config, frame: Frame) -> Cycles:
-    """Cycles of a frame that the twins have made."""
+def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:
+    """Cycles of a frame that the twins have made. timing: of memory; its latency matters here."""
     points = frame.points
-    bounds = schedule(config, program("chunk"))  # a chunk at a time is in its array
     intervals = {
-        "chunk": (bounds.length // bounds.interval + 1) * bounds.interval,
+        "chunk": chunk_interval(config),
         "cull": schedule(config, culling(config.depth_interval)).interval,
         "place": schedule(config, program("place")).interval,
-        "project": schedule(config, projection(config.sh_degree, config.skip_zeros)).interval,
+        "project": schedule(config, projection(config)).interval,
     }
     return Cycles(
         chunk=len(points.read) * intervals["chunk"],
         cull=len(points.points) * intervals["cull"],
         place=len(points.front) * intervals["place"],
-        project=len(points.index) * intervals["project"],
-        bin=bin_cycles(config, frame),
+        project=len(points.inside) * intervals["project"],
+        bin=bin_cycles(frame),
         sort=sort_cycles(config, np.diff(frame.start)),
         raster=raster_cycles(config, frame),
+        preprocessing=preprocessing_cycles(config, frame, timing.latency),
+        rendering=rendering_cycles(config, frame, timing.latency),
     )
 
 
-def bin_cycles(config: Config, frame: Frame) -> int:
-    """Binning: what each splat takes longest, set-up, tile rows or entries; and all lists' ends."""
-    binned = frame.binned
-    longest = np.maximum(binned.splat_rows, binned.splat_entries)
-    return int(np.maximum(longest, SET_UP).sum()) + len(binned.lists.count)
-
-
-def raster_cycles(config: Config, frame: Frame) -> int:
-    """Stage 3, its splats always there."""
-    mask = frame.binned.entries["mask"][frame.order]
-    owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
-    return int(
-        raster_time(
-            frame.start, mask.astype(np.int64), frame.raster.blocks, owners, config.rasterizers,
-            block_count(config),
-        )
-    )  # fmt: skip
-
-
-@njit(cache=True)
-def raster_time(start, mask, blocks, owners, rasterizers, drained):
-    """When the last block is given out.
-
-    start [groups + 1]: entries of each group; mask [N]: tiles of each entry; blocks: marked and
-    visited ones of each of these tiles, −1 for none (`golden.raster.Raster.blocks`).
-    """
-    entered = 0.0  # when the last splat came
-    marked = float(PAIR_LATENCY)  # when the last pair was marked
-    free = np.zeros(rasterizers)  # when a rasterizer can issue its next block
-    begun = np.zeros((rasterizers, PAIRS_HELD))  # when its last pairs left the queue
-    count = np.zeros(rasterizers, np.int64)
-    last = np.full((rasterizers, BUSY), -1)  # its last visited blocks
-    lanes = np.zeros((rasterizers, BUSY))  # when they entered the lanes
-    left = np.zeros(SPLATS_INSIDE)  # when the last splats with live tiles left for setup
-    pair = splats = 0
-    for group in range(len(start) - 1):
-        for k in range(start[group], start[group + 1]):
-            entered = max(entered + 1, left[splats % SPLATS_INSIDE])
-            dead, tile, tiles = True, 0, mask[k]
-            while tiles >> tile:
-                if tiles >> tile & 1:
-                    found = blocks[pair]
-                    pair += 1
-                    if found >= 0:
-                        dead = False
-                        marked = max(marked + 1, entered + PAIR_LATENCY)
-                        marked = _deal(found, tile, marked, owners, free, begun, count, last, lanes)
-                tile += 1
-            if not dead:
-                left[splats % SPLATS_INSIDE] = marked - MARK_LATENCY
-                splats += 1
-        marked += 1
-        for r in range(rasterizers):
-            free[r] = max(marked + QUEUE_LATENCY, free[r]) + drained + TURN
-            begun[r, count[r] % PAIRS_HELD] = free[r]
-            count[r] += 1
-    return free.max() + BLOCK_LATENCY
-
-
-@njit(cache=True)
-def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
-    """A pair to the rasterizers that own its blocks; when it went, all of them having room."""
-    for block in range(BLOCKS_A_TILE):
-        if found >> block & 1:
-            r = owners[block]
-            marked = max(marked, begun[r, count[r] % PAIRS_HELD])
-    for r in range(len(free)):
-        now, some = max(marked + QUEUE_LATENCY, free[r]), False
-        for block in range(BLOCKS_A_TILE):
-            if owners[block] != r or not found >> block & 1:
-                continue
-            some = True
-            if found >> BLOCKS_A_TILE + block & 1:
-                name = tile * BLOCKS_A_TILE + block
-                for back in range(BUSY):
-                    if last[r, back] == name:
-                        now = max(now, lanes[r, back] + BUSY)
-                for back in range(BUSY - 1, 0, -1):
-                    last[r, back] = last[r, back - 1]
-                    lanes[r, back] = lanes[r, back - 1]
-                last[r, 0], lanes[r, 0] = name, now
-            now += 1
-        if some:
-            free[r] = now
-            begun[r, count[r] % PAIRS_HELD] = now
-            count[r] += 1
-    return marked
+def bin_cycles(frame: Frame) -> int:
+    """Binning: what each splat takes longest, and all lists' ends."""
+    return int(bin_costs(frame).sum()) + len(frame.binned.lists.count)

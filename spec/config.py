@@ -44,6 +44,7 @@ class Config:
     pe_arrays: int = 1
     pes: int = 6
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
+    culling: Literal["none", "near", "all"] = "all"  # at the near plane; and at the guard band
     skip_zeros: bool = True  # leave out the products with zeros of the Jacobian
     multiply_latency: int = 2  # clock cycles of the units of stages 0 and 1
     add_latency: int = 3

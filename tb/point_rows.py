@@ -41,8 +41,8 @@ class PointRows:
             "skipped": int((~points.read).sum()),
             "points": len(points.points),
             "front": len(points.front),
-            "inside": len(points.index),
-            "projected": len(points.index),
+            "inside": len(points.inside),
+            "projected": len(points.inside),
         }
 
 
@@ -55,9 +55,9 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
         "chunks": chunk_rows(config, model, points),
         "fetch": fetch_rows(model, points),
         "positions": position_rows(model, points),
-        "wanted": points.index.astype("<u4").view(np.uint8).reshape(-1, 4),
+        "wanted": points.inside.astype("<u4").view(np.uint8).reshape(-1, 4),
         "attributes": model.image[model.layout.attributes :][: len(model) * BEAT]
-        .reshape(-1, BEAT)[points.index],
+        .reshape(-1, BEAT)[points.inside],
         "write": write_rows(config, model),
         "splats": splat_rows(config, points),
     }  # fmt: skip
@@ -132,7 +132,7 @@ def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
     """
     index, fields = points.points, dict(points.culled)
     last = np.append(index[1:] // CHUNK != index[:-1] // CHUNK, True)[: len(index)]
-    front, inside = np.isin(index, points.front), np.isin(index, points.index)
+    front, inside = np.isin(index, points.front), np.isin(index, points.inside)
     placed = {name: np.zeros(len(index)) for name in "xy"}
     for axis in "xy":
         placed[axis][front] = points.placed[axis]

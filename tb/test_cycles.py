@@ -91,6 +91,9 @@ def test_model_knows_sizes():
     base, more_rasterizers, more_arrays = (
         vars(frame_cycles(config, render(config, packed, camera))) for config in machines
     )
-    for found, stages in ((more_rasterizers, {"raster"}), (more_arrays, {"project"})):
+    for found, stages in (
+        (more_rasterizers, {"raster", "rendering"}),
+        (more_arrays, {"project", "preprocessing"}),
+    ):
         assert {name for name in base if found[name] < base[name]} == stages
         assert all(found[name] <= base[name] for name in base)

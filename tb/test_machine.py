@@ -1,5 +1,7 @@
 """The whole machine in simulation: every pixel and every count is the twin's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,9 @@ from spec.work import FEATURE
 from tb.machines import check, garden, machine, view
 
 pytestmark = pytest.mark.slow
+
+NEAR = ("near_plane", "camera_inside")
+"""Hard cases with Gaussians at and behind the near plane."""
 
 ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
 """Slow memory that idles at random."""
@@ -60,6 +65,17 @@ def test_path():
         run.frame_cycles, run.preprocessing_cycles[1:], run.rendering_cycles[:-1], strict=True
     ):
         assert frame < 1.05 * max(first, second) + 1000
+
+
+def test_everything_left_out():
+    """The ablation's machine: nothing culled, zeros multiplied, no pixel ended early."""
+    config = replace(TINY, name="FULL", culling="none", skip_zeros=False, early_termination=False)
+    middle = replace(view(), translation=view().translation - [0, 0, 4])
+    jobs = [Job(garden(TINY, 400), camera) for camera in (view(), middle)]
+    jobs += [Job(pack(HARD[name](0).scene, config)[0], HARD[name](0).camera) for name in NEAR]
+    run = machine(config).run(jobs, LPDDR4)
+    for number, job in enumerate(jobs):
+        check(config, job, run, number)
 
 
 def test_work_area():

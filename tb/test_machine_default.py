@@ -2,10 +2,12 @@
 
 import pytest
 
+from golden.pipeline import render
 from model.camera_file import read_camera
 from model.generate import generate, generated_camera
 from model.pack import pack
 from model.read import read_scene
+from sim.cycles import frame_cycles
 from sim.machine import Job
 from sim.machine_script import LPDDR4
 from spec.config import DEFAULT
@@ -16,6 +18,9 @@ pytestmark = pytest.mark.slow
 
 SIZE = (480, 270)
 
+WITHIN = 0.05
+"""How far off the cycle model of a half may be, whichever half is alone at work."""
+
 
 def run(model, camera, frames: int = 1):
     """Frames of one camera, all of them the twin's."""
@@ -23,6 +28,12 @@ def run(model, camera, frames: int = 1):
     found = machine(DEFAULT).run([job] * frames, LPDDR4)
     for number in range(frames):
         check(DEFAULT, job, found, number)
+    model = frame_cycles(DEFAULT, render(DEFAULT, *job), LPDDR4)
+    for modelled, cycles in (
+        (model.preprocessing, found.preprocessing_cycles[0]),
+        (model.rendering, found.rendering_cycles[-1]),
+    ):
+        assert abs(modelled - cycles) < WITHIN * cycles
 
 
 def test_garden():
