@@ -112,8 +112,26 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> Outlines:
     A splat whose box is beside the image has no rows.
     """
     part = {name: Parts.of(config.arithmetic, codes[name]) for name in codes}
-    x = axis(config, part["half_width"], part["u"], width)
-    y = axis(config, part["half_height"], part["v"], height)
+    square = config.tile_test == "3sigma"
+    lengths = ("radius", "radius") if square else ("half_width", "half_height")
+    x = axis(config, part[lengths[0]], part["u"], width)
+    y = axis(config, part[lengths[1]], part["v"], height)
+    first = np.maximum((y.centre - y.half + y.pixel - 1) >> y.shift, 0)
+    last = np.minimum((y.centre + 1 + y.half) >> y.shift, (height - 1) // TILE)
+    first, last = np.where(y.vast, 0, first), np.where(y.vast, (height - 1) // TILE, last)
+    between = first > last  # of two rows' pixels: one row is looked at
+    last = np.where(x.seen & y.seen, np.maximum(first, last), first - 1)
+    curve = [np.zeros_like(first)] * 4 if square else ellipse(config, part, x, y)
+    columns = [
+        x.half, x.centre, x.limit, x.pixel, x.shift, x.vast,
+        y.half, y.centre, y.limit, y.pixel, y.shift, y.vast | square,
+        *curve, between, first, last,
+    ]  # fmt: skip
+    return Outlines(np.stack(columns, axis=1), first, last)
+
+
+def ellipse(config: Config, part: dict[str, Parts], x: Axis, y: Axis) -> list[np.ndarray]:
+    """Columns of int64 [N] that make an outline of a box: shear', slope', lean, k."""
     normalise = HALF_BITS - np.frexp(y.half.astype(np.float64))[1].astype(np.int64)
     finer = y.step - normalise - x.step
     shear = factor(config, part["shear"], finer)
@@ -121,20 +139,12 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> Outlines:
         config.arithmetic, part["lean"], config.screen_exponent + FINEST - y.step, HALF_BITS
     )
     lean = np.where(fits, lean, (1 << HALF_BITS) - 1)
-    first = np.maximum((y.centre - y.half + y.pixel - 1) >> y.shift, 0)
-    last = np.minimum((y.centre + 1 + y.half) >> y.shift, (height - 1) // TILE)
-    first, last = np.where(y.vast, 0, first), np.where(y.vast, (height - 1) // TILE, last)
-    between = first > last  # of two rows' pixels: one row is looked at
-    last = np.where(x.seen & y.seen, np.maximum(first, last), first - 1)
-    columns = [
-        x.half, x.centre, x.limit, x.pixel, x.shift, x.vast,
-        y.half, y.centre, y.limit, y.pixel, y.shift, y.vast,
+    return [
         np.where(part["shear"].negative, -shear, shear),
         factor(config, part["slope"], finer) + 1,
         np.where(part["lean"].negative, -lean, lean),
-        normalise, between, first, last,
-    ]  # fmt: skip
-    return Outlines(np.stack(columns, axis=1), first, last)
+        normalise,
+    ]
 
 
 @njit(cache=True)
@@ -156,7 +166,7 @@ def right_end(outline, low, high, sign, margin, out):
 def row_columns(o, row, last_column, margin, out):
     """First and last column of tiles of a row; the first is beyond the last if there is none."""
     half_width, u, limit_x, pixel_x, shift_x, vast_x = o[:6]
-    half, v, limit_y, pixel_y, shift_y, vast_y = o[6:12]
+    half, v, limit_y, pixel_y, shift_y, box = o[6:12]
     if o[16]:
         return 1, 0
     if vast_x:
@@ -165,7 +175,7 @@ def row_columns(o, row, last_column, margin, out):
     high = min(min(((row + 1) << shift_y) - pixel_y, limit_y) - v, half)
     outline = (half_width, half, o[12], o[13], o[14], o[15])
     right = left = half_width
-    if not vast_y:
+    if not box:
         right = right_end(outline, low, high, 1, margin, out)
         left = right_end(outline, low, high, -1, margin, out)
     first = (u - left + pixel_x - 1) >> shift_x

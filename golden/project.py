@@ -1,5 +1,7 @@
 """Stage 1's twin: points in the guard band and their attributes, projected to splats."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from golden.codebook import look_up
@@ -31,5 +33,5 @@ def project(
     `points` are their camera coordinates x, y, z and their rays.
     """
     fields = points | attributes(config, model, index) | look_up(config, model, index)
-    steps = projection(model.format.sh_degree, config.skip_zeros)
+    steps = projection(replace(config, sh_degree=model.format.sh_degree))
     return run(config, steps, frame.constants | fields)

@@ -25,6 +25,18 @@ from spec.point import splat_record
 PHASES = 3
 """Cycles for a splat."""
 
+NUMBERS = ("half_width", "half_height", "u", "v", "lean", "shear", "slope")
+SHIFTERS = (
+    ("half_width", "u", "slope"),
+    ("half_height", "v", "shear"),
+    (None, "lean", None),
+)
+"""What an outline is made of; what each shifter shifts of it, phase by phase."""
+
+SQUARE_NUMBERS = ("radius", "u", "v")
+SQUARE_SHIFTERS = (("radius", "u", None), (None, "v", None))
+"""The same of a square."""
+
 SHIFTED_BITS = (LENGTH_BITS, None, FACTOR_FRACTION + 1)
 """Bits of what is shifted in each phase; of a centre's `position_bits`."""
 
@@ -32,7 +44,8 @@ SHIFTED_BITS = (LENGTH_BITS, None, FACTOR_FRACTION + 1)
 def outline_layout(config: Config) -> data.StructLayout:
     """A splat's outline in its units, and its first and last tile row.
 
-    between: it touches no pixels of any row.
+    between: it touches no pixels of any row. A square's rows all have its columns: they need no
+    more than those.
     """
     place, row = signed(position_bits(config) + 1), range(-(-config.height_max // TILE))
     fields = {"first": row, "last": row, "between": 1, "normalise": range(HALF_BITS)}
@@ -44,6 +57,9 @@ def outline_layout(config: Config) -> data.StructLayout:
             f"shift_{name}": range(STEP_MAX + 1),  # log2 of a tile's units
             f"vast_{name}": 1,
         }
+    if config.tile_test == "3sigma":
+        names = [name for name in fields if not name.endswith(("_y", "normalise"))]
+        return data.StructLayout({name: fields[name] for name in names})
     factors = {
         "lean": signed(HALF_BITS + 1),
         "shear": signed(FACTOR_FRACTION + 2),
@@ -69,11 +85,12 @@ class Outline(wiring.Component):
 
     **Timing**: a splat every 3 cycles, latency 3; no multiplier. Three shifters for a splat's
     seven numbers: widths and heights, then what their units decide, then what the normalised height
-    decides. The input stays where it is until all are through.
+    decides; for a square's three numbers two. The input stays where it is until all are through.
     """
 
     def __init__(self, config: Config):
         self.config, self.format = config, config.arithmetic
+        self.square = config.tile_test == "3sigma"
         self.bits = position_bits(config)
         widest = max(self.bits, FACTOR_FRACTION + 1)
         self.before = max(0, widest - self.format.fraction - 1)
@@ -91,14 +108,13 @@ class Outline(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         phase, step, enable = Signal(PHASES, init=1), Signal(), Signal()
-        names = ("half_width", "half_height", "u", "v", "lean", "shear", "slope")
+        names = SQUARE_NUMBERS if self.square else NUMBERS
         self.parts = {name: self._unpack(m, name) for name in names}
         self.held = Signal(outline_layout(self.config), reset_less=True)
-        self.step = {axis: Signal(range(STEP_MAX + 1), name=f"step_{axis}") for axis in "xy"}
-        self.finer = Signal(Shape.cast(range(-STEP_MAX, STEP_MAX + HALF_BITS + 1)))
-        x = self._shifter(m, phase, "x", ("half_width", "u", "slope"))
-        y = self._shifter(m, phase, "y", ("half_height", "v", "shear"))
-        lean = self._shifter(m, phase, "y", (None, "lean", None))
+        self._registers()
+        names = SQUARE_SHIFTERS if self.square else SHIFTERS
+        x, y = self._shifter(m, phase, "x", names[0]), self._shifter(m, phase, "y", names[1])
+        lean = None if self.square else self._shifter(m, phase, "y", names[2])
 
         m.d.comb += [
             enable.eq(~self.o.valid | self.o.ready),
@@ -110,20 +126,35 @@ class Outline(wiring.Component):
         with m.If(step):
             m.d.sync += phase.eq(phase.rotate_left(1))
             with m.If(phase[0]):
-                self._length(m, "x", x.number, "half_width")
-                self._length(m, "y", y.number, "half_height")
+                self._length(m, "x", x.number, names[0][0])
+                if not self.square:
+                    self._length(m, "y", y.number, names[1][0])
             with m.If(phase[1]):
                 self._place(m, "x", x.number, "u", self.width)
                 self._place(m, "y", y.number, "v", self.height)
-                self._normalise(m, lean.number)
+                if not self.square:
+                    self._normalise(m, lean.number)
             with m.If(phase[2]):
-                shear = Cat(y.number, 0)[: FACTOR_FRACTION + 2].as_signed()
-                m.d.sync += [
-                    self.held.slope.eq(x.number + 1),
-                    self.held.shear.eq(Mux(self.parts["shear"].sign, -shear, shear)),
-                ]
+                if not self.square:
+                    self._factors(m, x.number, y.number)
         self._box(m, step & phase[1], {"x": x.fits, "y": y.fits}, step & phase[2])
         return m
+
+    def _registers(self):
+        """Where the numbers of each axis are. A square has one length for both, and its rows want
+        nothing of y: what is left of that lies beside the outline.
+        """
+        held, lengths = self.held, ("half", "shift", "vast")
+        self.known = {name: held[name] for name in held.shape().members}
+        self.step = {axis: Signal(range(STEP_MAX + 1), name=f"step_{axis}") for axis in "xy"}
+        if self.square:
+            self.step["y"] = self.step["x"]
+            self.known |= {f"{name}_y": held[f"{name}_x"] for name in lengths}
+            for name in ("centre", "limit"):
+                shape = held[f"{name}_x"].shape()
+                self.known[f"{name}_y"] = Signal(shape, name=f"{name}_y", reset_less=True)
+        else:
+            self.finer = Signal(Shape.cast(range(-STEP_MAX, STEP_MAX + HALF_BITS + 1)))
 
     def _unpack(self, m: Module, name: str) -> data.View:
         m.submodules[f"unpack_{name}"] = unpack = Unpack(self.format)
@@ -184,13 +215,21 @@ class Outline(wiring.Component):
 
     def _place(self, m: Module, axis: str, number: Value, name: str, size: Value):
         """Numbers in a unit that is known: the centre, the image's last pixel, a tile."""
-        held, step = self.held, self.step[axis]
+        held, step = self.known, self.step[axis]
         centre = Cat(number, Const(0, 1)).as_signed()
         last = Cat(Const(0, FINEST), size - 1)[: len(size) + FINEST]
         m.d.sync += [
             held[f"centre_{axis}"].eq(Mux(self.parts[name].sign, ~centre, centre)),
             held[f"limit_{axis}"].eq((last >> step) + (step > FINEST)),
             held[f"shift_{axis}"].eq(STEP_MAX - step),
+        ]
+
+    def _factors(self, m: Module, slope: Value, shear: Value):
+        """The ratios that make the outline of a box."""
+        shear = Cat(shear, 0)[: FACTOR_FRACTION + 2].as_signed()
+        m.d.sync += [
+            self.held.slope.eq(slope + 1),
+            self.held.shear.eq(Mux(self.parts["shear"].sign, -shear, shear)),
         ]
 
     def _normalise(self, m: Module, lean: Value):
@@ -205,7 +244,7 @@ class Outline(wiring.Component):
 
     def _box(self, m: Module, placed: Value, near: dict[str, Value], last: Value):
         """Whether the box meets the image; and the rows of tiles that it covers."""
-        held, seen, ends = self.held, Const(1, 1), {}
+        held, seen, ends = self.known, Const(1, 1), {}
         for axis in "xy":
             is_near = Signal(name=f"near_{axis}")
             with m.If(placed):
@@ -215,18 +254,19 @@ class Outline(wiring.Component):
             inside = is_near & (low <= held[f"limit_{axis}"]) & (high >= 0)
             seen &= inside | held[f"vast_{axis}"]
             if axis == "y":
-                for name, value in ("low", low + pixel(held.shift_y) - 1), ("high", high):
+                for name, value in ("low", low + pixel(held["shift_y"]) - 1), ("high", high):
                     ends[name] = Signal(value.shape(), name=name, reset_less=True)
                     with m.If(last):
                         m.d.sync += ends[name].eq(value)
-        first, end = ends["low"] >> held.shift_y, ends["high"] >> held.shift_y
-        bottom, o = Signal.like(held.last), self.o.payload
-        between = (first > end) & ~held.vast_y  # of two rows' pixels
+        shift, vast = held["shift_y"], held["vast_y"]
+        first, end = ends["low"] >> shift, ends["high"] >> shift
+        bottom, o = Signal.like(self.held.last), self.o.payload
+        between = (first > end) & ~vast  # of two rows' pixels
         m.d.comb += [
             self.seen.eq(seen),
             bottom.eq((self.height - 1) >> TILE_BITS),
-            o.eq(held),
-            o.first.eq(Mux((first < 0) | held.vast_y, 0, first)),
-            o.last.eq(Mux((end > bottom) | held.vast_y, bottom, Mux(between, first, end))),
+            o.eq(self.held),
+            o.first.eq(Mux((first < 0) | vast, 0, first)),
+            o.last.eq(Mux((end > bottom) | vast, bottom, Mux(between, first, end))),
             o.between.eq(between),
         ]

@@ -15,7 +15,6 @@ from spec.axi import BEAT_ADDRESS_BITS, BEAT_BITS, read_record, write_record
 from spec.binning import PAGE_BITS
 from spec.config import Config
 from spec.frame import fixed_constants
-from spec.programs import CONSTANTS
 from spec.registers import ALIGNED, CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
 from spec.work import PIXEL, STRIDE_ALIGNMENT
 
@@ -101,7 +100,7 @@ class Preprocess(wiring.Component):
         """Registers of the frame and of the model, to whom they concern."""
         frame, points, config = self.frame, self.points, self.config
         fixed = fixed_constants(config)
-        for name in CONSTANTS:
+        for name in points.constants.shape().members:
             code = (
                 Const(int(config.arithmetic.encode(fixed[name])), config.arithmetic.width)
                 if name in fixed

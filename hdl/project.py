@@ -45,7 +45,7 @@ class Project(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.program = projection(config.sh_degree, config.skip_zeros)
+        self.program = projection(config)
         self.plan = schedule(config, self.program)
         self.slots, self.look_up = Slots(config), Codebook(config)
         fields = set(self.program.fields)

@@ -22,6 +22,9 @@ LATENCY = BAND_AT + END_LATENCY + 2
 ROWS_WAITING = 32
 """Rows that may be on their way or wait to be taken."""
 
+SQUARE_LATENCY = 3
+"""The same of a square, whose ends are known."""
+
 OUTLINES = 8
 """Outlines that may have rows on their way: one comes every third cycle at most, and less than
 `LATENCY` cycles pass until it is asked for."""
@@ -46,12 +49,14 @@ class Rows(wiring.Component):
         row: a row starts.
         busy: something is inside.
 
-    **Timing**: a row a cycle, also from one outline to the next; latency `LATENCY` + 3.
-    Multipliers: those of two `RowEnd`.
+    **Timing**: a row a cycle, also from one outline to the next; latency `LATENCY` + 3, of squares
+    `SQUARE_LATENCY` + 3. Multipliers: those of two `RowEnd`; squares need none, and no memories.
     """
 
     def __init__(self, config: Config):
         self.config = config
+        self.square = config.tile_test == "3sigma"
+        self.latency = SQUARE_LATENCY if self.square else LATENCY
         super().__init__(
             {
                 "i": In(stream.Signature(outline_layout(config))),
@@ -78,20 +83,31 @@ class Rows(wiring.Component):
                 held.eq(self.i.payload),
                 row.eq(self.i.payload.first),
                 full.eq(self.i.valid),
-                number.eq(number + self.i.valid),
             ]
+            if not self.square:
+                m.d.sync += number.eq(number + self.i.valid)
         with m.Elif(self.row):
             m.d.sync += row.eq(row + 1)
 
-        self.start, self.valid = {"row": row, "number": number, "last": last}, self.row
-        self._band(m, held, row)
+        self.start, self.valid = {"row": row, "last": last}, self.row
+        if self.square:
+            ends = dict.fromkeys(("left", "right"), self._at(m, "end", held.half_x, 1))
+            self._columns(m, held, ends)
+        else:
+            self._columns(m, *self._ends(m, held, row, number))
+        return m
+
+    def _ends(
+        self, m: Module, held: data.View, row: Value, number: Value
+    ) -> tuple[data.View, dict[str, Value]]:
+        """What columns need of an outline, a cycle before its ends; and these."""
+        ends = self._band(m, held, row)
         slope = self._memory(m, number, ("slope",), BAND_AT + SLOPE_AT)
         late = ("half_x", "centre_x", "limit_x", "shift_x", "vast_x", "between")
         place = self._memory(m, number, late, BAND_AT + WIDTH_AT)
-        for end in self.ends.values():
+        for end in ends.values():
             m.d.comb += [end.slope.eq(slope.slope), end.half_width.eq(place.half_x)]
-        self._columns(m, place)
-        return m
+        return place, {side: end.o for side, end in ends.items()}
 
     def _at(self, m: Module, name: str, value: ValueLike, cycles: int) -> Value:
         """A value `cycles` later."""
@@ -101,7 +117,7 @@ class Rows(wiring.Component):
             value = later
         return value
 
-    def _band(self, m: Module, held: data.View, row: Value):
+    def _band(self, m: Module, held: data.View, row: Value) -> dict[str, RowEnd]:
         """A row's band of the outline, to both its ends."""
         top, below = row << held.shift_y, (row + 1) << held.shift_y
         edges = {
@@ -121,10 +137,10 @@ class Rows(wiring.Component):
             clipped["high"].eq(Mux(high > most, most, high)),
         ]
         lean, shear = held.lean, self._at(m, "shear", held.shear, BAND_AT + 1)
-        self.ends = {}
+        ends = {}
         for side in ("right", "left"):
             mirror = side == "left"
-            m.submodules[side] = self.ends[side] = end = RowEnd(self.config)
+            m.submodules[side] = ends[side] = end = RowEnd(self.config)
             m.d.comb += [
                 end.low.eq(clipped["low"]),
                 end.high.eq(clipped["high"]),
@@ -134,6 +150,7 @@ class Rows(wiring.Component):
                 end.normalise.eq(self._at(m, "normalise", held.normalise, BAND_AT)),
                 end.shear.eq(self._at(m, f"shear_{side}", -shear if mirror else shear, 1)),
             ]
+        return ends
 
     def _memory(self, m: Module, number: Value, names: tuple, cycles: int):
         """Some of the outline, `cycles` after a row's start."""
@@ -148,17 +165,17 @@ class Rows(wiring.Component):
         m.d.comb += [get.en.eq(1), get.addr.eq(asked)]
         return get.data
 
-    def _columns(self, m: Module, place: data.View):
+    def _columns(self, m: Module, place: data.View, ends: dict[str, Value]):
         """Ends to columns of tiles."""
-        since = BAND_AT + END_LATENCY
+        since = self.latency - 2  # cycles from a row's start to its ends
         names = ("centre_x", "limit_x", "shift_x", "vast_x", "between")
         late = {name: self._at(m, name, place[name], 1) for name in names}
         one = pixel(late["shift_x"])
-        left = late["centre_x"] - self.ends["left"].o
+        left = late["centre_x"] - ends["left"]
         beyond = (left > late["limit_x"]) & ~late["vast_x"]
         beyond = self._at(m, "beyond", beyond | late["between"], 1)
         left = self._at(m, "left", left + one - 1, 1)
-        right = self._at(m, "right", late["centre_x"] + 1 + self.ends["right"].o, 1)
+        right = self._at(m, "right", late["centre_x"] + 1 + ends["right"], 1)
         shift, vast = (self._at(m, name, late[name], 1) for name in ("shift_x", "vast_x"))
         bound = Signal(range(-(-self.config.width_max // TILE)))
         m.d.comb += bound.eq((self.width - 1) >> TILE_BITS)

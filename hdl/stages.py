@@ -71,15 +71,18 @@ CONTROL: dict[str, Build] = {
 }
 """Memory access and the host's side; with points, bin, sort and raster they are all of `Top`."""
 
+WHOLE: dict[str, tuple[Build, ...]] = {
+    name: (STAGES[name],) for name in ("points", "bin", "sort", "raster")
+} | {"control": tuple(CONTROL.values())}
+"""What together is all of the machine."""
+
 LARGE = ("sort", "raster")
 """Stages that take minutes to synthesise; `PRIMITIVES` has their parts."""
 
 PRIMITIVES: dict[str, Build] = {
     "position": Position,
     "codebook": Codebook,
-    "array": lambda config: Array(
-        config, projection(config.sh_degree, config.skip_zeros), stalls=False
-    ),
+    "array": lambda config: Array(config, projection(config), stalls=False),
     "multiply": lambda config: Multiply(config.arithmetic, config.multiply_latency),
     "add": lambda config: Add(config.arithmetic, config.add_latency),
     "multiply_add": lambda config: MultiplyAdd(config.arithmetic, latencies(config)["pe"]),

@@ -37,6 +37,15 @@ farther; what remains is
    end too small by w·(1 − cos) of this, less than ⅔ unit, as w is 2 units or more. Where lean
    itself is rounded, and h has its slack, lean has to be beyond the band's end by the margin.
 The sum is below `outward`. Measured: `tb/test_bin.py`.
+
+**`Config.tile_test` "3sigma"** takes the original renderer's tiles instead: all in which a pixel's
+centre lies in the square of half side radius = 3·√λmax around the splat's centre, where λmax is the
+larger eigenvalue of the blurred covariance. (The original rounds the radius up to whole pixels, and
+the square's right and lower ends down to the pixel before: `golden.reference.square_boxes`.)
+Then h and w both are radius,
+in one unit, and every end of a row is w. No tile of the square is missing for the same reason: the
+radius is off by less than `ROUNDINGS` half steps. It is more tiles than the exact test takes, but
+not all of those: of a splat whose opacity is above 255⁻¹·e^4.5, 0.35, the square cuts off the rim.
 """
 
 from math import ceil

@@ -16,6 +16,7 @@ from spec.convention import (
     FRUSTUM_MARGIN,
     NEAR_PLANE,
     PRINCIPAL_POINT_SHIFT,
+    SIGMA_EXTENT,
 )
 from spec.error import InputError
 from spec.memory import OPACITY
@@ -53,6 +54,8 @@ def fixed_constants(config: Config) -> dict[str, float]:
         "reach_slope": -2 * np.log(2) * OPACITY.step,
         "reach_full": -2 * np.log(ALPHA_MIN),
         "power": POWER_SCALE,
+        "square_reach": SIGMA_EXTENT**2 / 2,
+        "spread_least": max(config.arithmetic.epsilon**2, config.arithmetic.min_subnormal),
     }
 
 

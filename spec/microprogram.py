@@ -22,7 +22,8 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
-from spec.programs import CONSTANTS, TEXTS
+from spec.config import Config
+from spec.programs import CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
 
 UNITS = ("pe", "reciprocal", "root", "clamp", "maximum")
 """What a step runs on."""
@@ -135,9 +136,16 @@ def culling(depth_interval: bool) -> Program:
     return program("cull" + "_interval" * depth_interval)
 
 
-def projection(sh_degree: int, skip_zeros: bool = True) -> Program:
-    """Stage 1's program for models of that degree."""
-    return program("project" + "_sh" * (sh_degree > 0) + "_dense" * (not skip_zeros))
+def projection(config: Config) -> Program:
+    """Stage 1's program for models of `config.sh_degree`."""
+    [name] = (name for name, test in PROJECTIONS.items() if test == config.tile_test)
+    return program(name + "_sh" * (config.sh_degree > 0) + "_dense" * (not config.skip_zeros))
+
+
+def constants(config: Config) -> tuple[str, ...]:
+    """Those of `CONSTANTS` that a machine is given."""
+    left_out = SQUARE_CONSTANTS if config.tile_test == "exact" else ()
+    return tuple(name for name in CONSTANTS if name not in left_out)
 
 
 def operation_counts(steps: tuple[Step, ...]) -> dict[str, int]:

@@ -68,4 +68,4 @@ def point_record(config: Config, coordinates: str) -> Record:
 
 def splat_record(config: Config) -> Record:
     """A projected Gaussian, in the units of `spec.programs`."""
-    return Record("splat", values(config, f"{PROJECTED} red green blue"))
+    return Record("splat", values(config, f"{PROJECTED[config.tile_test]} red green blue"))

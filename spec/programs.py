@@ -161,7 +161,7 @@ yx2 = my2 * mx2 + yx1
 yx = yx2 * scale
 """
 
-CONIC = """
+FACTORS = """
 # conic in factors: Q = (dx − shear·dy)² · across + dy² · along. The Schur complement of the
 # covariance is at least the blur in exact arithmetic; taking the larger of both keeps needles
 # positive definite whatever the rounding.
@@ -174,7 +174,9 @@ across = reciprocal(schur)
 # the same factors for E = −opacity − (dx − shear·dy)²·power_across − dy²·power_along
 power_across = across * power
 power_along = along * power
+"""
 
+EXTENTS = """
 # extents: alpha ≥ 1/255 where Q ≤ reach
 reach = attenuation * reach_slope + reach_full
 width_squared = reach * xx
@@ -183,7 +185,9 @@ width_root = root(width_squared)
 height_root = root(height_squared)
 half_width = width_squared * width_root
 half_height = height_squared * height_root
+"""
 
+OUTLINE = """
 # the outline Q = reach: dx = shear·dy ± slope·√(half_height² − dy²), rightmost at dy = lean and
 # leftmost at −lean
 ratio = along * schur
@@ -192,6 +196,35 @@ slope = ratio * ratio_root
 lean_width = shear * height_squared
 lean = lean_width * width_root
 """
+
+SQUARE = """
+# the original renderer's square, of half side radius = 3·√λ with the covariance's larger eigenvalue
+# λ = (xx + yy)/2 · (1 + spread), where spread = √((xx − yy)² + (2·xy)²) / (xx + yy). So all that is
+# squared is at most 1: FP16 would lose the squares of small splats' differences, and those of large
+# ones' would overflow. The least spread is a rounding of 1; the root of 0 would be infinite.
+trace = xx + yy
+trace_inverse = reciprocal(trace)
+difference = xx - yy
+twice_xy = xy + xy
+stretch = difference * trace_inverse
+twist = twice_xy * trace_inverse
+stretch_squared = stretch * stretch
+either_squared = twist * twist + stretch_squared
+spread_squared = maximum(either_squared, spread_least)
+spread_root = root(spread_squared)
+spread = spread_squared * spread_root
+share = spread * square_reach + square_reach
+radius_squared = trace * share
+radius_root = root(radius_squared)
+radius = radius_squared * radius_root
+"""
+
+CONIC = {
+    "exact": FACTORS + EXTENTS + OUTLINE,
+    "3sigma": FACTORS + EXTENTS + SQUARE,
+}
+"""`Config.tile_test` → what follows from a covariance. The outline and the square tell binning
+which tiles a splat touches; the rasterizer goes by the extents in either case."""
 
 COLOUR = """
 # length of the way from the camera
@@ -218,9 +251,12 @@ blue = blue2 * length_inverse + colour_blue
 CONSTANTS = (
     "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 spread_x spread_y guard_x guard_y principal_x principal_y "
     "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full "
-    "power"
+    "power square_reach spread_least"
 ).split()
 """Inputs that stay for a whole frame."""
+
+SQUARE_CONSTANTS = ("square_reach", "spread_least")
+"""Those of them that only machines with the 3σ square need."""
 
 CORNERS = {
     f"{axis}_{side}{k}": (f"v{axis}{k}", side)
@@ -231,15 +267,25 @@ CORNERS = {
 is to be the least or the most: of the chunk's two ends along world axis k the one that makes it so.
 """
 
-PROJECTED = "u v z power_across shear power_along half_width half_height slope lean attenuation"
+PROJECTED = {
+    "exact": "u v z power_across shear power_along half_width half_height slope lean attenuation",
+    "3sigma": "u v z power_across shear power_along half_width half_height radius attenuation",
+}
+"""`Config.tile_test` → outputs of the projection but the colours."""
 
 COLOURS = ("colour_red", "colour_green", "colour_blue")
 SLOPES = tuple(f"g_{channel}_{axis}" for channel in ("red", "green", "blue") for axis in "xyz")
 """Fields that come from the codebooks."""
 
-PLAIN = " ".join((PROJECTED, *COLOURS))
-SHADED = f"{PROJECTED} red green blue"
-"""Outputs of the projection of models without and with harmonics."""
+COVARIANCE_OF = {
+    "": PERSPECTIVE + SKIPPING + MOMENTS,
+    "_dense": PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED,
+}
+COLOUR_OF = {"": ("", " ".join(COLOURS)), "_sh": (COLOUR, "red green blue")}
+"""Lines and outputs of the colour of models without and with harmonics."""
+
+PROJECTIONS = {"project": "exact", "square": "3sigma"}
+"""First words of the projections' names → `Config.tile_test`."""
 
 TEXTS = {
     "chunk": (
@@ -249,14 +295,15 @@ TEXTS = {
     "cull": (CULL, "z ray_x ray_y ray_z"),
     "cull_interval": (CULL + INTERVAL, "z farthest ray_x ray_y ray_z"),
     "place": (PLACE, "x y z ray_x ray_y ray_z bound_x bound_y"),
-    "project": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC, PLAIN),
-    "project_sh": (PERSPECTIVE + SKIPPING + MOMENTS + CONIC + COLOUR, SHADED),
-    "project_dense": (PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED + CONIC, PLAIN),
-    "project_sh_dense": (
-        PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED + CONIC + COLOUR,
-        SHADED,
-    ),
+} | {
+    f"{name}{sh}{dense}": (
+        COVARIANCE_OF[dense] + CONIC[test] + COLOUR_OF[sh][0],
+        f"{PROJECTED[test]} {COLOUR_OF[sh][1]}",
+    )
+    for name, test in PROJECTIONS.items()
+    for dense in COVARIANCE_OF
+    for sh in COLOUR_OF
 }
 """Name → lines and outputs, which may be inputs. Models without harmonics need no colour program;
 the dense programs multiply by zeros as well and give the same bits: they show what leaving them out
-saves."""
+saves. `square` is `project` for machines with the 3σ square."""

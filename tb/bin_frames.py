@@ -29,7 +29,11 @@ from spec.record import Record
 SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19)
 """A machine whose keys do not reach all depths."""
 
-MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, PAPER)}
+SQUARE = replace(TINY, name="SQUARE", tile_test="3sigma")
+
+FP16 = replace(PAPER, name="FP16", tile_test="exact")
+
+MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, SQUARE, PAPER, FP16)}
 
 SIZE_BITS = 13
 

@@ -8,7 +8,7 @@ from golden.bin import CHANNELS, Codes, splat_codes
 from golden.program import run
 from spec.config import Config
 from spec.convention import COVARIANCE_BLUR, NEAR_PLANE, TILE
-from spec.frame import POWER_SCALE
+from spec.frame import fixed_constants
 from spec.memory import OPACITY
 from spec.microprogram import Program, parse
 from spec.programs import CONIC
@@ -18,9 +18,9 @@ KINDS = ("common", "tiny", "needle", "flat", "huge", "beside", "far", "faint", "
 
 
 @cache
-def conic() -> Program:
+def conic(tile_test: str) -> Program:
     """The part of the projection that begins with the covariance."""
-    return Program("conic", parse(CONIC), ())
+    return Program("conic", parse(CONIC[tile_test]), ())
 
 
 def between(rng: np.random.Generator, low: float, high: float, count: int) -> np.ndarray:
@@ -54,14 +54,12 @@ def splats(config: Config, kind: str, count: int, size: tuple[int, int], seed: i
         "xy": c * s * (long**2 - short**2),
         "yy": (s * long) ** 2 + (c * short) ** 2 + COVARIANCE_BLUR,
     }
-    reach = {"reach_slope": -2 * np.log(2) * OPACITY.step, "reach_full": 2 * np.log(255)}
-    inputs = {name: value * unit**2 for name, value in covariance.items()} | reach
-    inputs |= {"blur": COVARIANCE_BLUR * unit**2, "power": POWER_SCALE}
-    inputs |= {"u": u * unit, "v": v * unit}
+    inputs = {name: value * unit**2 for name, value in covariance.items()}
+    inputs |= fixed_constants(config) | {"u": u * unit, "v": v * unit}
     inputs |= {"attenuation": attenuation, "z": between(rng, NEAR_PLANE, 1e4, count)}
     inputs |= {name: rng.normal(0.5, 1, count) for name in CHANNELS}
     inputs = {name: config.arithmetic.round(value) for name, value in inputs.items()}
-    return splat_codes(config, inputs | run(config, conic(), inputs))
+    return splat_codes(config, inputs | run(config, conic(config.tile_test), inputs))
 
 
 def together(*parts: Codes) -> Codes:

@@ -21,7 +21,7 @@ ITEMS = 60
 PROGRAMS = {
     "cull": (program("cull"), "culled"),
     "place": (program("place"), "placed"),
-    "project_sh": (projection(1), "projected"),
+    "project_sh": (projection(DEFAULT), "projected"),
 }
 
 

@@ -59,7 +59,8 @@ def random_frame(config: Config, count: int, smaller: tuple[int, int] = (0, 0), 
 def at_edges(config: Config, codes: dict, size: tuple[int, int]) -> dict:
     """The same splats, most of them moved so that a side of their box passes the image."""
     rng, moved = np.random.default_rng(0), dict(codes)
-    for place, length, pixels in (("u", "half_width", size[0]), ("v", "half_height", size[1])):
+    lengths = ("half_width", "half_height") if config.tile_test == "exact" else ("radius", "radius")
+    for place, length, pixels in zip("uv", lengths, size, strict=True):
         count, unit = len(codes[place]), 2.0**config.screen_exponent
         half = config.arithmetic.decode(codes[length]) * rng.choice([-1, 1], count)
         there = rng.uniform(-TILE, pixels + TILE, count) / unit + half
@@ -191,7 +192,7 @@ def check_cycles(run, results: list[Binned]):
 def test_hardware_equals_twin(name):
     """Frames of several sizes in a row, the last one again: nothing stays from those before."""
     config = MACHINES[name]
-    count = 150 if name in ("TINY", "SHORT") else 40
+    count = 150 if config.width_max == TINY.width_max else 40
     frames = [random_frame(config, count, smaller) for smaller in ((0, 0), (11, 27), (0, 0))]
     needed = bin_frame(config, frames[0]).lists.needed
     little = Frame(frames[0].splats, frames[0].width, frames[0].height, needed // 2)

@@ -78,6 +78,15 @@ def test_everything_left_out():
         check(config, job, run, number)
 
 
+def test_square():
+    """Tiles by the original renderer's square: more pairs, and all else as ever."""
+    config = replace(TINY, name="SQUARE", tile_test="3sigma")
+    job = Job(garden(config, 400), view(), (40, 200, 511))
+    check(config, job, machine(config).run([job], ROUGH))
+    pairs = [render(c, *job).counts["tile_pairs"] for c in (config, TINY)]
+    assert pairs[0] > 1.2 * pairs[1]
+
+
 def test_work_area():
     """Features, lists and table in memory are the twin's."""
     job = Job(garden(TINY, 400), view())

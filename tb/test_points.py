@@ -18,7 +18,7 @@ from model.generate import generate, generated_camera
 from model.pack import pack
 from model.read import read_scene
 from sim.streams import Simulation
-from spec.config import DEFAULT, PAPER, Config
+from spec.config import DEFAULT, PAPER, TINY, Config
 from spec.convention import NEAR_PLANE, SPLATCORE
 from spec.counters import COUNTER_BITS
 from spec.microprogram import projection
@@ -101,12 +101,13 @@ MACHINES = {
     "dense, interval": replace(DEFAULT, skip_zeros=False, depth_interval=True),
     "no harmonics": replace(DEFAULT, sh_degree=0),
     "paper": PAPER,
+    "3σ square": replace(TINY, tile_test="3sigma"),
     "near plane alone culls": replace(DEFAULT, culling="near"),
     "nothing culled": replace(DEFAULT, culling="none"),
 }
 """Machines that are not DEFAULT, and the cycles that each takes for a Gaussian."""
 
-CYCLES = {"two arrays": 6, "dense, interval": 15, "no harmonics": 8}
+CYCLES = {"two arrays": 6, "dense, interval": 15, "no harmonics": 8, "paper": 12, "3σ square": 12}
 
 
 @pytest.mark.slow
@@ -183,14 +184,17 @@ def test_skipped_chunks_hold_nothing_visible_of_scenes(file):
     check_skipping(file)
 
 
+@pytest.mark.parametrize("tile_test", ["exact", "3sigma"])
 @pytest.mark.parametrize("degree", [0, 1])
-def test_zeros_change_no_bit(degree):
+def test_zeros_change_no_bit(degree, tile_test):
     """The dense program makes what the program without the zeros makes."""
     _, _, result = points("garden")
     inputs = result.frame.constants | result.projected
-    sparse = run(DEFAULT, projection(degree), inputs)
-    dense = run(DEFAULT, projection(degree, skip_zeros=False), inputs)
-    for name in projection(degree).outputs:
+    config = replace(DEFAULT, sh_degree=degree, tile_test=tile_test)
+    steps = projection(config)
+    sparse = run(DEFAULT, steps, inputs)
+    dense = run(DEFAULT, projection(replace(config, skip_zeros=False)), inputs)
+    for name in steps.outputs:
         assert (sparse[name] == dense[name]).all(), name
 
 
