@@ -1,5 +1,7 @@
 """Stage 3, fifth step: log2(alpha) of a block's pixels."""
 
+from itertools import islice, product
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
@@ -31,6 +33,9 @@ def power_layout(config: Config) -> data.StructLayout:
 class Evaluate(wiring.Component):
     """E at the 16 pixels of one of the blocks that a rasterizer owns.
 
+    Parameters
+        pixels: how many of them, from the first row on; fewer are good for measurements.
+
     Members
         quadratic: E around the tile. number: which of the rasterizer's blocks of a tile, one bit.
         enable: the pipeline moves.
@@ -41,14 +46,14 @@ class Evaluate(wiring.Component):
 
     LATENCY = len(CUTS)
 
-    def __init__(self, config: Config, rasterizer: int):
-        self.config, self.blocks = config, owned(config, rasterizer)
+    def __init__(self, config: Config, rasterizer: int, pixels: int = BLOCK**2):
+        self.config, self.blocks, self.pixels = config, owned(config, rasterizer), pixels
         super().__init__(
             {
                 "quadratic": In(layout(quadratic_record(config))),
                 "number": In(len(self.blocks)),
                 "enable": In(1),
-                "powers": Out(data.ArrayLayout(power_layout(config), BLOCK**2)),
+                "powers": Out(data.ArrayLayout(power_layout(config), pixels)),
             }
         )
 
@@ -77,10 +82,10 @@ class Evaluate(wiring.Component):
         *lines, xy = pipeline.cut("lines", *columns, *rows, xy)
         columns, rows = lines[:BLOCK], lines[BLOCK:]
         powers = []
-        for row, b in zip(rows, STEPS, strict=True):
-            for column, a in zip(columns, STEPS, strict=True):
-                exponent = (column + row + times(xy, a * b))[:width].as_signed()
-                powers.append(self._power(m, exponent))
+        places = product(zip(rows, STEPS, strict=True), zip(columns, STEPS, strict=True))
+        for (row, b), (column, a) in islice(places, self.pixels):
+            exponent = (column + row + times(xy, a * b))[:width].as_signed()
+            powers.append(self._power(m, exponent))
         m.d.comb += self.powers.eq(Cat(*pipeline.cut("exponents", *powers)))
         return m
 

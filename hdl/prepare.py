@@ -52,7 +52,7 @@ def fitted(value: Value, right: Value, format: Float, fixed: Fixed) -> Value:
     bits = fixed.integer + fixed.fraction
     room = bits - format.fraction - 1
     amount, before = right + room, max(room, 0)
-    distance = amount if room >= 0 else right  # with fewer bits than the significand's, to the right
+    distance = amount if room >= 0 else right  # fewer bits than the significand's: to the right
     shifted = Cat(Const(0, before), value).as_signed() >> _clipped(distance, len(value) + before)
     end = Mux(value[-1], -(1 << bits), (1 << bits) - 1)
     return Mux(amount < 0, end, shifted)[: bits + 1].as_signed()

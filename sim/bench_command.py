@@ -14,8 +14,8 @@ from sim.options import JsonOption, PresetOption, app
 from sim.output import check_writable, console
 from sim.result import write_json
 from sim.source import VIEW_SIZE, parse_size
-from spec.config import preset as find_preset
 from spec.error import InputError
+from spec.preset import find_preset
 
 bench = typer.Typer(
     no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated."

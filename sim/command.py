@@ -4,11 +4,15 @@ import sys
 
 from sim import (
     bench_command,
+    campaign_command,
     cycles_command,
     error_command,
+    fit_command,
+    fpga_command,
     hard_command,
     hardware_commands,
     image_commands,
+    power_command,
     scene_commands,
 )
 from sim.options import app
@@ -17,13 +21,14 @@ from spec.error import InputError
 
 ORDER = (
     "scene", "info", "pack", "render", "compare", "error", "hard", "programs", "verilog",
-    "registers", "synth", "memories", "cycles", "bench",
+    "registers", "synth", "fpga", "memories", "cycles", "power", "fit", "bench",
 )  # fmt: skip
 """The commands as the help lists them: the way of the data."""
 
 COMMANDS = (
-    scene_commands, image_commands, error_command, hard_command, hardware_commands, cycles_command,
-    bench_command,
+    scene_commands, image_commands, error_command, hard_command, hardware_commands, fpga_command,
+    cycles_command, power_command, fit_command, bench_command,
+    campaign_command,
 )  # fmt: skip
 """Modules whose import has registered their commands with `app`."""
 

@@ -18,7 +18,7 @@ from sim.output import check_writable, console, progress_bar
 from sim.result import write_json
 from sim.source import open_camera, open_source, packed_model
 from spec.config import CLOCK_HZ
-from spec.config import preset as find_preset
+from spec.preset import find_preset
 
 
 @app.command("cycles")
@@ -31,8 +31,8 @@ def cycles_command(
 ):
     """Cycles of a frame by stage from the twins' counts, and the picture's error beside them.
 
-    The cycle model agrees with the RTL within 3 % for each stage by itself; halves are as fast as
-    their slowest stage, memory's latency and bandwidth are left out.
+    The cycle model agrees with the RTL within 3 % for each stage by itself; its halves have
+    LPDDR4's latency in them, its bandwidth is left out.
     """
     check_writable(json)
     config = find_preset(preset)

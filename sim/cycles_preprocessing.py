@@ -9,11 +9,11 @@ from numba import njit
 
 from golden.pipeline import Frame
 from hdl.points import CHUNKS_WAITING
-from hdl.project import Project
+from hdl.project import SPARE
 from spec.axi import BEAT
 from spec.config import Config
 from spec.memory import CHUNK
-from spec.microprogram import culling, program
+from spec.microprogram import culling, program, projection
 from spec.schedule import schedule
 
 SET_UP = 3  # cycles of a splat in binning, at least
@@ -41,7 +41,7 @@ def bin_costs(frame: Frame) -> np.ndarray:
 
 def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     """Cycles of a frame's first half. latency: of memory, from a request to its first beat."""
-    points, project = frame.points, Project(config)
+    points, plan = frame.points, schedule(config, projection(config))
     kind = np.zeros(len(points.points), np.int64)  # how far a point comes
     kind[np.searchsorted(points.points, points.front)] = 1
     kind[np.searchsorted(points.points, points.inside)] = 2
@@ -52,7 +52,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
             chunk_interval(config),
             schedule(config, culling(config.depth_interval)).interval,
             schedule(config, program("place")).interval,
-            project.plan.interval,
+            plan.interval,
         ]
     )
     lengths = np.array(
@@ -60,10 +60,10 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
             HEADER + latency,
             schedule(config, culling(config.depth_interval)).length,
             schedule(config, program("place")).length + ATTRIBUTES + latency,
-            project.plan.length + SPLAT,
+            plan.length + SPLAT,
         ]
     )
-    slots, queue = config.projection_slots, project.splats_inside
+    slots, queue = config.projection_slots, plan.length // plan.interval + 1 + SPARE
     end = pass_points(chunks, kind, bin_costs(frame), steps, lengths, slots, queue)
     begin = BEGIN + 3 * latency + config.codebook // BEAT
     count = frame.binned.lists.count

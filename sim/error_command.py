@@ -18,8 +18,9 @@ from sim.error_sort import sort_errors, sort_table, write_sort_plot
 from sim.options import JsonOption, app
 from sim.output import check_writable, console, messages
 from sim.result import write_json
-from spec.config import DEFAULT, Config, preset
+from spec.config import DEFAULT, Config
 from spec.error import InputError
+from spec.preset import find_preset
 
 Scenes = Annotated[
     list[str] | None,
@@ -40,7 +41,11 @@ WidthOption = Annotated[
 ]
 MachineOption = Annotated[
     list[str] | None,
-    typer.Option("--preset", metavar="NAME", help="A machine: DEFAULT, PAPER, TINY. May repeat."),
+    typer.Option(
+        "--preset",
+        metavar="NAME",
+        help="A machine: DEFAULT, PAPER, TINY or a preset file. May repeat.",
+    ),
 ]
 ViewOption = Annotated[
     str | None,
@@ -128,7 +133,7 @@ def error_command(
         raise InputError(f"--stage '{stage}': unknown (there are {names})")
     if stage in SWEEPS and (width or machine):
         raise InputError(f"--stage {stage}: has formats of its own, without --width, --preset")
-    chosen = [*map(preset, machine or ()), *map(with_width, width or ())]
+    chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
     if scene and scenes:
         raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
     subjects = named(scene, camera, size) if scene else everything(scenes, camera, size)

@@ -25,8 +25,8 @@ from sim.picture import DOTS_PER_INCH, write_png
 from sim.result import write_json
 from sim.rtl_command import TimingOption
 from sim.source import ENGINES, check_engine, parse_size
-from spec.config import preset as find_preset
 from spec.error import InputError
+from spec.preset import find_preset
 
 SHEET = "hard-cases.png"
 """The contact sheet in the folder of pictures."""

@@ -8,7 +8,7 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from hdl.stages import CONTROL, PAPER_GATES, PAPER_MEMORIES, PRIMITIVES, STAGES
+from hdl.stages import CONTROL, PAPER_GATES, PAPER_MEMORIES, PRIMITIVES, STAGES, WHOLE
 from sim import verilog
 from sim.options import JsonOption, PresetOption, app
 from sim.output import check_writable, console, progress_bar
@@ -17,9 +17,9 @@ from sim.result import write_json
 from sim.synth import DEPTH_MAX, gates, memories
 from sim.synth_table import synthesise_machine
 from spec.config import KB, Config
-from spec.config import preset as find_preset
 from spec.error import InputError
 from spec.microprogram import Program, operation_counts, program
+from spec.preset import find_preset
 from spec.programs import TEXTS
 from spec.schedule import pes, schedule
 
@@ -144,12 +144,6 @@ def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
     paper = ", ".join(f"{name} {size}" for name, size in PAPER_MEMORIES.items())
     console.print(f"The paper: {sum(PAPER_MEMORIES.values())} KB ({paper}).")
     write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})
-
-
-WHOLE = {name: (STAGES[name],) for name in ("points", "bin", "sort", "raster")} | {
-    "control": tuple(CONTROL.values())
-}
-"""What together is all of the machine."""
 
 
 @app.command("programs")

@@ -40,9 +40,9 @@ from sim.source import (
 )
 from spec.camera import Camera
 from spec.config import Config
-from spec.config import preset as find_preset
 from spec.convention import ORIGINAL, SPLATCORE, Convention
 from spec.error import InputError
+from spec.preset import find_preset
 from spec.scene import Gaussians
 
 

@@ -135,13 +135,19 @@ class Run:
 
 class Machine:
     """A compiled machine. source: Verilog to take instead of the machine's own; trace: whether it
-    can write waveforms.
+    can write waveforms; toggles: whether it counts how often each net changes.
     """
 
-    def __init__(self, config: Config, source: str | None = None, trace: bool = False):
+    def __init__(
+        self,
+        config: Config,
+        source: str | None = None,
+        trace: bool = False,
+        toggles: bool = False,
+    ):
         self.config = config
         self.source = source or machine_source(config)
-        self.program = compiled(self.source, trace)
+        self.program = compiled(self.source, trace, toggles)
 
     def run(
         self,

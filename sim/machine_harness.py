@@ -13,7 +13,12 @@ from sim.memory_model import MEMORY
 from spec.axi import BEAT, BEAT_BITS, BOUNDARY
 from spec.registers import INTERRUPT_ERROR
 
-TRACE_ARGS = ("--trace", "--trace-depth", "4")
+TRACE_ARGS = {
+    "vcd": ("--trace", "--trace-depth", "4"),
+    "saif": ("--trace-saif", "--trace-max-width", "0", "--no-trace-params"),
+}
+"""Arguments for Verilator by what is recorded: waveforms of the stages' ports, or how often each
+net changes (SAIF)."""
 
 PARTS = r"""
 #include "Vtop.h"
@@ -33,7 +38,7 @@ PARTS = r"""
 #include <fcntl.h>
 #define TRACE @TRACE@
 #if TRACE
-#include "verilated_vcd_c.h"
+#include "verilated_@FORMAT@_c.h"
 #endif
 
 @RANDOM@
@@ -69,8 +74,7 @@ struct Settings {
 };
 """
 
-MAIN = r"""
-#if TRACE
+WAVES = r"""
 // Writes down a window: given cycles, or from a read of an address until a rectangle's bytes of the
 // image have been written.
 struct Window {
@@ -113,7 +117,51 @@ struct Window {
         vcd.dump(10 * cycle + 5 * high);
     }
 };
-#endif
+"""
+
+TOGGLES = r"""
+// Counts how often each net changes and how long it is 1, at the end of each cycle, when all has
+// settled: in windows of so many cycles, of which there is one in every so many. With `steady`,
+// bits of the interrupt, from where the first frame's points are ready until its tiles are finished
+// and the second one's points are ready: a driver that clears the interrupt tells. The file's
+// clock counts the cycles that were looked at.
+struct Window {
+    VerilatedSaifC saif;
+    Vtop& top;
+    uint64_t length, every, interrupt, ready_bit = 0, frame_bit = 0, ready = 1, finished = 0;
+    uint64_t start = UINT64_MAX, begun = UINT64_MAX, ended = 0, time = 0;
+    bool clears = false;
+    Window(Vtop& top, Memory&, Settings& s)
+        : top(top), length(s.number("sample_length")), every(s.number("sample_every")),
+          interrupt(s.number("interrupt")) {
+        if (!s.all("steady").empty()) {
+            ready = 0;
+            ready_bit = std::stoull(s.all("steady")[0][0]);
+            frame_bit = std::stoull(s.all("steady")[0][1]);
+        }
+        top.trace(&saif, 99);
+        saif.open((s.folder + "/waves.saif").c_str());
+    }
+    void dump(uint64_t cycle, bool high) {
+        if (high) return;
+        bool before = clears;
+        clears = top.@S@awvalid && top.@S@awaddr == interrupt;
+        if (clears && !before) {
+            ready += (top.@S@wdata & ready_bit) != 0;
+            finished += (top.@S@wdata & frame_bit) != 0;
+        }
+        if (ready == 0 || (ready > 1 && finished > 0)) return;
+        if (start == UINT64_MAX) start = cycle;
+        if ((cycle - start) / length % every) return;
+        saif.dump(time++);
+        if (begun == UINT64_MAX) begun = cycle;
+        ended = cycle;
+    }
+};
+"""
+
+MAIN = r"""
+#if TRACE@WINDOW@#endif
 
 int main(int argc, char** argv) {
     Verilated::commandArgs(argc, argv);
@@ -177,7 +225,7 @@ int main(int argc, char** argv) {
     count("outside", "accesses", memory.outside, 0);
     for (auto& text : memory.outside_told) std::fprintf(host.report, "told %s\n", text.c_str());
 #if TRACE
-    window.vcd.close();
+    window.@FORMAT@.close();
     if (window.begun != UINT64_MAX) count("window", "cycles", window.begun, window.ended);
 #endif
     std::fprintf(host.report, "end %s %llu %zu %s\n", host.result.c_str(),
@@ -189,13 +237,17 @@ int main(int argc, char** argv) {
 """
 
 
-def compiled(source: str, trace: bool = False) -> Path:
-    """The program for a machine's Verilog; with `trace` it can write waveforms."""
+def compiled(source: str, trace: bool = False, toggles: bool = False) -> Path:
+    """The program for a machine's Verilog; with `trace` it can write waveforms, with `toggles` it
+    counts how often each net changes.
+    """
     main = PARTS + MEMORY + HOST + MAIN
     begin = harness.MAIN.index("struct Random")
     for key, text in {
         "RANDOM": harness.MAIN[begin : harness.MAIN.index("struct Settings")],
-        "TRACE": str(int(trace)),
+        "TRACE": str(int(trace or toggles)),
+        "WINDOW": TOGGLES if toggles else WAVES,
+        "FORMAT": "saif" if toggles else "vcd",
         "M": "m_axi___05F",
         "S": "s_axi___05F",
         "INTERRUPT": "__SYM__interrupt",  # as Verilator calls it, for C++'s sake
@@ -205,4 +257,5 @@ def compiled(source: str, trace: bool = False) -> Path:
         "ERROR": str(INTERRUPT_ERROR),
     }.items():
         main = main.replace(f"@{key}@", text)
-    return harness.build(source, main, TRACE_ARGS if trace else ())
+    more = TRACE_ARGS["saif" if toggles else "vcd"] if trace or toggles else ()
+    return harness.build(source, main, more)

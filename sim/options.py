@@ -39,7 +39,12 @@ SizeOption = Annotated[
     typer.Option("--size", metavar="WxH", help="Pixels; the camera's intrinsics are scaled."),
 ]
 PresetOption = Annotated[
-    str, typer.Option("--preset", metavar="NAME", help="Machine: DEFAULT, PAPER or TINY.")
+    str,
+    typer.Option(
+        "--preset",
+        metavar="NAME|FILE",
+        help="Machine: DEFAULT, PAPER, TINY or a preset file (TOML; `splatcore fit` writes some).",
+    ),
 ]
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write results (see docs/json.md).")

@@ -24,9 +24,9 @@ from sim.options import (
 from sim.output import check_writable, console, progress_bar, whole_file, write
 from sim.result import write_json
 from sim.source import open_camera, open_source
-from spec.config import preset as find_preset
 from spec.convention import SPLATCORE
 from spec.error import InputError
+from spec.preset import find_preset
 
 
 @app.command(

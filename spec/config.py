@@ -8,6 +8,7 @@ function of `spec.memory`, never a second field.
 from dataclasses import dataclass, fields
 from typing import Literal
 
+from spec.energy import ENERGY, Energy
 from spec.error import InputError
 from spec.number import FP16, FP24, Float
 
@@ -77,6 +78,9 @@ class Config:
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB
+
+    # What the estimate of power reckons with; the hardware does not depend on it.
+    energy: Energy = ENERGY
 
     def __post_init__(self):
         for field in fields(self):

@@ -1,0 +1,35 @@
+"""What a campaign has found by models, confirmed in RTL simulation."""
+
+import json
+from pathlib import Path
+
+from sim.bench_scenes import View, expect, finished, key_of, measure
+from sim.machine import machine_source
+from sim.machine_path import build
+from sim.machine_script import LPDDR4
+from sim.output import write
+from spec.config import Config
+from spec.error import InputError
+
+
+def in_rtl(config: Config, view: View, folder: Path, name: str) -> dict:
+    """Cycles of a view's frame in RTL and by the cycle model, and whether RTL equals the twin.
+
+    Kept in the folder until the machine's Verilog is another. InputError if it does not end.
+    """
+    source = machine_source(config)
+    key = key_of(source, config, view, LPDDR4)
+    path = folder / f"rtl {name} {view.name} {view.size}.json".replace(":", "-").replace("/", "-")
+    row = finished(path, key)
+    if row is None:
+        machine = build(config, source=source)
+        row = {"key": key} | measure(machine, view, expect(config, view), LPDDR4)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, (json.dumps(row, indent=2) + "\n").encode())
+    if "cycles" not in row:
+        raise InputError(f"{config.name}: {row['ended']}")
+    return {
+        "scene": row["scene"], "camera": row["camera"], "size": row["size"],
+        "cycles": row["cycles"]["frame"], "model_cycles": row["model_cycles"]["frame"],
+        "identical": row["identical"],
+    }  # fmt: skip

@@ -1,0 +1,176 @@
+"""Presets by name, or from a TOML file: `base`, `name`, then fields of `Config` by their names.
+
+base = "DEFAULT"     # whose fields hold where the file says nothing; DEFAULT if it is left out
+name = "small"       # letters, digits, _ and -; else the file's own name is taken
+rasterizers = 2
+arithmetic = "FP16"  # or a table of `Float`'s fields:
+depth = { exponent = 7, fraction = 14, signed = false, subnormal = false }
+sort_digits = [3, 4, 4, 4]
+"""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable
+from dataclasses import MISSING, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Literal, get_args, get_origin, get_type_hints
+
+from spec.config import DEFAULT, PRESETS, Config, preset
+from spec.error import InputError
+from spec.memory import model_format
+from spec.number import FP16, FP24, Float
+
+SUFFIX = ".toml"
+
+FLOATS = {"FP16": FP16, "FP24": FP24}
+"""Formats that a file may name."""
+
+BITS = {
+    "exponent_fraction": (10, 18), "pixel_fraction": (6, 16), "power_fraction": (3, 8),
+    "power_mantissa": (4, 12), "transmittance": (10, 20), "weight": (7, 16),
+    "colour_fraction": (6, 12), "sum_fraction": (9, 16),
+}  # fmt: skip
+"""Formats of stage 3, and the fewest and most bits with which it is built."""
+
+EXPONENT_BITS, FRACTION_BITS = (5, 8), (8, 17)
+"""The same of `Config.arithmetic`'s exponent and fraction."""
+
+PES_MIN = 2
+"""With fewer PEs colours would be wanted before they can be looked up."""
+
+
+def find_preset(text: str) -> Config:
+    """The preset of that name in any case, else of that file; InputError if there is neither.
+
+    A name comes first: a file that is called like one is reached as ./NAME.
+    """
+    if text.upper() in PRESETS:
+        return preset(text)
+    if Path(text).exists() or text.lower().endswith(SUFFIX):
+        return read_preset(text)
+    names = ", ".join(PRESETS)
+    raise InputError(
+        f"preset '{text}': unknown (there are {names}, and files like machine{SUFFIX})"
+    )
+
+
+def read_preset(path: str | Path) -> Config:
+    """The machine that a file describes; InputError, naming file and key, if it describes none."""
+    try:
+        table = tomllib.loads(Path(path).read_bytes().decode())
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: is not TOML: {error or 'nested too deeply'}") from None
+    hints = get_type_hints(Config)
+    _check_keys(str(path), table, ("base", *hints))
+    base = table.pop("base", DEFAULT.name)
+    if not isinstance(base, str) or base.upper() not in PRESETS:
+        raise InputError(f"{path}: base {base!r} is unknown (there are {', '.join(PRESETS)})")
+    table.setdefault("name", re.sub(r"[^A-Za-z0-9_-]", "_", Path(path).stem))
+    values = {key: _value(hints[key], table[key], f"{path}: {key}") for key in table}
+    _check_name(path, values["name"])
+    try:
+        config = replace(preset(base), **values)
+        check_buildable(config)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return config
+
+
+def check_buildable(config: Config):
+    """InputError, naming a field, for number formats of which the hardware cannot be made."""
+
+    def refuse(field: str, why: str):
+        raise InputError(f"preset {config.name}: {field} {why}")
+
+    arithmetic = config.arithmetic
+    found = {f"arithmetic's {name}": getattr(arithmetic, name) for name in ("exponent", "fraction")}
+    limits = dict(zip(found, (EXPONENT_BITS, FRACTION_BITS), strict=True))
+    found |= {name: getattr(config, name) for name in BITS}
+    for name, (low, high) in (limits | BITS).items():
+        if not low <= found[name] <= high:
+            refuse(name, f"{found[name]} is not in {low} … {high}")
+    for small, large, room in (
+        ("pixel_fraction", "exponent_fraction", 2), ("power_fraction", "pixel_fraction", 0),
+        ("weight", "transmittance", 0), ("sum_fraction", "colour_fraction", config.weight - 1),
+        ("burst", "page", 0),
+    ):  # fmt: skip
+        most = getattr(config, large) + room
+        if getattr(config, small) > most:
+            refuse(small, f"{getattr(config, small)} is above {most}, which follows from {large}")
+    if not arithmetic.signed:
+        refuse("arithmetic", "has no sign")
+    if config.pes * config.pe_arrays < PES_MIN:
+        refuse("pes", f"{config.pes} in {config.pe_arrays} arrays are fewer than {PES_MIN}")
+    for degree in range(config.sh_degree + 1):
+        try:
+            format = model_format(config, degree)
+            wanted = format.attribute_record and format.codebook_bytes
+        except ValueError as error:
+            refuse("colour_index or sh_index", f"do not fit: {error}")
+        if wanted > config.codebook:
+            refuse("codebook", f"{config.codebook} bytes are below {wanted} of degree {degree}")
+
+
+def _check_keys(where: str, table: dict, known: Iterable[str]):
+    """InputError for a key that means nothing, with the one that may have been meant."""
+    known = tuple(known)
+    for key in table:
+        if key not in known:
+            close = difflib.get_close_matches(key, known, 1)
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            raise InputError(f"{where}: unknown key '{key}'{hint} (there are {', '.join(known)})")
+
+
+def _check_name(path: str | Path, name: str):
+    """InputError for a name that could not be part of a file, or that is another preset's."""
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise InputError(f"{path}: name {name!r} is not of letters, digits, _ and -")
+    if name.upper() in PRESETS:
+        raise InputError(f"{path}: name {name!r} is that of a preset that is built in")
+
+
+def _value(hint, value, where: str):
+    """What TOML has, as what a field wants; InputError, naming the field, for anything else."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        if not isinstance(value, str) or value not in arguments:
+            raise InputError(f"{where}: {value!r} is not one of {', '.join(map(str, arguments))}")
+        return value
+    if origin is tuple:  # of any number of elements of one type
+        if not isinstance(value, list):
+            raise InputError(f"{where}: {value!r} is no array")
+        return tuple(_value(arguments[0], item, f"{where}[{k}]") for k, item in enumerate(value))
+    if is_dataclass(hint):
+        if hint is Float and isinstance(value, str) and value in FLOATS:
+            return FLOATS[value]
+        return _dataclass(hint, value, where)
+    if hint is float and type(value) is int:
+        return float(value)
+    if type(value) is not hint:
+        raise InputError(f"{where}: {value!r} is no {NAMES.get(hint, hint)}")
+    return value
+
+
+NAMES = {int: "integer", bool: "true or false", str: "string", float: "number"}
+
+
+def _dataclass(kind: type, value, where: str):
+    """A dataclass from an inline table of its fields."""
+    if not isinstance(value, dict):
+        some = f" and not one of {', '.join(FLOATS)}" if kind is Float else ""
+        raise InputError(f"{where}: {value!r} is no table of {kind.__name__}'s fields{some}")
+    hints = get_type_hints(kind)
+    _check_keys(where, value, hints)
+    for field in fields(kind):
+        if field.name not in value and field.default is MISSING:
+            raise InputError(f"{where}: '{field.name}' is missing")
+    found = {key: _value(hints[key], item, f"{where}.{key}") for key, item in value.items()}
+    try:
+        return kind(**found)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
