@@ -56,7 +56,7 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
     values |= curvature(config, values)
     for name in ("half_width", "half_height"):
         wide = extent_format(config).decode(features[name]) * 2.0**unit
-        values[name] = np.minimum(np.ceil(np.ldexp(wide, EXTENT.fraction)), 2**EXTENT.width - 1)
+        values[name] = np.fmin(np.ceil(np.ldexp(wide, EXTENT.fraction)), 2**EXTENT.width - 1)
     for name in ("opacity", "red", "green", "blue"):
         values[name] = features[name]
     names = [name for name, _ in prepared_record(config).fields]

@@ -13,6 +13,7 @@ from sim import (
     hardware_commands,
     image_commands,
     power_command,
+    report_command,
     scene_commands,
 )
 from sim.options import app
@@ -21,14 +22,14 @@ from spec.error import InputError
 
 ORDER = (
     "scene", "info", "pack", "render", "compare", "error", "hard", "programs", "verilog",
-    "registers", "synth", "fpga", "memories", "cycles", "power", "fit", "bench",
+    "registers", "synth", "fpga", "memories", "cycles", "power", "fit", "bench", "report",
 )  # fmt: skip
 """The commands as the help lists them: the way of the data."""
 
 COMMANDS = (
     scene_commands, image_commands, error_command, hard_command, hardware_commands, fpga_command,
     cycles_command, power_command, fit_command, bench_command,
-    campaign_command,
+    campaign_command, report_command,
 )  # fmt: skip
 """Modules whose import has registered their commands with `app`."""
 

@@ -210,7 +210,11 @@ def test_every_camera_once():
         (["sweep", "-o", "X", "--point", "best"], "--point 'best': unknown"),
         (["sweep", "-o", "X", "garden", "--size", "0x5"], "--size 0x5: width 0 is not in"),
         (["ablation", "-o", "nowhere/X", "garden"], "nowhere/X: there is no folder"),
-        (["work", "-o", "X", "garden", "--scheduler", "tcp://127.0.0.1:9"], "--scheduler"),
+        pytest.param(
+            ["work", "-o", "X", "garden", "--scheduler", "tcp://127.0.0.1:9"],
+            "--scheduler",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_bad_input(arguments, message, tmp_path, monkeypatch):

@@ -79,6 +79,7 @@ def image_psnr(config: Config, view: View) -> float:
     return psnr(render(config, model(), view.camera).pixels / 255, reference.clip(0, 1))
 
 
+@pytest.mark.slow
 def test_the_machine_reaches_what_was_asked_for(fitted):
     found = fitted(FPS, PSNR)
     assert found.config != replace(start(), name="fitted")

@@ -18,10 +18,11 @@ from model.generate import generate, generated_camera
 from model.hard import HARD
 from model.pack import pack
 from model.read import read_scene
+from sim.error import with_width
 from sim.streams import Simulation
 from spec.config import DEFAULT, PAPER, TINY
 from spec.convention import BLOCK
-from spec.group import entry_record, feature_record, group_grid
+from spec.group import entry_record, extent_format, feature_record, group_grid
 from spec.raster import featured_record, readied_record
 from tb.bin_frames import Frame, read_memory
 from tb.bin_frames import check as check_binning
@@ -57,11 +58,15 @@ def random_entries(config, count: int, size: tuple[int, int], seed: int) -> Entr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("config", [DEFAULT, PAPER], ids=lambda config: config.name)
+@pytest.mark.parametrize(
+    "config", [DEFAULT, PAPER, with_width("8/20")], ids=lambda config: config.name
+)
 def test_prepare(config):
     count = 20_000
     rng = np.random.default_rng(3)
     features = random_features(config, count, (1920, 1080), seed=4)
+    for name in ("half_width", "half_height"):  # what is no number in FP16 reaches everywhere
+        features[name][::50] = (1 << extent_format(config).width) - 1
     rest = {
         "mask": rng.integers(0, 1 << config.group**2, count).astype(np.uint64),
         "end": rng.integers(0, 2, count).astype(np.uint64),
