@@ -162,13 +162,16 @@ yx = yx2 * scale
 """
 
 FACTORS = """
-# conic in factors: Q = (dx − shear·dy)² · across + dy² · along. The Schur complement of the
-# covariance is at least the blur in exact arithmetic; taking the larger of both keeps needles
-# positive definite whatever the rounding.
+# conic in factors: Q = (dx − shear·dy)² · across + dy² · along. The Schur complement is vᵀΣv with
+# v = (1, −shear), and Σ is at least the blur: in exact arithmetic it is at least blur·(1 + shear²).
+# Taking the larger of both keeps needles positive definite and no thinner than the blur, whatever
+# the rounding.
 along = reciprocal(yy)
 shear = xy * along
 rest = xx - shear * xy
-schur = maximum(rest, blur)
+least0 = shear * blur
+least = least0 * shear + blur
+schur = maximum(rest, least)
 across = reciprocal(schur)
 
 # the same factors for E = −opacity − (dx − shear·dy)²·power_across − dy²·power_along

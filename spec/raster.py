@@ -13,9 +13,10 @@ pixels from its centre (`STEPS`): E and its slopes there need sums of shifted nu
 Lengths across the ellipse are divided by 2^k, those along it by 2^m, where k and m make the conic's
 factors at least 1/2 and below 2. So all products have factors of few bits, for needles and for
 splats larger than the image. A tile for which a number leaves its range is too far away: where
-alpha ≥ 1/255 somewhere in a tile, E ≥ −413 at its centre, as E's curvature is at most 2.41 (the
-blur sees to that) and the centre is at most 10.7 pixels away; so √413 · √2 < 2^5 bounds a
-normalised length.
+alpha ≥ 1/255 somewhere in a tile, E ≥ −413 at its centre, as E's curvature is at most 2.41 and the
+centre is at most 10.7 pixels away; so √413 · √2 < 2^5 bounds a normalised length. Stage 1 sees to
+the curvature: no splat is thinner than the blur, whatever is lost of a needle, but for roundings,
+1 % with FP16's digits; there is room for 10 %.
 """
 
 from functools import cache

@@ -15,6 +15,7 @@ from spec.group import feature_record
 from spec.sort import half_entries
 from spec.work import FEATURE
 from tb.machines import check, garden, machine, view
+from tb.needles import long_needles
 
 pytestmark = pytest.mark.slow
 
@@ -41,6 +42,13 @@ def test_hard_cases(name):
     if name == "long_list":
         longest = np.diff(render(TINY, *job).start).max()
         assert longest > half_entries(TINY) * TINY.merge_ways**2  # several levels in memory
+
+
+def test_long_needles():
+    """Whatever is lost of their thickness, E stays within its bits."""
+    case = long_needles()
+    job = Job(pack(case.scene, TINY)[0], case.camera)
+    check(TINY, job, machine(TINY).run([job]))
 
 
 def test_sizes():

@@ -21,11 +21,13 @@ from model.read import read_scene
 from sim.error import with_width
 from sim.streams import Simulation
 from spec.config import DEFAULT, PAPER, TINY
-from spec.convention import BLOCK
+from spec.convention import BLOCK, COVARIANCE_BLUR
+from spec.frame import POWER_SCALE
 from spec.group import entry_record, extent_format, feature_record, group_grid
-from spec.raster import featured_record, readied_record
+from spec.raster import curvature_formats, featured_record, readied_record
 from tb.bin_frames import Frame, read_memory
 from tb.bin_frames import check as check_binning
+from tb.needles import COUNT, long_needles
 from tb.raster_rows import Watched, prepared_codes, run_groups
 from tb.scenes import needs_scenes, scene_path
 from tb.splat_features import random_features
@@ -81,6 +83,17 @@ def test_prepare(config):
     for name, codes in expected["splat"].items():
         assert (found["splat"][name] == codes).all(), name
     assert (result.outputs["o"] == readied_record(config).pack(expected)).all()
+
+
+@pytest.mark.parametrize("bits", ["5/10", "7/12", "7/16"])
+def test_nothing_is_thinner_than_the_blur(bits):
+    """E's second differences have the bound that `spec.raster` reckons with, whatever is lost."""
+    config, case = with_width(bits), long_needles()
+    frame = render_twin(config, pack(case.scene, config)[0], case.camera)
+    codes = prepared_codes(config, frame.binned.features)
+    assert len(codes["cxx"]) == COUNT
+    for name, format in curvature_formats(config).items():
+        assert np.abs(format.decode(codes[name])).max() <= 1.01 * POWER_SCALE / COVARIANCE_BLUR
 
 
 @pytest.mark.slow
