@@ -107,7 +107,7 @@ MACHINES = {
 }
 """Machines that are not DEFAULT, and the cycles that each takes for a Gaussian."""
 
-CYCLES = {"two arrays": 6, "dense, interval": 15, "no harmonics": 8, "paper": 12, "3σ square": 12}
+CYCLES = {"two arrays": 6, "dense, interval": 15, "no harmonics": 9, "paper": 12, "3σ square": 12}
 
 
 @pytest.mark.slow
