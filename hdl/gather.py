@@ -1,6 +1,6 @@
 """Binning: rows of tiles to the groups that they lie in, with the mask of each group's tiles."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -112,8 +112,8 @@ class Gather(wiring.Component):
         """The tiles of an interval that lie in a column of groups."""
         whole = (1 << self.config.group) - 1
         begin, end = tiles.begin >> self.bits, tiles.end >> self.bits
-        offset = tiles.begin[: self.bits] if self.bits else 0
-        rest = ~tiles.end[: self.bits] if self.bits else 0
+        offset = tiles.begin[: self.bits] if self.bits else Const(0)
+        rest = ~tiles.end[: self.bits] if self.bits else Const(0)
         from_begin = Mux(column == begin, (whole << offset)[: self.config.group], whole)
         to_end = Mux(column == end, whole >> rest, whole)
         inside = (column >= begin) & (column <= end)

@@ -44,6 +44,15 @@ def test_hard_cases(name):
         assert longest > half_entries(TINY) * TINY.merge_ways**2  # several levels in memory
 
 
+def test_groups_of_one_tile():
+    """The smallest groups, of which tiles and groups have the same numbers."""
+    config = replace(TINY, name="TILES", group=1)
+    jobs = [Job(garden(TINY, 400), view(*size)) for size in ((64, 48), (33, 17))]
+    run = machine(config).run(jobs, LPDDR4)
+    for number, job in enumerate(jobs):
+        check(config, job, run, number)
+
+
 def test_long_needles():
     """Whatever is lost of their thickness, E stays within its bits."""
     case = long_needles()
