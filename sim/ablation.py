@@ -5,10 +5,9 @@ from pathlib import Path
 
 from sim.bench_scenes import View
 from sim.campaign import Failure, results
-from sim.confirm import in_rtl
+from sim.confirm import confirmed
 from sim.sweep import tasks
 from spec.config import Config
-from spec.error import InputError
 
 RESULT = "ablation.json"
 
@@ -70,12 +69,9 @@ def _rtl(steps: dict[str, Config], views: list[View], folder: Path, failed: list
     found = {}
     for name, config in steps.items():
         for view in views:
-            try:
-                row = in_rtl(config, view, folder, name)
-            except InputError as error:
-                failed.append({"what": f"rtl {name} {view.name}", "why": str(error)})
-                continue
-            found[name, row["scene"], row["camera"]] = {
-                "rtl_cycles": row["cycles"], "rtl_identical": row["identical"],
-            }  # fmt: skip
+            row = confirmed(config, view, folder, name, failed)
+            if row is not None:
+                found[name, row["scene"], row["camera"]] = {
+                    "rtl_cycles": row["cycles"], "rtl_identical": row["identical"],
+                }  # fmt: skip
     return found

@@ -161,14 +161,12 @@ def judge(config: Config, run: Run, expected: Expected) -> dict:
     """Cycles, error and traffic of a run that came to its end."""
     wrong = [diagnose(config, run, k, expected.twin) for k in range(len(run.frames))]
     metrics = difference(run.frames[-1].pixels, expected.exact)
-    model = frame_cycles(config, expected.twin)
-    halves = {name: getattr(model, name) for name in CYCLES}
     return {
         "identical": not any(wrong),
         "difference": str(next((text for text in wrong if text), "")),
         "psnr_db": metrics.psnr_db, "ssim": metrics.ssim, "max_error": metrics.max_error,
         "cycles": cycles(run) | {"rendering_alone": run.rendering_cycles[-1]},
-        "model_cycles": asdict(model) | halves,
+        "model_cycles": frame_cycles(config, expected.twin).by_name,
         "traffic_bytes": run.frames[-1].traffic, "counters": run.frames[-1].counters,
         "counts": expected.twin.counts,
     }  # fmt: skip

@@ -75,8 +75,7 @@ def sweep_command(
     found = look(output, scene, cameras, size)
     facts = sweep_campaign.sweep(chosen, found, output, scheduler)
     if confirm:
-        file, _, camera = confirm.partition(":")
-        sweep_campaign.confirm(chosen, facts, View(file, camera, found[0].size), output)
+        sweep_campaign.confirm(chosen, facts, view_of(confirm, found[0].size), output)
     console.print(table_of(facts))
     finish(output / sweep_campaign.RESULT, facts)
 
@@ -100,10 +99,7 @@ def ablation_command(
     cycle model's; pictures and counts the twins'. Writes DIR/ablation.json.
     """
     config, found = find_preset(preset), look(output, scene, cameras, size)
-    simulated = []
-    for text in rtl or ():
-        file, _, camera = text.partition(":")
-        simulated.append(View(file, camera, found[0].size))
+    simulated = [view_of(text, found[0].size) for text in rtl or ()]
     facts = ablation_campaign.ablation(config, found, output, scheduler, simulated)
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="frames a second at 800 MHz")
     table.add_column("view", no_wrap=True)
@@ -157,6 +153,12 @@ def look(output: Path, scene: list[str] | None, cameras: str | None, size: str) 
     check_writable(output / "x" if output.is_dir() else output)
     output.mkdir(exist_ok=True)
     return found
+
+
+def view_of(text: str, size: str) -> View:
+    """The view of SCENE[:ID]."""
+    scene, _, camera = text.partition(":")
+    return View(scene, camera, size)
 
 
 def some(all_points: list[Point], names: list[str] | None) -> list[Point]:

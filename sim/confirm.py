@@ -15,7 +15,7 @@ from spec.error import InputError
 def in_rtl(config: Config, view: View, folder: Path, name: str) -> dict:
     """Cycles of a view's frame in RTL and by the cycle model, and whether RTL equals the twin.
 
-    Kept in the folder until the machine's Verilog is another. InputError if it does not end.
+    Kept in the folder until the machine's Verilog is another. InputError if it cannot be simulated.
     """
     source = machine_source(config)
     key = key_of(source, config, view, LPDDR4)
@@ -33,3 +33,18 @@ def in_rtl(config: Config, view: View, folder: Path, name: str) -> dict:
         "cycles": row["cycles"]["frame"], "model_cycles": row["model_cycles"]["frame"],
         "identical": row["identical"],
     }  # fmt: skip
+
+
+def confirmed(
+    config: Config, view: View, folder: Path, name: str, failed: list[dict[str, str]]
+) -> dict | None:
+    """The same; what cannot be simulated (None) or is not the twin's is added to `failed`."""
+    what = f"rtl {name} {view.name}"
+    try:
+        row = in_rtl(config, view, folder, name)
+    except InputError as error:
+        failed.append({"what": what, "why": str(error)})
+        return None
+    if not row["identical"]:
+        failed.append({"what": what, "why": "the picture is not the golden model's"})
+    return row

@@ -5,7 +5,7 @@ point, a splat, an entry or a block costs is counted. And both halves as wholes,
 wait for each other (`sim.cycles_preprocessing`, `sim.cycles_rendering`).
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -38,6 +38,11 @@ class Cycles:
     def frame(self) -> int:
         """Both halves, at work at once on neighbouring frames."""
         return max(self.preprocessing, self.rendering)
+
+    @property
+    def by_name(self) -> dict[str, int]:
+        """Stages, halves and the frame, as results have them."""
+        return asdict(self) | {"frame": self.frame}
 
 
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:

@@ -1,6 +1,5 @@
 """The command `cycles`: what a frame takes, stage by stage, without the RTL."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -47,9 +46,8 @@ def cycles_command(
             frame = render(config, model, view)
             reference = render_reference(model.gaussians(), view).image
         found = frame_cycles(config, frame)
-        facts[text] = asdict(found) | {
-            "preprocessing": found.preprocessing, "rendering": found.rendering,
-            "frame": found.frame, "fps": round(CLOCK_HZ / found.frame, 1),
+        facts[text] = found.by_name | {
+            "fps": round(CLOCK_HZ / found.frame, 1),
             "psnr_db": psnr(frame.pixels / 255, reference.clip(0, 1)),
         }  # fmt: skip
         table.add_column(Path(text).name.split(".")[0], justify="right", overflow="fold")

@@ -178,8 +178,8 @@ def _facts(found: Fit, rows: list[Knob], sizes: dict) -> dict:
     views = {}
     for view, (square, largest) in found.errors.items():
         psnr = decibels(square)
-        views[view] = vars(found.cycles(view)) | {
-            "frame": found.cycles(view).frame, "fps": round(found.fps(view), 1),
+        views[view] = found.cycles(view).by_name | {
+            "fps": round(found.fps(view), 1),
             "psnr_db": psnr if math.isfinite(psnr) else None, "max_error": largest,
         }  # fmt: skip
     return {

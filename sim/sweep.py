@@ -4,7 +4,7 @@ A machine's picture is rendered by its twin and measured against the float64 ref
 packed model; its cycles are the cycle model's. Machines that differ in speed alone share a picture.
 """
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -63,7 +63,7 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
         cycles = frame_cycles(config, frame)
         rows.append(
             {"point": label, "scene": Path(view.scene).name, "camera": view.camera or camera.name}
-            | {"cycles": asdict(cycles) | {"frame": cycles.frame}}
+            | {"cycles": cycles.by_name}
             | {"fps_at_800mhz": CLOCK_HZ / cycles.frame}
             | facts
         )

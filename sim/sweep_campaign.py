@@ -8,7 +8,7 @@ import numpy as np
 from hdl.stages import WHOLE
 from sim.bench_scenes import View
 from sim.campaign import Failure, Task, results
-from sim.confirm import in_rtl
+from sim.confirm import confirmed
 from sim.fit_gates import part_gates
 from sim.output import console
 from sim.sweep import tasks
@@ -16,7 +16,6 @@ from sim.sweep_points import Point
 from sim.synth import memories
 from sim.synth_top import netlist, sizes
 from spec.config import DEFAULT, KB, Config
-from spec.error import InputError
 
 RESULT = "sweep.json"
 
@@ -121,11 +120,10 @@ def confirm(points: list[Point], facts: dict, view: View, folder: Path):
         found = facts["points"][point.name]
         if not found["front"]:
             continue
-        try:
-            found["rtl"] = row = in_rtl(point.config, view, folder / "parts", point.name)
-        except InputError as error:
-            facts["failed"].append({"what": f"rtl {point.name}", "why": str(error)})
+        row = confirmed(point.config, view, folder / "parts", point.name, facts["failed"])
+        if row is None:
             continue
+        found["rtl"] = row
         same = "identical" if row["identical"] else "NOT identical"
         console.print(
             f"{point.name}: {row['cycles']:,} cycles in RTL, {row['model_cycles']:,} by the model, "

@@ -80,7 +80,7 @@ def view_work(config: Config, view: View) -> dict:
             counts["tile_pairs"] - counts["pairs"], counts["tile_pairs"]
         ),
         "pe_utilisation": utilisation(config, model.format.sh_degree, projected, cycles),
-        "cycles": asdict(cycles) | {"frame": cycles.frame}, "counts": counts,
+        "cycles": cycles.by_name, "counts": counts,
     }  # fmt: skip
     return {"row": row, "density": tile_density(config, frame).tolist()}
 

@@ -16,6 +16,7 @@ from model.pack import pack
 from sim.ablation import machines
 from sim.bench_scenes import View
 from sim.campaign import Failure, Task, results
+from sim.confirm import confirmed
 from sim.cycles import frame_cycles
 from sim.options import app
 from sim.sweep import SPEED, picture_of
@@ -24,6 +25,7 @@ from sim.sweep_points import Point, points
 from sim.work import every_camera, tile_density, view_work
 from spec.config import DEFAULT, TINY
 from spec.convention import TILE
+from spec.error import InputError
 from tb.scenes import needs_scenes, scene_path
 
 SIZE = "96x80"
@@ -221,3 +223,24 @@ def test_bad_input(arguments, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, ["bench", *arguments])
     assert done.exit_code and message in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    "answer, why",
+    [
+        ({"identical": True}, None),
+        ({"identical": False}, "the picture is not the golden model's"),
+        (InputError("the machine hangs"), "the machine hangs"),
+    ],
+)
+def test_confirmation_that_fails_is_told(answer, why, monkeypatch, tmp_path):
+    def in_rtl(*_):
+        if isinstance(answer, InputError):
+            raise answer
+        return answer
+
+    monkeypatch.setattr("sim.confirm.in_rtl", in_rtl)
+    failed = []
+    row = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
+    assert row == (answer if isinstance(answer, dict) else None)
+    assert [failure["why"] for failure in failed] == ([why] if why else [])
