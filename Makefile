@@ -12,7 +12,7 @@ SIZE ?= 640x360
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
 	@echo "make test   install, then run every test"
-	@echo "make check  lint, the import rule and the quick tests: under a minute"
+	@echo "make check  lint, the import rule and the quick tests: two minutes"
 	@echo "make clean  remove what the others made"
 
 install: .venv/installed
