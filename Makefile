@@ -7,11 +7,12 @@ SPLATCORE := $(BIN)/splatcore
 SIZE ?= 640x360
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check clean
+.PHONY: help install demo test test-compress check clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
 	@echo "make test   install, then run every test"
+	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
 	@echo "make check  lint, the import rule and the quick tests: two minutes"
 	@echo "make clean  remove what the others made"
 
@@ -39,6 +40,13 @@ test: install demo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile  # a thread for each process
+
+test-compress: .venv/compress
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m compress
+
+.venv/compress: pyproject.toml .venv/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,compress]'
+	@touch $@
 
 check: install
 	$(BIN)/ruff check .

@@ -29,7 +29,7 @@ Named = list[tuple[Camera, str]]
 
 def read_cameras(path: str | os.PathLike) -> list[Camera]:
     """All cameras of a cameras.json, a transforms.json or a COLMAP folder (or its parent)."""
-    return [camera for camera, _ in _read(path)]
+    return [camera for camera, _ in read_named(path)]
 
 
 def read_camera(text: str) -> Camera:
@@ -44,7 +44,7 @@ def read_camera(text: str) -> Camera:
         camera_id = text[len(path) + 1 :]
     if not os.path.exists(path):
         raise input_error(text, "no such file")
-    named = _read(path)
+    named = read_named(path)
     if camera_id is None:
         return named[0][0]
     for camera, _ in named:
@@ -58,8 +58,8 @@ def read_camera(text: str) -> Camera:
     raise input_error(path, f"no camera {camera_id!r}; there are {len(named)}: {some}")
 
 
-def _read(path: str | os.PathLike) -> Named:
-    """Cameras and image names of any of the formats."""
+def read_named(path: str | os.PathLike) -> Named:
+    """Cameras of any of the formats, each with its image's file name as the file has it."""
     if os.path.isdir(path):
         return read_colmap(path)
     value = parse_json(read_bytes(path), path)

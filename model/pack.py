@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from model.chunk import chunk_positions
-from model.codebook import quantise
+from model.codebook import Codebook, quantise
 from model.factor import largest_axis, lower_triangular
 from model.layout import Quantised, lay_out
 from spec.config import DEFAULT, Config
@@ -20,6 +20,9 @@ from spec.scene import Scene
 STEPS = ("order", "colour", "harmonics", "layout")
 Progress = Callable[[str], None]
 """Called with the name of each of `STEPS` as it begins."""
+
+Codebooks = tuple[Codebook, Codebook]
+"""Of colours, and of harmonics as slopes."""
 
 
 @dataclass(frozen=True)
@@ -49,25 +52,32 @@ def pack(
     config: Config = DEFAULT,
     sh_degree: int | None = None,
     progress: Progress | None = None,
+    codebooks: Codebooks | None = None,
 ) -> tuple[PackedModel, PackReport]:
     """Pack a scene for a machine, with harmonics up to `sh_degree` (default: as many as fit).
 
     Gaussians that hold NaN or Inf, or can never reach alpha 1/255, are dropped and counted.
+    `codebooks` of the scene's Gaussians replace those that are made here; they need the machine's
+    format of that degree.
     """
     progress = progress or (lambda step: None)
     degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
     format = model_format(config, degree)
     progress("order")
     finite, visible = keep(scene)
-    kept = scene[finite & visible].with_sh_degree(degree)
-    chunks = chunk_positions(kept.position)
-    kept = kept[chunks.order]  # from here on in the order in which they are stored
+    stored = np.flatnonzero(finite & visible)
+    chunks = chunk_positions(scene.position[stored])
+    stored = stored[chunks.order]  # the order in which they are stored
+    kept = scene[stored].with_sh_degree(degree)
     lower = lower_triangular(kept.gaussians().factor)
     progress("colour")
-    colour = quantise(kept.sh[:, 0] * SH_C0 + 0.5, format.colour_index, COMPONENT)
-    progress("harmonics")
-    slopes = slopes_from_sh(kept.sh[:, 1:4]).reshape(-1, 9) if degree else np.zeros((0, 9))
-    harmonics = quantise(slopes, format.sh_index, SLOPE)
+    colours, slopes = appearance(kept)
+    if codebooks:
+        colour, harmonics = (codebook[stored] for codebook in codebooks)
+    else:
+        colour = quantise(colours, format.colour_index, COMPONENT)
+        progress("harmonics")
+        harmonics = quantise(slopes, format.sh_index, SLOPE)
     progress("layout")
     absolute = format.position == "absolute"
     if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
@@ -84,24 +94,46 @@ def pack(
         )
     )
     model = PackedModel(image, scene.name)
+    dropped = int((~finite).sum()), int((finite & ~visible).sum())
+    return model, report(kept, lower, harmonics, model, dropped)
+
+
+def report(
+    kept: Scene,
+    lower: np.ndarray,
+    harmonics: Codebook,
+    model: PackedModel,
+    dropped: tuple[int, int],
+) -> PackReport:
+    """What packing did to Gaussians in stored order with factors `lower`; `dropped` counts those
+    not finite and transparent."""
     packed = model.gaussians()
     axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)
-    report = PackReport(
-        gaussians=len(scene),
+    _, slopes = appearance(kept)
+    return PackReport(
+        gaussians=len(kept) + sum(dropped),
         packed=len(model),
-        not_finite=int((~finite).sum()),
-        transparent=int((finite & ~visible).sum()),
-        sh_degree=degree,
-        bytes=len(image),
-        codebook_bytes=format.codebook_bytes,
+        not_finite=dropped[0],
+        transparent=dropped[1],
+        sh_degree=kept.sh_degree,
+        bytes=len(model.image),
+        codebook_bytes=model.format.codebook_bytes,
         bytes_per_gaussian=model.bytes_per_gaussian,
         position_error=_largest(packed.position - kept.position),
         factor_error=_largest((packed.factor - lower) / axis[:, None, None]),
         opacity_error=_largest(packed.opacity - kept.opacity),
         colour_rms=_rms((packed.sh[:, 0] - kept.sh[:, 0]) * SH_C0),
-        sh_rms=_rms(harmonics.decode() - slopes) if degree else 0.0,
+        sh_rms=_rms(harmonics.decode() - slopes) if kept.sh_degree else 0.0,
     )
-    return model, report
+
+
+def appearance(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """What the codebooks hold of a scene of degree 0 or 1: colours [N, 3] as the original renderer
+    has them without harmonics, and slopes [N, 9] (without harmonics [0, 9])."""
+    colours = scene.sh[:, 0] * SH_C0 + 0.5
+    if not scene.sh_degree:
+        return colours, np.zeros((0, 9))
+    return colours, slopes_from_sh(scene.sh[:, 1:4]).reshape(-1, 9)
 
 
 def _largest(error: np.ndarray) -> float:

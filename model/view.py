@@ -1,5 +1,7 @@
 """A camera for a scene file that comes without cameras."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from spec.camera import Camera, look_at
@@ -57,6 +59,25 @@ SAMPLE = 100_000
 """Gaussians that are looked at, evenly picked; more would not change the view."""
 
 
+@dataclass(frozen=True, eq=False)
+class Core:
+    """What a scene is about: a box, and the Gaussians in it and about it that count."""
+
+    middle: np.ndarray  # [3] centre of the box, scene units
+    half: np.ndarray  # [3] its half sides
+    index: np.ndarray  # [N] which Gaussians count
+    point: np.ndarray  # [N, 3] where they are, relative to `middle`
+    area: np.ndarray  # [N] square units that each stands for
+
+    def framing_distance(self, width: int, height: int, focal: float) -> float:
+        """From where the core fills an image of these pixels, `focal` too: scene units."""
+        half = self.half
+        wide = 1.15 * half[[0, 2]].max() * 2 * focal / width
+        tall = half[1] * np.cos(ELEVATION) + half[[0, 2]].max() * np.sin(ELEVATION)
+        distance = max(wide, tall * 2 * focal / height) / FILL + half[[0, 2]].min() / 2
+        return max(distance, NEAREST)
+
+
 def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
     """A camera that shows what the scene is about; y points down.
 
@@ -70,8 +91,18 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
     distance; a detour from −z. A scene in which nothing counts is seen as if it were a point at the
     origin.
     """
-    position, area = _solid(gaussians)
-    position, area = _without_shell(position, area)
+    core = core_of(gaussians)
+    focal = max(width, height) / (2 * np.tan(FIELD_OF_VIEW / 2))
+    distance = core.framing_distance(width, height, focal)
+    eye = _open_viewpoint(core.point, core.area, core.half, distance)
+    return look_at(core.middle + eye, core.middle, width, height, focal, name="sensible")
+
+
+def core_of(gaussians: Gaussians) -> Core:
+    """The core as `sensible_view` has it; at the origin and empty if nothing counts."""
+    index, area = _solid(gaussians)
+    index, area = _without_shell(gaussians.position, index, area)
+    position = gaussians.position[index]
     low, high = np.zeros((2, 3))
     if len(position):
         low, high = np.percentile(position, CORE, axis=0)
@@ -79,17 +110,11 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
     middle = (low + high) / 2
     body = 3 * np.sqrt(np.median(area) / (2 * np.pi)) if len(area) else 0.0
     half = np.maximum((high - low) / 2, body)
-    focal = max(width, height) / (2 * np.tan(FIELD_OF_VIEW / 2))
-    wide = 1.15 * half[[0, 2]].max() * 2 * focal / width
-    tall = half[1] * np.cos(ELEVATION) + half[[0, 2]].max() * np.sin(ELEVATION)
-    distance = max(wide, tall * 2 * focal / height) / FILL + half[[0, 2]].min() / 2
-    distance = max(distance, NEAREST)
-    eye = _open_viewpoint(position - middle, area, half, distance)
-    return look_at(middle + eye, middle, width, height, focal, name="sensible")
+    return Core(middle, half, index, position - middle, area)
 
 
 def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
-    """Positions [N, 3] of the Gaussians that count and the area [N] each stands for (2π·product of
+    """The Gaussians [N] that count, by index, and the area [N] each stands for (2π·product of
     the two larger axes, times opacity, times how many it was picked from)."""
     finite = np.isfinite(gaussians.position).all(axis=1) & np.isfinite(gaussians.opacity)
     finite &= np.isfinite(gaussians.factor).all(axis=(1, 2))
@@ -102,18 +127,21 @@ def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
     index = index[::step]
     axes = np.linalg.svd(gaussians.factor[index], compute_uv=False)  # [N, 3], largest first
     area = 2 * np.pi * gaussians.opacity[index] * axes[:, 0] * axes[:, 1]
-    return gaussians.position[index], area * step
+    return index, area * step
 
 
-def _without_shell(position: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The Gaussians within SHELL_RATIO median distances of their median, taken to rest."""
-    for _ in range(ROUNDS if len(position) else 0):
-        away = np.linalg.norm(position - np.median(position, axis=0), axis=1)
+def _without_shell(
+    position: np.ndarray, index: np.ndarray, area: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of `index` within SHELL_RATIO median distances of their median, taken to rest."""
+    for _ in range(ROUNDS if len(index) else 0):
+        place = position[index]
+        away = np.linalg.norm(place - np.median(place, axis=0), axis=1)
         near = away <= SHELL_RATIO * np.median(away)
         if near.all():
             break
-        position, area = position[near], area[near]
-    return position, area
+        index, area = index[near], area[near]
+    return index, area
 
 
 def _open_viewpoint(
@@ -132,21 +160,21 @@ def _open_viewpoint(
     down = np.full(DIRECTIONS, -np.sin(ELEVATION))
     ways = np.stack([level * np.sin(azimuth), down, -level * np.cos(azimuth)], axis=1)
     hidden = [
-        WALLS * round(_blocked(point, area, INSIDE * half, distance * w, 1.0), 1) for w in ways
+        WALLS * round(blocked(point, area, INSIDE * half, distance * w, 1.0), 1) for w in ways
     ]
     best, choice = np.inf, None
     for share, handicap in CLOSER.items():
         for step, way in enumerate(ways):
             eye = max(share * distance, NEAREST) * way
             detour = 2 * min(step, DIRECTIONS - step) / DIRECTIONS
-            score = round(_blocked(point, area, half, eye, 0.8), 1) + handicap + hidden[step]
+            score = round(blocked(point, area, half, eye, 0.8), 1) + handicap + hidden[step]
             score += EDGEWISE * missing[step] + DETOUR * detour
             if score < best:
                 best, choice = score, eye
     return choice
 
 
-def _blocked(
+def blocked(
     point: np.ndarray, area: np.ndarray, half: np.ndarray, eye: np.ndarray, until: float
 ) -> float:
     """Share of the view that matter outside the box ±`half` [3] hides, 0 … 1.

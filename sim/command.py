@@ -4,7 +4,10 @@ import sys
 
 from sim import (
     bench_command,
+    bench_differentiable,
     campaign_command,
+    compress_command,
+    compression_command,
     cycles_command,
     error_command,
     fit_command,
@@ -21,15 +24,16 @@ from sim.output import messages
 from spec.error import InputError
 
 ORDER = (
-    "scene", "info", "pack", "render", "compare", "error", "hard", "programs", "verilog",
-    "registers", "synth", "fpga", "memories", "cycles", "power", "fit", "bench", "report",
+    "scene", "info", "train", "compress", "pack", "render", "compare", "error", "hard", "programs",
+    "verilog", "registers", "synth", "fpga", "memories", "cycles", "power", "fit", "bench",
+    "report",
 )  # fmt: skip
 """The commands as the help lists them: the way of the data."""
 
 COMMANDS = (
-    scene_commands, image_commands, error_command, hard_command, hardware_commands, fpga_command,
-    cycles_command, power_command, fit_command, bench_command,
-    campaign_command, report_command,
+    scene_commands, compress_command, image_commands, error_command, hard_command,
+    hardware_commands, fpga_command, cycles_command, power_command, fit_command, bench_command,
+    bench_differentiable, campaign_command, compression_command, report_command,
 )  # fmt: skip
 """Modules whose import has registered their commands with `app`."""
 

@@ -1,10 +1,14 @@
 """Metrics against their definitions, and pictures that can be opened."""
 
+import sys
+from types import ModuleType, SimpleNamespace
+
 import numpy as np
 import pytest
 from PIL import Image
 
-from sim.metric import difference
+from sim import metric
+from sim.metric import difference, flip, flip_map, lpips
 from sim.picture import read_png, write_error_map, write_heat_map, write_png
 from spec.error import InputError
 
@@ -85,6 +89,59 @@ def test_truncated_png(tmp_path):
         (tmp_path / "b.png").write_bytes(data[:length])
         with pytest.raises(InputError, match=r"b.png: "):
             read_png(tmp_path / "b.png")
+
+
+def test_flip():
+    """The package's own mean; 0 for equal images, more for what is further off."""
+    package = pytest.importorskip("flip_evaluator")
+    a = noise(1)
+    near, far = (np.clip(a.astype(int) + d, 0, 255).astype(np.uint8) for d in (4, 40))
+    assert flip(a, a) == 0 < flip(near, a) < flip(far, a) < 1
+    expected = package.evaluate(a / np.float32(255), far / np.float32(255), "LDR")[1]
+    assert flip(far, a) == pytest.approx(expected, abs=1e-5)
+    spot = a.copy()
+    spot[30:34, 40:44] = 255 - spot[30:34, 40:44]
+    found = flip_map(spot, a)
+    assert found.shape == (40, 50) and found.max() <= 1
+    assert found[30:34, 40:44].mean() > 5 * found[:20, :20].mean()
+    with pytest.raises(InputError, match=r"b.png: size 50x40 differs"):
+        flip(noise(0), noise(0, 50, 40), "b.png")
+
+
+def test_without_flip(monkeypatch):
+    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
+    with pytest.raises(InputError, match=r"FLIP: needs flip-evaluator; install it by pip install"):
+        flip(noise(0), noise(1))
+
+
+@pytest.mark.parametrize("weights", [True, False])
+def test_lpips_only_with_weights_on_disk(tmp_path, monkeypatch, weights):
+    """Without the file of weights the network, which would download it, is never made."""
+    torch, torchvision, models, package = (
+        ModuleType(name) for name in ("torch", "torchvision", "torchvision.models", "lpips")
+    )
+    made = []
+    torch.hub = SimpleNamespace(get_dir=lambda: str(tmp_path))
+    url = "https://example.org/models/alexnet-1.pth"
+    models.AlexNet_Weights = SimpleNamespace(IMAGENET1K_V1=SimpleNamespace(url=url))
+    package.LPIPS = lambda **options: made.append(options) or "network"
+    for module in (torch, torchvision, models, package):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(metric, "find_spec", lambda name: name in sys.modules)
+    monkeypatch.setattr(metric, "_lpips_network", metric._lpips_network.__wrapped__)
+    if weights:
+        (tmp_path / "checkpoints").mkdir()
+        (tmp_path / "checkpoints" / "alexnet-1.pth").write_bytes(b"weights")
+    assert metric._lpips_network() == ("network" if weights else None)
+    assert len(made) == weights
+    if not weights:
+        assert lpips(noise(0), noise(1)) is None
+
+
+def test_without_lpips(monkeypatch):
+    monkeypatch.setattr(metric, "find_spec", lambda name: None)
+    monkeypatch.setattr(metric, "_lpips_network", metric._lpips_network.__wrapped__)
+    assert lpips(noise(0), noise(1)) is None
 
 
 def bright_columns(path, is_bright) -> np.ndarray:

@@ -1,0 +1,280 @@
+"""Compression, step by step: prune and fine-tune, distil, quantise, pack.
+
+Each step is kept in a folder (`model.checkpoint`), from which the next run goes on.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from model.checkpoint import Checkpoints, Step
+from model.differentiable import render
+from model.distill import degrees, distill
+from model.finetune import Tell, as_tensor, difference, finetune
+from model.pack import pack
+from model.photographs import Target
+from model.prune import count_for_ratio, original_bytes, prune, scaled_schedule, sound
+from model.quantize import REFRESH, Quantised, quantised
+from model.recipe import Recipe
+from model.significance import significance
+from model.surround import surrounding_views
+from model.trainable import device, extent_of, optimizers, rendered, scene_of, tensors_of
+from spec.camera import Camera
+from spec.config import DEFAULT, Config
+from spec.error import InputError
+from spec.memory import model_format
+from spec.packed import PackedModel
+from spec.scene import Gaussians, Scene
+
+LOOKED_AT = 16
+"""Views that decide whether harmonics are worth having."""
+
+WORTH = 1.02
+"""Harmonics are left out where the mean error without them is at most this times that with them:
+as many bytes then go into finer colours, and stage 1 has less to do."""
+
+ASIDE = 7
+"""One view of so many is kept aside when a loss is to be kept (`max_drop`)."""
+
+PRUNING_SHARE = 0.6
+"""Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
+
+RATE_MIN = 0.05
+"""Pruning rates below are not tried."""
+
+
+def teacher_targets(
+    scene: Scene, count: int, size: tuple[int, int], seed: int, tell: Tell
+) -> tuple[Target, ...]:
+    """Pictures of the scene itself, for scenes without photographs: `count` views of `size`."""
+    scene = sound(scene)
+    cameras = surrounding_views(scene.gaussians(), count, *size, seed)
+    return tuple(pictures(scene, cameras, tell))
+
+
+@torch.no_grad()
+def pictures(scene: Scene, cameras: Sequence[Camera], tell: Tell) -> Iterator[Target]:
+    """The scene's 8-bit pictures from the cameras."""
+    parameters = rendered(tensors_of(scene))
+    for number, camera in enumerate(cameras):
+        image = render(*parameters, camera).image.clamp(0, 1) * 255
+        pixels = image.round().to(torch.uint8).cpu().numpy()
+        yield Target(camera, pixels, camera.name)
+        tell("the scene's own pictures", number + 1, len(cameras), None)
+
+
+def compress(
+    scene: Scene,
+    targets: Sequence[Target],
+    recipe: Recipe,
+    checkpoints: Checkpoints,
+    config: Config = DEFAULT,
+    tell: Tell = lambda what, done, total, loss: None,
+    original: int | None = None,
+) -> Step:
+    """Compress a scene to a packed model; returns the last step, "quantize".
+
+    The scene learns from `targets`: photographs, or its own pictures. What `checkpoints` holds
+    already is not done again. `original` are the bytes that ratios are counted from (default: the
+    scene's as a PLY). InputError if nothing of the scene can be seen, if the ratio or the drop
+    cannot be reached, and where the loss is NaN; earlier steps stay.
+    """
+    scene = sound(scene)
+    original = original or original_bytes(scene)
+    work = Compression(tuple(targets), recipe, checkpoints, config, tell)
+    try:
+        start = work.kept("original", "original", lambda: (scene, None))
+        if recipe.max_drop is not None:
+            return work.within_drop(start, recipe.max_drop)
+        rates = recipe.schedule
+        if recipe.target_ratio is not None:
+            format = model_format(config, min(scene.sh_degree, config.sh_degree, 1))
+            count = count_for_ratio(original, recipe.target_ratio, format)
+            rates = scaled_schedule(rates, len(scene), count)
+        for rate in rates:
+            start = work.pruned(start, rate)
+        return work.packed(start)[0]
+    except InputError as error:
+        kept = f"; what came before is in {checkpoints.folder}" if checkpoints.steps else ""
+        raise InputError(f"{scene.name}: {error}{kept}") from None
+
+
+@dataclass(eq=False)
+class Compression:
+    """The steps of one compression, each kept when it is done."""
+
+    targets: tuple[Target, ...]
+    recipe: Recipe
+    checkpoints: Checkpoints
+    config: Config
+    tell: Tell
+    cameras: list[Camera] = field(init=False)
+    extent: float = field(init=False)  # of the cameras, scene units
+    names: list[str] = field(default_factory=list)
+
+    def __post_init__(self):
+        if not self.targets:
+            raise InputError("there is no picture to learn from")
+        self.cameras = [target.camera for target in self.targets]
+        self.extent = extent_of(self.cameras)
+
+    def name(self, text: str) -> str:
+        """The name of a step; the second of the same name is "… (2)"."""
+        self.names.append(text)
+        count = self.names.count(text)
+        return text if count == 1 else f"{text} ({count})"
+
+    def kept(self, name: str, kind: str, make: Callable[[], tuple[Scene, float | None]]) -> Scene:
+        """The scene of a step: the one that is kept, else what `make` makes, with its loss."""
+        name = self.name(name)
+        step = next((step for step in self.checkpoints.steps if step.name == name), None)
+        if step is None:
+            begin = time.monotonic()
+            scene, loss = make()
+            step = Step(
+                name, kind, len(scene), scene.sh_degree, original_bytes(scene),
+                time.monotonic() - begin, loss,
+            )  # fmt: skip
+            step = self.checkpoints.save(step, scene=scene)
+        return self.checkpoints.scene(step)
+
+    def weights(self, scene: Scene, what: str) -> np.ndarray:
+        """Significance [N] over the training views."""
+
+        def tell(done: int, total: int):
+            self.tell(f"{what}: looking", done, total, None)
+
+        found = significance(scene, self.cameras, tell)
+        if not found.any():
+            raise InputError("none of the views shows a Gaussian")
+        return found
+
+    def pruned(self, scene: Scene, rate: float) -> Scene:
+        """The scene after one pruning and fine-tuning."""
+        name = f"prune {rate:.3g}"
+
+        def make() -> tuple[Scene, float | None]:
+            smaller = prune(scene, self.weights(scene, name), rate)
+            tensors = tensors_of(smaller)
+            loss = finetune(
+                tensors, optimizers(tensors, self.extent), self.targets, self.recipe.steps,
+                self.recipe.seed, self.tell, name,
+            )  # fmt: skip
+            return sound(scene_of(tensors, scene.name)), loss
+
+        return self.kept(name, "prune", make)
+
+    def distilled(self, scene: Scene, degree: int) -> Scene:
+        """The scene with harmonics up to `degree` only."""
+        name = f"distill {degree}"
+
+        def make() -> tuple[Scene, float | None]:
+            student, loss = distill(
+                scene, degree, self.cameras, self.extent, self.recipe.distill_steps,
+                self.recipe.seed, self.tell, name,
+            )  # fmt: skip
+            return sound(scene_of(student, scene.name)), loss
+
+        return self.kept(name, "distill", make)
+
+    def packed(self, scene: Scene) -> tuple[Step, PackedModel]:
+        """Distil, quantise and pack a pruned scene."""
+        wanted = self.recipe.sh_degree
+        last = min(self.config.sh_degree, 1 if wanted is None else wanted)
+        for degree in degrees(scene, last):
+            scene = self.distilled(scene, degree)
+        if wanted is None and scene.sh_degree == 1 and not self.worth_harmonics(scene):
+            scene = self.distilled(scene, 0)
+        name = self.name("quantize")
+        step = next((step for step in self.checkpoints.steps if step.name == name), None)
+        if step is None:
+            begin = time.monotonic()
+            model, loss = self.quantised(scene, name)
+            step = Step(
+                name, "quantize", len(model), model.format.sh_degree, len(model.image),
+                time.monotonic() - begin, loss,
+            )  # fmt: skip
+            step = self.checkpoints.save(step, model=model)
+        return step, self.checkpoints.model(step)
+
+    def quantised(self, scene: Scene, name: str) -> tuple[PackedModel, float | None]:
+        """The packed model after fine-tuning under its numbers."""
+        self.tell(f"{name}: codebooks", 0, 1, None)
+        work = quantised(scene, self.weights(scene, name), self.config, self.recipe.seed)
+        leaves, rates = work.leaves()
+
+        def tell(what: str, done: int, total: int, loss: float | None):
+            if done % REFRESH == 0:
+                work.refresh()
+            self.tell(what, done, total, loss)
+
+        loss = finetune(
+            work.tensors, optimizers(leaves, self.extent, rates), self.targets,
+            self.recipe.quantize_steps, self.recipe.seed, tell, name, work.rendered,
+        )  # fmt: skip
+        final, codebooks = work.finish(scene.name)
+        return pack(final, self.config, final.sh_degree, codebooks=codebooks)[0], loss
+
+    @torch.no_grad()
+    def error(self, parameters: tuple[torch.Tensor, ...], targets: Sequence[Target]) -> float:
+        """Mean absolute error of the pictures of what `parameters` stand for."""
+        errors = []
+        for target in targets:
+            picture = render(*parameters, target.camera).image
+            errors.append(float(difference(picture, as_tensor(target.image, picture))))
+        return float(np.mean(errors))
+
+    def worth_harmonics(self, scene: Scene) -> bool:
+        """Whether a model with harmonics, as k-means gives it, is better than one without."""
+        weight = self.weights(scene, "are harmonics worth it")
+        targets = self.targets[:: max(len(self.targets) // LOOKED_AT, 1)]
+
+        def found(work: Quantised) -> float:
+            return self.error(work.rendered(work.tensors), targets)
+
+        flat = quantised(scene.with_sh_degree(0), weight, self.config, self.recipe.seed)
+        full = quantised(scene, weight, self.config, self.recipe.seed)
+        return found(flat) > WORTH * found(full)
+
+    def within_drop(self, scene: Scene, drop: float) -> Step:
+        """Prune as far as the views kept aside allow; then the most pruned scene whose packed
+        model loses at most `drop` dB on them."""
+        aside = self.targets[::ASIDE]
+        self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
+        if not self.targets:
+            raise InputError("--max-drop: needs at least 2 pictures, one of them to keep aside")
+        self.cameras = [target.camera for target in self.targets]
+        best = decibels(scene, aside)
+        levels, rates = [scene], list(self.recipe.schedule) or [0.4]
+        rate = rates[0]
+        while rate >= RATE_MIN and len(levels[-1]) > 1:
+            smaller = self.pruned(levels[-1], rate)
+            if decibels(smaller, aside) >= best - PRUNING_SHARE * drop:
+                levels.append(smaller)
+                rate = rates[min(len(levels) - 1, len(rates) - 1)]
+            else:
+                rate /= 2
+        for level in reversed(levels):
+            step, model = self.packed(level)
+            found = decibels(model.gaussians(), aside)
+            if found >= best - drop:
+                return step
+        lost = f"{best - found:.2f} dB are lost without pruning"
+        raise InputError(f"--max-drop: {drop:g} dB cannot be kept: {lost}")
+
+
+@torch.no_grad()
+def decibels(scene: Scene | Gaussians, targets: Sequence[Target]) -> float:
+    """PSNR in dB of the scene's pictures against the targets, over all their pixels."""
+    seen = scene.gaussians() if isinstance(scene, Scene) else scene
+    arrays = (seen.position, seen.factor, seen.opacity, seen.sh)
+    parameters = [torch.tensor(array, dtype=torch.float32, device=device()) for array in arrays]
+    squares, count = 0.0, 0
+    for target in targets:
+        picture = render(*parameters, target.camera).image
+        squares += float(((picture.clamp(0, 1) - as_tensor(target.image, picture)) ** 2).sum())
+        count += target.image.size
+    return float(-10 * np.log10(max(squares / count, np.finfo(float).tiny)))

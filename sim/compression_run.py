@@ -1,0 +1,162 @@
+"""Where `splatcore bench compression` calls training and compression, which need PyTorch."""
+
+import hashlib
+from collections.abc import Callable
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from model.checkpoint import Checkpoints, Step
+from model.recipe import Recipe
+from sim.output import messages, progress_bar
+from spec.config import Config
+from spec.error import InputError
+from spec.packed import PackedModel
+from spec.scene import Gaussians, Scene
+
+Tell = Callable[[str, int, int, float | None], None]
+"""Called with what is done, how much of it, of how much, and the loss."""
+
+
+class Enough(Exception):
+    """Ends a compression after the step that is wanted; what it has saved stays."""
+
+
+def check_installed():
+    """InputError without PyTorch: told before the work, not after it."""
+    if find_spec("torch") is None:
+        raise InputError("needs PyTorch; install it by pip install 'splatcore[compress]'")
+
+
+@contextmanager
+def progress(label: str):
+    """A bar that yields `Tell`."""
+    with progress_bar(label) as advance:
+
+        def tell(what: str, done: int, total: int, loss: float | None = None):
+            shown = "" if loss is None else f", loss {loss:.5f}"
+            advance(done, total, f"{label}: {what}{shown}")
+
+        yield tell
+
+
+def recipe_of(steps: int | None, seed: int) -> Recipe:
+    """The default recipe with another number of steps; those of its other parts in proportion."""
+    recipe = Recipe(seed=seed)
+    if steps is None:
+        return recipe
+    other = {
+        name: round(getattr(recipe, name) * steps / recipe.steps)
+        for name in ("distill_steps", "quantize_steps")
+    }
+    return replace(recipe, steps=steps, **other)
+
+
+def photographs(path: str, scale: float, every: int) -> tuple[tuple, tuple]:
+    """Photographs to learn from and held-out ones; says what is odd about them."""
+    from model.photographs import held_out, read_photographs
+
+    found = read_photographs(path, scale)
+    for note in found.notes:
+        messages.print(f"{path}: {note}", markup=False, soft_wrap=True)
+    return held_out(found.targets, every)
+
+
+def trained(path: str, targets: tuple, steps: int, seed: int, folder: Path, label: str) -> Scene:
+    """The baseline of a folder of photographs."""
+    from model.colmap_points import read_points
+    from model.train import train
+
+    with progress(f"{label}: training") as tell:
+        return train(targets, read_points(path), steps, seed, folder, tell)
+
+
+def teacher(scene: Scene, count: int, size: tuple[int, int], seed: int, label: str) -> tuple:
+    """The scene's own pictures, to learn from."""
+    from model.compress import teacher_targets
+
+    with progress(f"{label}: teacher") as tell:
+        return teacher_targets(scene, count, size, seed, tell)
+
+
+def compressed(
+    scene: Scene,
+    targets: tuple,
+    recipe: Recipe,
+    checkpoints: Checkpoints,
+    config: Config,
+    label: str,
+) -> PackedModel:
+    """The scene's packed model; what is kept is not done again."""
+    from model.compress import compress
+
+    with progress(label) as tell:
+        return checkpoints.model(compress(scene, targets, recipe, checkpoints, config, tell))
+
+
+def own_views(gaussians: Gaussians, count: int, size: tuple[int, int], seed: int) -> list:
+    """Views of a scene that has no cameras."""
+    from model.surround import surrounding_views
+
+    return surrounding_views(gaussians, count, *size, seed)
+
+
+class Run:
+    """A compression of a subject by a recipe in a folder of its own within `folder`.
+
+    Its name stands for all that decides on it, so runs of other options stay beside it.
+    """
+
+    def __init__(self, folder: Path, subject, recipe: Recipe, config: Config):
+        self.subject, self.recipe, self.config = subject, recipe, config
+        self.key = f"{subject.key} {recipe!r} {config!r}"
+        digest = hashlib.sha256(self.key.encode()).hexdigest()[:12]
+        self.checkpoints = Checkpoints(folder / f"{subject.name}-{digest}", self.key)
+
+    def finish(self) -> Step:
+        """The last step, "quantize"; what is there is not done again."""
+        last = self.checkpoints.last
+        if last and last.kind == "quantize":
+            return last
+        return self._compress(lambda: False)
+
+    def prune(self) -> Step:
+        """The step after the last pruning; the rest of the recipe is not done."""
+
+        def pruned() -> bool:
+            return len(self._prunings()) == len(self.recipe.schedule)
+
+        if not pruned():
+            with suppress(Enough):
+                self._compress(pruned)
+        return self._prunings()[-1]
+
+    def before(self, step: Step) -> Step:
+        """The step before this one."""
+        steps = self.checkpoints.steps
+        return steps[steps.index(step) - 1]
+
+    def slim(self):
+        """Remove what all steps but the last one left; a finished run needs it no more."""
+        for step in self.checkpoints.steps[:-1]:
+            (self.checkpoints.folder / step.file).unlink(missing_ok=True)
+
+    def _prunings(self) -> list[Step]:
+        return [step for step in self.checkpoints.steps if step.kind == "prune"]
+
+    def _compress(self, enough: Callable[[], bool]) -> Step:
+        from model.compress import compress
+
+        subject = self.subject
+        with progress(subject.name) as tell:
+
+            def listen(what: str, done: int, total: int, loss: float | None = None):
+                if enough():
+                    raise Enough
+                tell(what, done, total, loss)
+
+            return compress(
+                subject.scene, subject.targets, self.recipe, self.checkpoints, self.config,
+                listen, original=subject.ply_bytes,
+            )  # fmt: skip

@@ -1,0 +1,286 @@
+"""Compression, from a scene to a packed model: each step, and all of them on a generated scene."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from golden.pipeline import render as golden_render
+from golden.reference import render as reference
+from model import compress as compress_module
+from model import finetune as finetune_module
+from model.checkpoint import Checkpoints, ply_bytes
+from model.compress import compress, decibels, teacher_targets
+from model.distill import degrees, distill
+from model.finetune import finetune, views_in_turn
+from model.generate import generate, generated_camera
+from model.photographs import Target
+from model.prune import count_for_ratio, original_bytes, prune, scaled_schedule, sound
+from model.recipe import Recipe
+from model.significance import significance
+from model.trainable import optimizers, rendered, scene_of, tensors_of
+from spec.config import DEFAULT, TINY
+from spec.error import InputError
+from spec.memory import model_format
+from spec.scene import Scene
+
+pytestmark = pytest.mark.compress
+
+RECIPE = Recipe(schedule=(0.3, 0.2), steps=6, distill_steps=4, quantize_steps=6)
+SIZE = (96, 64)
+
+
+def nothing(*_):
+    pass
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """A garden whose harmonics go up to degree 3."""
+    garden = generate("garden", 700)
+    rng = np.random.default_rng(1)
+    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
+    return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))
+
+
+@pytest.fixture(scope="module")
+def targets(scene):
+    return teacher_targets(scene, 6, SIZE, 0, nothing)
+
+
+@pytest.fixture(scope="module")
+def finished(scene, targets, tmp_path_factory):
+    """The folder of a whole compression."""
+    folder = tmp_path_factory.mktemp("whole") / "steps"
+    checkpoints = Checkpoints(folder, "key")
+    compress(scene, targets, RECIPE, checkpoints)
+    return checkpoints
+
+
+def test_steps(scene, finished):
+    steps = finished.steps
+    names = [step.name for step in steps]
+    assert names[:5] == ["original", "prune 0.3", "prune 0.2", "distill 2", "distill 1"]
+    assert names[-1] == "quantize" and set(names[5:-1]) <= {"distill 0"}
+    assert [step.kind for step in steps[:3]] == ["original", "prune", "prune"]
+    assert steps[0].bytes == ply_bytes(len(scene), 3)
+    assert abs(steps[1].gaussians - 0.7 * len(scene)) < 0.02 * len(scene)
+    assert [step.sh_degree for step in steps[2:5]] == [3, 2, 1]
+    assert steps[-1].bytes == len(finished.model(steps[-1]).image) < steps[-2].bytes / 2
+    assert all(np.isfinite(step.loss) for step in steps[1:])
+
+
+def test_the_machine_renders_it(finished):
+    """The packed model is any packed model: the golden machine draws what the reference draws."""
+    model = finished.model(finished.last)
+    camera = generated_camera("garden").resized(*SIZE)
+    exact = reference(model.gaussians(), camera).pixels.astype(float)
+    for config in (DEFAULT, TINY):
+        drawn = golden_render(config, model, camera).pixels.astype(float)
+        assert -10 * np.log10(((drawn - exact) ** 2).mean() / 255**2) > 45
+        assert drawn.max() > 100
+
+
+def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path):
+    """Stopped after every step, it ends with the same model as without a stop."""
+
+    class Stop(Exception):
+        pass
+
+    for _ in range(20):
+        checkpoints = Checkpoints(tmp_path / "steps", "key")
+        begun = len(checkpoints.steps)
+
+        def tell(*_, checkpoints=checkpoints, begun=begun):
+            if len(checkpoints.steps) > begun:
+                raise Stop
+
+        try:
+            compress(scene, targets, RECIPE, checkpoints, tell=tell)
+            break
+        except Stop:
+            continue
+    assert [step.name for step in checkpoints.steps] == [step.name for step in finished.steps]
+    first, second = (each.model(each.last).image for each in (finished, checkpoints))
+    assert np.array_equal(first, second)
+    before = checkpoints.last
+    assert compress(scene, targets, RECIPE, checkpoints, tell=nothing) == before
+
+
+def test_another_seed_is_another_model(scene, targets, finished, tmp_path):
+    other = Checkpoints(tmp_path / "steps", "key")
+    compress(scene, targets, replace(RECIPE, seed=1), other)
+    assert not np.array_equal(other.model(other.last).image, finished.model(finished.last).image)
+
+
+def test_target_ratio(scene, targets, tmp_path):
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    recipe = replace(RECIPE, target_ratio=15.0)
+    step = compress(scene, targets, recipe, checkpoints)
+    assert 15 <= ply_bytes(len(scene), 3) / step.bytes < 15.5
+    with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves"):
+        compress(scene, targets, replace(recipe, target_ratio=1e6), Checkpoints(tmp_path / "b", ""))
+
+
+def test_a_ratio_that_packing_alone_gives(scene, targets, tmp_path):
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    compress(scene, targets, replace(RECIPE, target_ratio=1.5), checkpoints)
+    assert not any(step.kind == "prune" for step in checkpoints.steps)
+
+
+def test_max_drop(scene, targets, tmp_path):
+    """The loss on what is kept aside is kept, and something was pruned."""
+    rng = np.random.default_rng(0)
+    noisy = [  # photographs are not what the scene draws
+        replace(each, image=np.clip(each.image + rng.normal(0, 12, each.image.shape), 0, 255)
+                .astype(np.uint8)) for each in targets
+    ]  # fmt: skip
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    recipe = replace(RECIPE, max_drop=3.0, steps=20, quantize_steps=20)
+    step = compress(scene, noisy, recipe, checkpoints)
+    aside = noisy[:: compress_module.ASIDE]
+    lost = decibels(scene, aside) - decibels(checkpoints.model(step).gaussians(), aside)
+    assert lost <= 3.0
+    assert any(each.kind == "prune" for each in checkpoints.steps)
+    with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
+        compress(scene, targets, replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", ""))
+
+
+def test_nan_in_the_loss(scene, targets, tmp_path, monkeypatch):
+    """Stops, says at which step, and what was done before stays."""
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    calls = []
+    right = finetune_module.difference
+
+    def wrong(*arguments):
+        calls.append(1)
+        return right(*arguments) * (float("nan") if len(calls) == RECIPE.steps + 3 else 1)
+
+    monkeypatch.setattr(finetune_module, "difference", wrong)
+    with pytest.raises(InputError, match=r"prune 0.2: the loss is nan at step 3 of 6.*steps"):
+        compress(scene, targets, RECIPE, checkpoints)
+    assert [step.name for step in checkpoints.steps] == ["original", "prune 0.3"]
+    assert np.isfinite(checkpoints.scene(checkpoints.last).position).all()
+    monkeypatch.undo()
+    assert compress(scene, targets, RECIPE, checkpoints).kind == "quantize"
+
+
+def test_nothing_to_see(scene, targets, tmp_path):
+    clear = replace(scene, opacity=np.full(len(scene), 1e-3), name="clear.ply")
+    with pytest.raises(InputError, match=r"clear.ply: no Gaussian can be seen"):
+        compress(clear, targets, RECIPE, Checkpoints(tmp_path / "a", ""))
+    away = replace(scene, position=scene.position + 1e4, name="away.ply")
+    with pytest.raises(InputError, match=r"away.ply: none of the views shows a Gaussian"):
+        compress(away, targets, RECIPE, Checkpoints(tmp_path / "b", ""))
+    with pytest.raises(InputError, match="there is no picture to learn from"):
+        compress(scene, (), RECIPE, Checkpoints(tmp_path / "c", ""))
+
+
+def test_broken_gaussians_are_left_out(scene):
+    position = scene.position.copy()
+    position[3, 1] = np.nan
+    opacity = scene.opacity.copy()
+    opacity[5] = 0.0
+    kept = sound(replace(scene, position=position, opacity=opacity))
+    assert len(kept) == len(sound(scene)) - 2
+
+
+def test_significance(scene, targets):
+    """Of a Gaussian hidden by another, and of one outside, nothing is left; views add up."""
+    cameras = [target.camera for target in targets]
+    found = significance(scene, cameras)
+    assert found.shape == (len(scene),) and (found >= 0).all() and found.any()
+    parts = [significance(scene, [camera]) for camera in cameras]
+    assert np.allclose(sum(parts), found, rtol=1e-5)
+    camera = generated_camera("garden").resized(*SIZE)
+    forward = camera.rotation[2]
+    place = camera.position + np.outer([2.0, 3.0, -3.0], forward)
+    size = np.repeat([[1.0], [0.1], [1.0]], 3, axis=1)
+    stack = Scene(place, size, np.eye(4)[[0, 0, 0]], [0.999] * 3, np.zeros((3, 1, 3)))
+    front, hidden, behind = significance(stack, [camera])
+    (seen,) = significance(stack[[1]], [camera])
+    assert 0 < hidden < 0.03 * seen < front and behind == 0
+
+
+def test_prune(scene):
+    weight = np.random.default_rng(0).random(len(scene))
+    kept = prune(scene, weight, 0.25)
+    assert len(kept) == len(scene) - round(0.25 * len(scene))
+    chosen = np.sort(np.argsort(weight)[round(0.25 * len(scene)) :])
+    assert np.array_equal(kept.position, scene.position[chosen])
+
+
+def test_scaled_schedule():
+    rates = scaled_schedule((0.4, 0.4, 0.4, 0.2), 1000, 100)
+    assert np.isclose(np.prod(1 - np.array(rates)), 0.1)
+    assert rates[0] == rates[1] == rates[2] > rates[3]
+    assert scaled_schedule((0.4,), 100, 100) == ()
+    assert np.isclose(scaled_schedule((), 100, 25)[0], 0.75)
+
+
+def test_count_for_ratio(scene):
+    format = model_format(DEFAULT, 1)
+    count = count_for_ratio(10_000_000, 50, format)
+    assert format.layout(count).end <= 200_000 < format.layout(count + 3).end
+    assert original_bytes(scene) == ply_bytes(len(scene), 3)
+
+
+def test_views_in_turn():
+    views = views_in_turn(list(range(5)), 3)
+    first = [next(views) for _ in range(10)]
+    assert sorted(first[:5]) == sorted(first[5:]) == list(range(5))
+    again = views_in_turn(list(range(5)), 3)
+    assert [next(again) for _ in range(10)] == first
+
+
+def test_finetuning_helps(scene, targets):
+    tensors = tensors_of(replace(scene, sh=scene.sh * 0.9))
+    before = decibels(scene_of(tensors), targets)
+    finetune(tensors, optimizers(tensors, 1.0), targets, 30, 0, nothing, "test")
+    assert decibels(scene_of(tensors), targets) > before + 1
+
+
+def test_distilling(scene, targets):
+    """Fewer harmonics that were taught are better than fewer that were cut."""
+    cameras = [target.camera for target in targets]
+    strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
+    wanted = list(compress_module.pictures(strong, cameras, nothing))
+    student, loss = distill(strong, 1, cameras, 1.0, 40, 0, nothing, "test")
+    assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
+    cut = decibels(strong.with_sh_degree(1), wanted)
+    assert decibels(scene_of(student), wanted) > cut + 0.3
+    assert list(degrees(scene, 1)) == [2, 1] and list(degrees(scene.with_sh_degree(0), 0)) == []
+
+
+def test_rendered_parameters(scene):
+    """Tensors of a scene and back: the same scene to float32."""
+    kept = sound(scene)
+    back = scene_of(tensors_of(kept))
+    for name in ("position", "scale", "quaternion", "opacity", "sh"):
+        assert np.allclose(getattr(back, name), getattr(kept, name), rtol=2e-5, atol=1e-7), name
+    factor = rendered(tensors_of(kept))[1].detach().numpy()
+    assert np.allclose(factor, kept.gaussians().factor, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "change, option",
+    (
+        ({"schedule": (0.4, 1.0)}, "--schedule"), ({"steps": -1}, "--steps"),
+        ({"target_ratio": 0.5}, "--target-ratio"), ({"max_drop": 0.0}, "--max-drop"),
+        ({"sh_degree": 2}, "--sh-degree"),
+        ({"target_ratio": 5.0, "max_drop": 1.0}, "--target-ratio, --max-drop"),
+    ),
+)  # fmt: skip
+def test_recipes_that_cannot_be(change, option):
+    with pytest.raises(InputError, match=f"^{option}: "):
+        Recipe(**change)
+
+
+def test_targets_are_the_scene_itself(scene, targets):
+    assert all(isinstance(target, Target) for target in targets)
+    assert targets[0].image.shape == (SIZE[1], SIZE[0], 3)
+    exact = reference(sound(scene).gaussians(), targets[0].camera).pixels
+    off = np.abs(exact.astype(int) - targets[0].image)
+    assert off.mean() < 0.01 and off.max() <= 2
