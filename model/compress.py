@@ -25,7 +25,7 @@ from model.trainable import device, extent_of, optimizers, rendered, scene_of, t
 from spec.camera import Camera
 from spec.config import DEFAULT, Config
 from spec.error import InputError
-from spec.memory import model_format
+from spec.memory import ModelFormat, model_format
 from spec.packed import PackedModel
 from spec.scene import Gaussians, Scene
 
@@ -91,8 +91,7 @@ def compress(
             return work.within_drop(start, recipe.max_drop)
         rates = recipe.schedule
         if recipe.target_ratio is not None:
-            format = model_format(config, min(scene.sh_degree, config.sh_degree, 1))
-            count = count_for_ratio(original, recipe.target_ratio, format)
+            count = count_for_ratio(original, recipe.target_ratio, work.largest_format(scene))
             rates = scaled_schedule(rates, len(scene), count)
         for rate in rates:
             start = work.pruned(start, rate)
@@ -160,8 +159,8 @@ class Compression:
             smaller = prune(scene, self.weights(scene, name), rate)
             tensors = tensors_of(smaller)
             loss = finetune(
-                tensors, optimizers(tensors, self.extent), self.targets, self.recipe.steps,
-                self.recipe.seed, self.tell, name,
+                tensors, optimizers(tensors, self.extent, gentle=True), self.targets,
+                self.recipe.steps, self.recipe.seed, self.tell, name,
             )  # fmt: skip
             return sound(scene_of(tensors, scene.name)), loss
 
@@ -212,7 +211,7 @@ class Compression:
             self.tell(what, done, total, loss)
 
         loss = finetune(
-            work.tensors, optimizers(leaves, self.extent, rates), self.targets,
+            work.tensors, optimizers(leaves, self.extent, rates, gentle=True), self.targets,
             self.recipe.quantize_steps, self.recipe.seed, tell, name, work.rendered,
         )  # fmt: skip
         final, codebooks = work.finish(scene.name)
@@ -226,6 +225,14 @@ class Compression:
             picture = render(*parameters, target.camera).image
             errors.append(float(difference(picture, as_tensor(target.image, picture))))
         return float(np.mean(errors))
+
+    def largest_format(self, scene: Scene) -> ModelFormat:
+        """Of the formats that the scene's model may have, the one with the larger codebooks."""
+        wanted = self.recipe.sh_degree
+        highest = min(scene.sh_degree, self.config.sh_degree, 1 if wanted is None else wanted)
+        degrees = {highest, 0} if wanted is None else {highest}
+        formats = [model_format(self.config, degree) for degree in degrees]
+        return max(formats, key=lambda format: format.layout(0).end)
 
     def worth_harmonics(self, scene: Scene) -> bool:
         """Whether a model with harmonics, as k-means gives it, is better than one without."""

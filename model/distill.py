@@ -21,7 +21,7 @@ MOVE = 0.1
 TURN = np.radians(5.0)
 """How far turned, at most."""
 
-RATES = {"shN": 2.5e-3}
+RATES = {"sh0": 2.5e-3, "shN": 2.5e-3}
 """Harmonics learn as fast as colours here: they have the most to change."""
 
 
@@ -54,7 +54,7 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*rendered(student), camera).image, wanted)
 
-    loss = optimise(optimizers(student, extent, RATES), steps, loss_of, tell, what)
+    loss = optimise(optimizers(student, extent, RATES, gentle=True), steps, loss_of, tell, what)
     return student, loss
 
 

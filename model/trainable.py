@@ -20,6 +20,10 @@ RATES = {
 }
 """Learning rates of 3DGS (Kerbl et al. 2023, `arguments/__init__.py`)."""
 
+GENTLE = 0.3
+"""Of these rates for a scene that is trained already: with all of them a few hundred steps throw it
+about more than they mend."""
+
 EPSILON = 1e-15
 """Adam's, as 3DGS has it."""
 
@@ -82,9 +86,15 @@ def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
     return tensors["means"], factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh
 
 
-def optimizers(tensors: Tensors, extent: float, rates: dict | None = None) -> dict:
-    """One Adam for each tensor; `extent` (scene units) scales the rate of the positions."""
-    rates = RATES | (rates or {})
+def optimizers(
+    tensors: Tensors, extent: float, rates: dict | None = None, gentle: bool = False
+) -> dict:
+    """One Adam for each tensor; `extent` (scene units) scales the rate of the positions.
+
+    `rates` replace RATES, or `gentle` lowers them.
+    """
+    share = GENTLE if gentle else 1.0
+    rates = {name: share * rate for name, rate in RATES.items()} | (rates or {})
     return {
         name: torch.optim.Adam(
             [tensor], lr=rates[name] * (extent if name == "means" else 1), eps=EPSILON, fused=True

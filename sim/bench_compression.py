@@ -26,6 +26,9 @@ RESULT = "compression.json"
 
 RATIOS = (10, 15, 20, 30, 40, 51.6, 75, 100)
 
+ONE_STEP = 0.5
+"""A schedule of one pruning; its rate is what the ratio asks for."""
+
 SHORT_OF = 0.98
 """Share of a target ratio from which it counts as reached."""
 
@@ -82,8 +85,8 @@ class Bench:
             "ply_bytes": subject.ply_bytes,
         }  # fmt: skip
 
-    def run(self, recipe: Recipe) -> Run:
-        return Run(self.folder / "runs", self.subject, recipe, self.protocol.config)
+    def run(self, recipe: Recipe, after: Run | None = None) -> Run:
+        return Run(self.folder / "runs", self.subject, recipe, self.protocol.config, after)
 
     def row(self, thing: Thing, step: Step) -> dict:
         """A step's size and quality, and how that differs from the original's."""
@@ -140,7 +143,10 @@ class Bench:
         return {"steps_in_all": total, "rows": rows, "original": first}
 
     def curve(self) -> dict:
-        """Quality by ratio; what packing alone gives comes first."""
+        """Quality by ratio; what packing alone gives comes first.
+
+        Each point prunes in one more step what the prunings of the one before left.
+        """
         config, subject = self.protocol.config, self.subject
 
         def alone() -> dict:
@@ -153,18 +159,19 @@ class Bench:
         packed = Step("packing alone", "quantize", **facts, seconds=0.0, loss=None)
         thing = Thing(packed.name, about, lambda: pack(subject.scene, config)[0])
         first = {"target_ratio": None, "note": packed.name} | self.row(thing, packed)
-        points = [first]
-        for ratio in self.request.ratios:
+        points, run = [first], None
+        for ratio in sorted(self.request.ratios):
             if ratio <= first["ratio"]:
                 note = f"packing alone gives {first['ratio']:.1f}×"
                 points.append({"target_ratio": ratio, "ratio": None, "note": note})
             else:
-                points.append(self.point(ratio))
+                recipe = replace(self.recipe, schedule=(ONE_STEP,), target_ratio=ratio)
+                run = self.run(recipe, run)
+                points.append(self.point(run, ratio))
         return {"recipe": asdict(self.recipe), "points": points}
 
-    def point(self, ratio: float) -> dict:
+    def point(self, run: Run, ratio: float) -> dict:
         """A compression to a ratio; `note` says so if it is not reached."""
-        run = self.run(replace(self.recipe, target_ratio=ratio))
         try:
             step = run.finish()
         except InputError as error:
