@@ -29,10 +29,10 @@ OPACITY = 0.1
 NEIGHBOURS = 3
 """Points whose mean distance is a Gaussian's standard deviation at the start."""
 
-REFINE_START = 500
+REFINE_START, REFINE_EVERY = 500, 100
 REFINE_STOP = 0.5
-"""Step from which on Gaussians are split, cloned and removed, and the share of the steps after
-which they are not."""
+"""Step from which on Gaussians are split, cloned and removed, how often, and the share of the steps
+after which they are not."""
 
 DEGREE_STEPS = 1 / 30
 """Share of the steps after which the next degree of harmonics joins in."""
@@ -109,7 +109,9 @@ class Training:
         }
         self.optimizers = optimizers(self.tensors, extent)
         self.strategy = DefaultStrategy(
-            refine_start_iter=REFINE_START, refine_stop_iter=int(REFINE_STOP * steps)
+            refine_start_iter=REFINE_START,
+            refine_stop_iter=int(REFINE_STOP * steps),
+            refine_every=REFINE_EVERY,
         )
         self.state = self.strategy.initialize_state(scene_scale=extent)
 
