@@ -19,6 +19,7 @@ from sim.compression_run import (
     compressed,
     own_views,
     photographs,
+    pictures_at,
     teacher,
     trained,
 )
@@ -45,6 +46,14 @@ HoldOutOption = Annotated[
 ImagesOption = Annotated[
     str | None,
     typer.Option(metavar="DIR", help="COLMAP folder or transforms.json with photographs."),
+]
+CamerasOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Without --images: cameras.json, transforms.json or COLMAP folder whose views the "
+        "scene's own pictures also show.",
+    ),
 ]
 ScheduleOption = Annotated[
     str, typer.Option(metavar="R,R,…", help="Shares that the prunings remove, one by one.")
@@ -112,6 +121,7 @@ def compress_command(
     scene: SceneArgument,
     output: Annotated[Path, typer.Option("-o", metavar="MODEL", help="Where to write it.")],
     images: ImagesOption = None,
+    cameras: CamerasOption = None,
     schedule: ScheduleOption = "0.4,0.4,0.4,0.2",
     target_ratio: RatioOption = None,
     max_drop: DropOption = None,
@@ -149,7 +159,9 @@ def compress_command(
     if source.scene is None:
         raise InputError(f"{scene}: is a packed model already, not a scene")
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
-    learn = learn or teacher(source.scene, views, pixels, seed, scene)
+    if not images:
+        learn = teacher(source.scene, views, pixels, seed, scene)
+        learn += pictures_at(source.scene, cameras, pixels, scene) if cameras else ()
     key = f"{digest(source.scene, learn)} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
     model = compressed(source.scene, learn, recipe, checkpoints, config, scene)

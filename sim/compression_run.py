@@ -7,6 +7,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+from model.camera_file import read_cameras
 from model.checkpoint import Checkpoints, Step
 from model.recipe import Recipe
 from sim.output import messages, progress_bar
@@ -93,6 +94,19 @@ def compressed(
 
     with progress(label) as tell:
         return checkpoints.model(compress(scene, targets, recipe, checkpoints, config, tell))
+
+
+def pictures_at(scene: Scene, path: str, size: tuple[int, int], label: str) -> tuple:
+    """The scene's own pictures from the cameras of a file, as wide as `size`."""
+    from model.compress import pictures
+    from model.prune import sound
+
+    cameras = [
+        camera.resized(size[0], max(round(camera.height * size[0] / camera.width), 1))
+        for camera in read_cameras(path)
+    ]
+    with progress(f"{label}: teacher") as tell:
+        return tuple(pictures(sound(scene), cameras, tell))
 
 
 def own_views(gaussians: Gaussians, count: int, size: tuple[int, int], seed: int) -> list:

@@ -22,6 +22,8 @@ from tb.compression_stand_in import COUNT, Interrupt, bench, held_out, installed
 from tb.test_command import load
 from tb.test_house import ROOT
 
+pytestmark = pytest.mark.compress
+
 pytest.importorskip("flip_evaluator")
 
 CHECK_INSTALLED = compression_run.check_installed

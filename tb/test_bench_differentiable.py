@@ -9,6 +9,8 @@ from model.generate import generate, generated_camera
 from sim import bench_differentiable
 from tb.test_command import run
 
+pytestmark = pytest.mark.compress
+
 
 def test_measures(tmp_path, monkeypatch, capsys):
     pytest.importorskip("torch")

@@ -91,6 +91,15 @@ def test_compress(scene_file, tmp_path, capsys):
     assert "holds another compression's steps" in capsys.readouterr().err
 
 
+def test_cameras_of_a_file(scene_file, photographs, tmp_path, capsys):
+    """They are learned from beside the generated views, so the model is another one."""
+    for name, options in (("a", []), ("b", ["--cameras", str(photographs)])):
+        assert run("compress", str(scene_file), "-o", str(tmp_path / name), *QUICK, *options) == 0
+    assert (tmp_path / "a").read_bytes() != (tmp_path / "b").read_bytes()
+    assert run("compress", str(scene_file), "-o", str(tmp_path / "c"), "--cameras", "no") == 2
+    assert "no" in capsys.readouterr().err
+
+
 def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
     """`train`, then `compress` with the photographs, each with what was held out."""
     scene, model = tmp_path / "trained.ply", tmp_path / "model"

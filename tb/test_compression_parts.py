@@ -28,6 +28,8 @@ from tb.compression_stand_in import (
 )
 from tb.test_command import load
 
+pytestmark = pytest.mark.compress
+
 pytest.importorskip("flip_evaluator")
 
 

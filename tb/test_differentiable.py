@@ -16,6 +16,8 @@ from spec.convention import ALPHA_MIN, NEAR_PLANE, SPLATCORE
 from tb.dense_splatting import PARAMETERS, dense_render
 from tb.splatting_scenes import MAKERS, loss, scene, tensors, view
 
+pytestmark = pytest.mark.compress
+
 EXACT = 1e-8
 """Float64, relatively: the kernels' exponential is within 4e-10; 2e-9 is the worst seen."""
 

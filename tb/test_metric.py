@@ -91,6 +91,7 @@ def test_truncated_png(tmp_path):
             read_png(tmp_path / "b.png")
 
 
+@pytest.mark.compress
 def test_flip():
     """The package's own mean; 0 for equal images, more for what is further off."""
     package = pytest.importorskip("flip_evaluator")

@@ -17,6 +17,8 @@ from spec.convention import SPLATCORE, TILE
 from tb.dense_splatting import PARAMETERS
 from tb.splatting_scenes import loss, tensors
 
+pytestmark = pytest.mark.compress
+
 
 def garden() -> tuple[dict[str, np.ndarray], Camera]:
     """A scene of 45 tiles, the last ones cut off."""
