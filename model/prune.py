@@ -1,44 +1,101 @@
-"""Pruning: which Gaussians go, who takes in what they covered, and by which steps."""
+"""Pruning: which Gaussians become one, and by which steps."""
 
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 from scipy.spatial.transform import Rotation
 from sklearn.neighbors import NearestNeighbors
 
 from model.checkpoint import ply_bytes
 from model.pack import keep
-from spec.convention import ALPHA_MAX
+from spec.convention import ALPHA_MAX, COLOUR_OFFSET
 from spec.error import InputError
 from spec.memory import ModelFormat
+from spec.packed import SH_C0
 from spec.scene import Scene
+
+NEIGHBOURS = 8
+"""Nearest Gaussians among which one looks for another to become one with."""
+
+COLOUR = 3.0
+"""What a squared difference of colours (0 … 1) costs, over a squared distance in sizes."""
+
+ALWAYS = 0.01
+"""What becoming one costs at least, in squared distances: two of the same place and colour are not
+for nothing."""
+
+ROUND = 0.15
+"""Share of the Gaussians that may go before all costs are taken anew."""
 
 
 def prune(scene: Scene, significance: np.ndarray, rate: float) -> Scene:
-    """The scene without the share `rate` of its Gaussians that matter least; the others keep their
-    order.
+    """The scene without the share `rate` of its Gaussians; the others keep their order.
 
-    What goes is not lost: the nearest Gaussian that stays takes it in, and becomes the one with
-    the mean, the covariance and the mean colour of both, weighted by significance. What no view
-    shows has significance 0, goes first, and leaves nothing.
+    What no view shows (significance 0) goes first and leaves nothing. Then pairs of neighbours
+    become one (`merge`), the cheapest first: with significances v and w, a pair costs v·w/(v + w)
+    times the square of its distance in sizes plus that of its difference in colour. What hardly
+    matters is cheap, and so is what its neighbour can stand for.
     """
-    going = np.argsort(significance, kind="stable")[: round(rate * len(scene))]
+    target = len(scene) - round(rate * len(scene))
+    unseen = np.flatnonzero(significance <= 0)[: len(scene) - target]
     stays = np.ones(len(scene), bool)
-    stays[going] = False
-    staying = np.flatnonzero(stays)
-    seen = going[significance[going] > 0]
-    if not len(seen) or not len(staying):
-        return scene[staying]
-    near = NearestNeighbors(n_neighbors=1).fit(scene.position[staying])
-    heir = near.kneighbors(scene.position[seen])[1][:, 0]  # [seen] which of those that stay
-    grown, group = np.unique(heir, return_inverse=True)
-    members = np.concatenate([staying[grown], seen])
-    group = np.concatenate([np.arange(len(grown)), group])
-    merged = merge(scene[members], significance[members], group, len(grown))
+    stays[unseen] = False
+    scene, weight = scene[stays], np.asarray(significance, np.float64)[stays]
+    while len(scene) > target and (weight > 0).all():
+        most = min(len(scene) - target, max(round(ROUND * len(scene)), 1))
+        first, second = cheapest_pairs(scene, weight, most)
+        members = np.concatenate([first, second])
+        group = np.tile(np.arange(len(first)), 2)
+        one = merge(scene[members], weight[members], group, len(first))
+        weight[first] += weight[second]
+        stays = np.ones(len(scene), bool)
+        stays[second] = False
+        scene, weight = replaced(scene, first, one)[stays], weight[stays]
+    return scene
+
+
+def cheapest_pairs(scene: Scene, weight: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most `most` disjoint pairs, cheapest first; of each the one that weighs more is first."""
+    count = min(NEIGHBOURS, len(scene) - 1)
+    search = NearestNeighbors(n_neighbors=count + 1).fit(scene.position)
+    distance, near = (found[:, 1:] for found in search.kneighbors(scene.position))  # [N, count]
+    size = np.maximum(area(scene.scale), np.finfo(np.float32).tiny)
+    colour = np.clip(scene.sh[:, 0] * SH_C0 + COLOUR_OFFSET, 0, 1)
+    apart = distance**2 / (size[:, None] + size[near])
+    apart += COLOUR * ((colour[:, None] - colour[near]) ** 2).sum(axis=2) + ALWAYS
+    cost = apart * weight[:, None] * weight[near] / (weight[:, None] + weight[near])
+    best = cost.argmin(axis=1)
+    rows = np.arange(len(scene))
+    partner = near[rows, best]
+    order = np.argsort(cost[rows, best], kind="stable")
+    one, other = disjoint(order, partner, most)
+    heavier = weight[one] >= weight[other]
+    return np.where(heavier, one, other), np.where(heavier, other, one)
+
+
+@njit(cache=True)
+def disjoint(order, partner, most):
+    """The first pairs (n, partner[n]) in the order of n that share no member."""
+    used = np.zeros(len(partner), np.bool_)
+    one, other = np.empty(most, np.int64), np.empty(most, np.int64)
+    found = 0
+    for n in order:
+        if found == most:
+            break
+        if not used[n] and not used[partner[n]]:
+            used[n] = used[partner[n]] = True
+            one[found], other[found] = n, partner[n]
+            found += 1
+    return one[:found], other[:found]
+
+
+def replaced(scene: Scene, index: np.ndarray, by: Scene) -> Scene:
+    """The scene with Gaussians `index` exchanged for those of another."""
     arrays = {}
     for name in ("position", "scale", "quaternion", "opacity", "sh"):
-        arrays[name] = getattr(scene, name)[staying]
-        arrays[name][grown] = getattr(merged, name)
+        arrays[name] = getattr(scene, name).copy()
+        arrays[name][index] = getattr(by, name)
     return replace(scene, **arrays)
 
 

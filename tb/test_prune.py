@@ -7,7 +7,15 @@ import pytest
 
 from model.checkpoint import ply_bytes
 from model.generate import generate
-from model.prune import count_for_ratio, merge, original_bytes, prune, scaled_schedule, sound
+from model.prune import (
+    cheapest_pairs,
+    count_for_ratio,
+    merge,
+    original_bytes,
+    prune,
+    scaled_schedule,
+    sound,
+)
 from spec.config import DEFAULT
 from spec.convention import ALPHA_MAX
 from spec.memory import model_format
@@ -30,25 +38,45 @@ def test_broken_gaussians_are_left_out(scene):
 
 
 def test_prune(scene):
-    """The least significant go; those that take nothing in stay as they are, in their order."""
+    """So many go; those that take nothing in stay as they are, in their order."""
     weight = np.random.default_rng(0).random(len(scene)) + 0.1
     kept = prune(scene, weight, 0.25)
-    gone = round(0.25 * len(scene))
-    assert len(kept) == len(scene) - gone
-    chosen = np.sort(np.argsort(weight)[gone:])
-    same = (kept.position == scene.position[chosen]).all(axis=1)
-    assert 0.5 < same.mean() < 1
-    assert np.array_equal(kept.scale[same], scene.scale[chosen][same])
-    assert (kept.scale[~same].max(axis=1) > 0).all()
-    near = np.abs(kept.position - scene.position[chosen]).max(axis=1)
-    assert np.median(near[~same]) < 0.3
+    assert len(kept) == len(scene) - round(0.25 * len(scene))
+    place = {tuple(position): n for n, position in enumerate(scene.position)}
+    unchanged = [n for n, position in enumerate(kept.position) if tuple(position) in place]
+    origin = [place[tuple(kept.position[n])] for n in unchanged]
+    assert 0.5 * len(kept) < len(unchanged) < len(kept) and origin == sorted(origin)
+    for name in ("scale", "quaternion", "opacity", "sh"):
+        assert np.array_equal(getattr(kept, name)[unchanged], getattr(scene, name)[origin]), name
+    assert np.array_equal(prune(scene, weight, 0.25).position, kept.position)
+
+
+def test_the_cheapest_pairs():
+    """Close by, of like colour, of little weight: each alone decides."""
+    six = random_scene(6, 0)
+    place = np.zeros((6, 3))
+    place[:, 0] = (0, 1, 10, 10.5, 20, 21)
+    even = replace(six, position=place, scale=np.ones((6, 3)), sh=np.zeros((6, 1, 3)))
+    pairs = [
+        sorted(map(int, pair)) for pair in zip(*cheapest_pairs(even, np.ones(6), 3), strict=True)
+    ]
+    assert pairs[0] == [2, 3] and sorted(pairs) == [[0, 1], [2, 3], [4, 5]]
+    light = np.array([1, 1, 1, 1, 0.01, 1])
+    first, second = cheapest_pairs(even, light, 1)
+    assert (first, second) == (5, 4)  # the heavier one stays
+    dyed = even.sh.copy()
+    dyed[[2, 4]] = 3.0
+    first, second = cheapest_pairs(replace(even, sh=dyed), np.ones(6), 1)
+    assert sorted((int(first[0]), int(second[0]))) == [0, 1]
+    large = replace(even, scale=np.array([1, 1, 1, 1, 9, 9])[:, None] * np.ones((6, 3)))
+    assert sorted(map(int, np.concatenate(cheapest_pairs(large, np.ones(6), 1)))) == [4, 5]
 
 
 def test_what_nobody_sees_leaves_nothing(scene):
     weight = np.where(np.arange(len(scene)) < 200, 0.0, 1.0)
     kept = prune(scene, weight, 200 / len(scene))
-    assert np.array_equal(kept.position, scene.position[200:])
-    assert np.array_equal(kept.sh, scene.sh[200:])
+    for name in ("position", "scale", "quaternion", "opacity", "sh"):
+        assert np.array_equal(getattr(kept, name), getattr(scene, name)[200:]), name
 
 
 def test_merged_moments():
