@@ -44,7 +44,7 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
     `scale` (0 … 1) shrinks photograph and camera together. A photograph larger or smaller than its
     camera says gets a camera of its size, if the aspect ratio is the same; else InputError names it
     and both sizes. One that is not there is counted in `missing`; InputError if none is there.
-    Pixels are taken as they are stored, whatever the EXIF orientation says, as COLMAP does; what is
+    One that two cameras name counts for the first of them. Pixels are taken as they are stored, whatever the EXIF orientation says, as COLMAP does; what is
     transparent is shown over black.
     """
     if not 0 < scale <= 1:
@@ -52,7 +52,10 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
     path = _transforms_file(path)
     folder = _image_folder(path)
     targets, missing, resized = [], [], 0
-    for camera, name in sorted(read_named(path), key=lambda pair: pair[1]):
+    named = {name: camera for camera, name in reversed(read_named(path))}
+    if "" in named:
+        raise input_error(path, "a camera has no photograph's name")
+    for name, camera in sorted(named.items()):
         file = _photograph(folder, name)
         try:
             with Image.open(file) as image:
@@ -80,6 +83,8 @@ def held_out(
     targets: Sequence[Target], every: int = 7
 ) -> tuple[tuple[Target, ...], tuple[Target, ...]]:
     """Targets to learn from, and every `every`-th one, beginning with the first, to judge by."""
+    if every < 1:
+        raise input_error("every", f"{every} is below 1")
     kept = tuple(target for number, target in enumerate(targets) if number % every)
     return kept, tuple(targets[::every])
 
@@ -110,7 +115,9 @@ def _photograph(folder: Path, name: str) -> Path:
 
 
 def _over_black(image: Image.Image) -> Image.Image:
-    """RGB; what is transparent shows black."""
+    """RGB; what is transparent shows black, and 16 bits of grey become 8."""
+    if image.mode.startswith("I;16"):
+        image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
         image = image.convert("RGBA")
         black = Image.new("RGBA", image.size, (0, 0, 0, 255))
@@ -124,7 +131,8 @@ def _same_aspect(camera: Camera, picture: Image.Image, file: Path) -> Camera:
     if abs(height - camera.height * width / camera.width) > ASPECT_TOLERANCE:
         sizes = f"{width}x{height} and its camera {camera.width}x{camera.height}"
         raise input_error(file, f"is {sizes}: not the same view")
-    return camera.resized(width, height)
+    with reading(file):
+        return camera.resized(width, height)
 
 
 def _shrunk(camera: Camera, picture: Image.Image, name: str, scale: float) -> Target:
@@ -132,6 +140,4 @@ def _shrunk(camera: Camera, picture: Image.Image, name: str, scale: float) -> Ta
     width, height = (max(round(side * scale), 1) for side in picture.size)
     if (width, height) != picture.size:
         picture = picture.resize((width, height), Image.Resampling.BOX)
-    with reading(name):
-        pixels = np.array(picture, np.uint8)
-    return Target(camera.resized(width, height), pixels, name)
+    return Target(camera.resized(width, height), np.array(picture, np.uint8), name)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from model.file import input_error
-from model.view import INSIDE, Core, blocked, core_of, sensible_view
-from spec.camera import Camera, look_at
+from model.view import INSIDE, NEAREST, Core, blocked, core_of, sensible_view
+from spec.camera import SIZE_MAX, Camera, look_at
 from spec.convention import ALPHA_MIN, NEAR_PLANE
 from spec.scene import Gaussians
 
@@ -22,6 +22,21 @@ FIELD_OF_VIEW = np.radians((40.0, 75.0))
 
 AIM = 0.5
 """Share of the core's half sides about its centre within which a view's target lies."""
+
+WITHIN = 3
+"""Every so many-th view that is tried stands within the core and looks across it: from the
+distances above one looks into a room, not round in it."""
+
+TILT = np.radians(25.0)
+"""Angle up or down to which a view from within looks."""
+
+ABOUT = 1.25
+"""Core's half sides within which matter is part of what one looks at: the core leaves out 8 % at
+either end, an even box has 1/0.84 = 1.19 of its sides; the rest is for what Gaussians extend."""
+
+OPEN = 10
+"""Percentile of how hidden the core's inside is that stands for an open direction: 0 for a room
+with an open side, whose walls count then; 1 for an object, whose own front hides its inside."""
 
 TRIES = 8
 """Views that are tried for each that is wanted; where fewer pass, the least bad make up."""
@@ -46,12 +61,13 @@ def surrounding_views(
 
     Rule: views turn about the core of the scene (`model.view.core_of`) by the golden angle, their
     elevation, distance, field of view and target go by sequences as even (Roberts 2018, "The
-    unreasonable effectiveness of quasirandom sequences"). A view is left out where one could not
-    walk from the sensible view without going through matter (the back of a room's wall, the
-    inside of an object); where matter right before it or between it and the core's inside stops
-    more light than passes; and where it holds less than half the Gaussians that views hold at the
-    median. Where too few are left the ones that fail fewest of these fill up. The same arguments
-    give the same cameras; another seed gives others in between.
+    unreasonable effectiveness of quasirandom sequences"); every third stands within the core and
+    looks across it. A view is left out where one could not walk from the sensible view without
+    going through matter (the inside of an object); where matter right before it, or between it and
+    the core, or a wall between it and the core's inside, stops more light than passes; and where it
+    holds less than half the Gaussians that views of its kind hold at the median. Where too few are
+    left the ones that fail fewest of these fill up. The same arguments give the same cameras;
+    another seed gives others in between.
 
     Raises InputError for a count below 1, a negative seed, a size out of range, and for a scene
     in which no Gaussian can be seen.
@@ -60,42 +76,62 @@ def surrounding_views(
         raise input_error("count", f"{count} is not ≥ 1")
     if seed < 0:
         raise input_error("seed", f"{seed} is not ≥ 0")
-    core = _visible_core(gaussians)
-    probe = slice(None, None, max(-(-len(core.point) // PROBE), 1))
-    step = len(core.point) / len(core.point[probe])
-    point, area = core.point[probe], core.area[probe] * step
-    cameras = list(_candidates(core, TRIES * count, width, height, seed))
-    eyes = np.array([camera.position for camera in cameras]) - core.middle
-    start = sensible_view(gaussians, width, height).position - core.middle
-    faults = (~_reached(core, gaussians.factor[core.index], eyes, start)).astype(int)
-    held = np.array([_held(point, camera, core.middle) for camera in cameras])
-    faults += held < np.median(held[faults == 0] if (faults == 0).any() else held) / 2
-    for index, eye in enumerate(eyes):
-        hidden = blocked(point, area, INSIDE * core.half, eye, 1.0)
-        right_before = blocked(point, area, np.zeros(3), eye, 0.25)
-        faults[index] += (hidden > 0.5) + (right_before > 0.5)
-    chosen = np.argsort(faults, kind="stable")[:count]
+    for side, pixels in (("width", width), ("height", height)):
+        if not 1 <= pixels <= SIZE_MAX:
+            raise input_error(side, f"{pixels} is not in 1 … {SIZE_MAX}")
+    visible = _visible(gaussians)
+    core = core_of(visible)
+    start = sensible_view(visible, width, height).position - core.middle
+    tried = list(_candidates(core, TRIES * count, width, height, seed))
+    faults = _faults(core, visible.factor[core.index], tried, start)
+    chosen = np.sort(np.argsort(faults, kind="stable")[:count])
     return [
-        replace(cameras[index], name=f"around {number}")
-        for number, index in enumerate(np.sort(chosen))
+        replace(tried[index][0], name=f"around {number}") for number, index in enumerate(chosen)
     ]
 
 
-def _visible_core(gaussians: Gaussians) -> Core:
-    """The core of what can be seen at all."""
+def _faults(
+    core: Core, factor: np.ndarray, tried: list[tuple[Camera, np.ndarray]], start: np.ndarray
+) -> np.ndarray:
+    """How many of the rules each view of `_candidates` fails, [M]; `start` as for `_reached`."""
+    step = max(-(-len(core.point) // PROBE), 1)
+    point, area = core.point[::step], core.area[::step] * step
+    eyes = np.array([camera.position for camera, _ in tried]) - core.middle
+    within = np.arange(len(tried)) % WITHIN == WITHIN - 1
+    reached = _reached(core, factor, eyes, start)
+    faults = (~reached).astype(int)
+    held = np.array([_held(point, camera, core.middle) for camera, _ in tried])
+    for kind in (within, ~within):
+        good = kind & reached if (kind & reached).any() else kind
+        if good.any():
+            faults += kind & (held < max(np.median(held[good]) / 2, 1))
+    hidden = np.array([blocked(point, area, INSIDE * core.half, eye, 1.0) for eye in eyes])
+    faults += ~within & (hidden > np.percentile(hidden[~within], OPEN) + 0.5)
+    for index, (_, target) in enumerate(tried):
+        eye, aim = eyes[index], target - core.middle
+        faults[index] += blocked(point - aim, area, np.zeros(3), eye - aim, 0.25) > 0.5
+        if not within[index]:
+            faults[index] += blocked(point, area, ABOUT * core.half, eye, 1.0) > 0.5
+    return faults
+
+
+def _visible(gaussians: Gaussians) -> Gaussians:
+    """What can be seen at all, without its colours."""
     with np.errstate(invalid="ignore"):
-        seen = np.flatnonzero(gaussians.opacity >= ALPHA_MIN)
-    visible = Gaussians(
-        gaussians.position[seen], gaussians.factor[seen], gaussians.opacity[seen], gaussians.sh[:0]
-    )
-    core = core_of(visible)
-    if not len(core.point):
+        seen = gaussians.opacity >= ALPHA_MIN
+    seen &= np.isfinite(gaussians.position).all(axis=1)
+    seen &= np.isfinite(gaussians.factor).all(axis=(1, 2)) & np.isfinite(gaussians.opacity)
+    if not seen.any():
         raise input_error("scene", "no Gaussian can be seen: all are transparent or not finite")
-    return replace(core, index=seen[core.index])
+    arrays = (gaussians.position, gaussians.factor, gaussians.opacity)
+    return Gaussians(*(array[seen] for array in arrays), gaussians.sh[:0])
 
 
-def _candidates(core: Core, count: int, width: int, height: int, seed: int) -> Iterator[Camera]:
-    """Views spread evenly over directions, distances, fields of view and targets."""
+def _candidates(
+    core: Core, count: int, width: int, height: int, seed: int
+) -> Iterator[tuple[Camera, np.ndarray]]:
+    """Views spread evenly over directions, distances, fields of view and targets, each with its
+    target [3] in the world."""
     dimensions = 7
     ratio = 2.0
     for _ in range(60):  # the root of x^(d+1) = x + 1, by iteration: the golden ratio of d numbers
@@ -104,17 +140,30 @@ def _candidates(core: Core, count: int, width: int, height: int, seed: int) -> I
     index = np.arange(count)[:, None]
     even = (shift + index * ratio ** -np.arange(1.0, dimensions + 1)) % 1
     even[:, 0] = (shift[0] + index[:, 0] * (3 - np.sqrt(5)) / 2) % 1  # golden angle
-    for turn, rise, away, wide, *aim in even:
+    for number, (turn, rise, away, wide, *aim) in enumerate(even):
         azimuth = 2 * np.pi * turn
         elevation = ELEVATION[0] + rise * (ELEVATION[1] - ELEVATION[0])
         field_of_view = FIELD_OF_VIEW[0] + wide * (FIELD_OF_VIEW[1] - FIELD_OF_VIEW[0])
         focal = max(width, height) / (2 * np.tan(field_of_view / 2))
+        if number % WITHIN == WITHIN - 1:
+            eye = core.middle + core.half * (2 * np.array(aim) - 1)
+            across = core.middle + AIM * core.half * np.sin([azimuth, 0, 2 * np.pi * away]) - eye
+            azimuth = np.arctan2(-across[0], across[2])
+            ahead = max(np.linalg.norm(core.half), NEAREST)
+            target = eye - ahead * _direction(azimuth, (2 * rise - 1) * TILT)
+            yield look_at(eye, target, width, height, focal), target
+            continue
         share = DISTANCE[0] * (DISTANCE[1] / DISTANCE[0]) ** away
         distance = share * core.framing_distance(width, height, focal)
-        level = np.cos(elevation)
-        way = np.array([level * np.sin(azimuth), -np.sin(elevation), -level * np.cos(azimuth)])
         target = core.middle + AIM * core.half * (2 * np.array(aim) - 1)
-        yield look_at(target + distance * way, target, width, height, focal)
+        eye = target + distance * _direction(azimuth, elevation)
+        yield look_at(eye, target, width, height, focal), target
+
+
+def _direction(azimuth: float, elevation: float) -> np.ndarray:
+    """From a target to an eye, [3] of length 1; azimuth 0 is −z, up is −y."""
+    level = np.cos(elevation)
+    return np.array([level * np.sin(azimuth), -np.sin(elevation), -level * np.cos(azimuth)])
 
 
 def _held(point: np.ndarray, camera: Camera, middle: np.ndarray) -> int:

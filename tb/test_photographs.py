@@ -94,6 +94,23 @@ def test_grey_and_transparent(folder):
     assert (shown.image[0, 0] == 200).all() and shown.image[1:].max() == 0
 
 
+def test_sixteen_bits_of_grey(folder):
+    deep = np.full((6, 8), 30000, np.uint16)
+    Image.fromarray(deep).save(folder / "images" / "a.png")
+    assert (read_photographs(folder).targets[0].image == 30000 // 256).all()
+
+
+def test_a_photograph_of_two_cameras(folder):
+    """It counts once: it must not be learned from and judged by."""
+    path = folder / "sparse" / "0" / "images.txt"
+    path.write_text(path.read_text() + f"9 {POSE} 1 a.png\n\n")
+    assert [target.name for target in read_photographs(folder).targets] == [
+        "a.png",
+        "b.png",
+        "c.png",
+    ]
+
+
 def test_orientation_is_as_stored(folder):
     """COLMAP does not turn a photograph by its EXIF orientation."""
     image = Image.fromarray(np.zeros((6, 8, 3), np.uint8))
@@ -116,7 +133,17 @@ def test_transforms(tmp_path):
         assert [target.image[0, 0, 0] for target in found.targets] == [0, 1]
 
 
+def test_a_camera_without_a_photograph(tmp_path):
+    frame = {"transform_matrix": np.eye(4).tolist()}
+    table = {"w": 8, "h": 6, "fl_x": 10, "frames": [frame]}
+    (tmp_path / "transforms.json").write_text(json.dumps(table))
+    with pytest.raises(InputError, match=r"transforms.json: a camera has no photograph's name"):
+        read_photographs(tmp_path)
+
+
 def test_held_out():
+    with pytest.raises(InputError, match="every: 0 is below 1"):
+        held_out([], 0)
     learn, aside = held_out(list(range(14)), 7)
     assert aside == (0, 7) and learn == (1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13)
 
