@@ -43,9 +43,9 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
 
     `scale` (0 … 1) shrinks photograph and camera together. A photograph larger or smaller than its
     camera says gets a camera of its size, if the aspect ratio is the same; else InputError names it
-    and both sizes. One that is not there is counted in `missing`; InputError if none is there.
-    One that two cameras name counts for the first of them. Pixels are taken as they are stored, whatever the EXIF orientation says, as COLMAP does; what is
-    transparent is shown over black.
+    and both sizes. One that is not there is counted in `missing`; InputError if none is there. One
+    that two cameras name counts for the first of them. Pixels are taken as they are stored,
+    whatever the EXIF orientation says, as COLMAP does; what is transparent is shown over black.
     """
     if not 0 < scale <= 1:
         raise input_error("scale", f"{scale:g} is not in 0 … 1")
