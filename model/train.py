@@ -127,7 +127,7 @@ class Training:
         )  # fmt: skip
         loss = photograph_loss(found.image, as_tensor(target.image, found.image))
         if not torch.isfinite(loss):
-            return float(loss)
+            return float(loss.detach())
         camera = target.camera
         seen = torch.zeros((1, len(tensors["means"]), 2), device=centre.device)
         seen[0, torch.as_tensor(found.visible)] = 1

@@ -182,6 +182,8 @@ def blocked(
     The view is a cone from `eye` [3] to the share `until` of the way to the target.
     """
     distance = np.linalg.norm(eye)
+    if not distance:
+        return 0.0  # one stands at the target
     way = -eye / distance
     from_eye = point - eye
     depth = from_eye @ way
