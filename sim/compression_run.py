@@ -119,15 +119,12 @@ def own_views(gaussians: Gaussians, count: int, size: tuple[int, int], seed: int
 class Run:
     """A compression of a subject by a recipe in a folder of its own within `folder`.
 
-    Its name stands for all that decides on it, so runs of other options stay beside it. With
-    `after` it begins with what that run's prunings left.
+    Its name stands for all that decides on it, so runs of other options stay beside it.
     """
 
-    def __init__(
-        self, folder: Path, subject, recipe: Recipe, config: Config, after: "Run | None" = None
-    ):
-        self.subject, self.recipe, self.config, self.after = subject, recipe, config, after
-        self.key = f"{after.key if after else subject.key} {recipe!r} {config!r}"
+    def __init__(self, folder: Path, subject, recipe: Recipe, config: Config):
+        self.subject, self.recipe, self.config = subject, recipe, config
+        self.key = f"{subject.key} {recipe!r} {config!r}"
         digest = hashlib.sha256(self.key.encode()).hexdigest()[:12]
         self.checkpoints = Checkpoints(folder / f"{subject.name}-{digest}", self.key)
 
@@ -155,23 +152,9 @@ class Run:
         return steps[steps.index(step) - 1]
 
     def slim(self):
-        """Remove what a finished run needs no more: all but what its prunings and it left."""
+        """Remove what all steps but the last one left; a finished run needs it no more."""
         for step in self.checkpoints.steps[:-1]:
-            if step != self._after_pruning:
-                (self.checkpoints.folder / step.file).unlink(missing_ok=True)
-
-    @property
-    def start(self) -> Scene:
-        """What the run begins with."""
-        if self.after is None:
-            return self.subject.scene
-        return self.after.checkpoints.scene(self.after._after_pruning)
-
-    @property
-    def _after_pruning(self) -> Step:
-        """The last pruning, or the original where nothing had to go."""
-        prunings = self._prunings()
-        return prunings[-1] if prunings else self.checkpoints.steps[0]
+            (self.checkpoints.folder / step.file).unlink(missing_ok=True)
 
     def _prunings(self) -> list[Step]:
         return [step for step in self.checkpoints.steps if step.kind == "prune"]

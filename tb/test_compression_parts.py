@@ -105,9 +105,7 @@ def test_curve(fake, tmp_path, capsys):
     assert len(reached) == 3 and losses == sorted(losses, reverse=True)
     runs = [path for path in (tmp_path / "out" / "runs").iterdir() if path.is_dir()]
     kept = sorted(len(list(run.iterdir())) for run in runs)
-    assert kept == [3, 3, 3], "steps.json, what the prunings left and the model stay"
-    begun = [int(call.split()[1]) for call in fake.calls if call.startswith("compress")]
-    assert begun == [600, *(point["gaussians"] for point in reached)], "each goes on from the last"
+    assert kept == [2, 2, 2], "steps.json and the model stay"
     assert read_png("out/curve.png").std() > 5
     assert "reached" in capsys.readouterr().out
 
