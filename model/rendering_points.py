@@ -81,7 +81,7 @@ def _conic(m, blur, sigma, conic):
 
 
 @njit(cache=True)
-def _basis(x, y, z, count, basis):
+def basis_of(x, y, z, count, basis):
     """The first `count` harmonics in direction (x, y, z)."""
     basis[0] = SH_C0
     if count > 1:
@@ -100,7 +100,7 @@ def _basis(x, y, z, count, basis):
 
 
 @njit(cache=True)
-def _basis_gradient(x, y, z, count, slope):
+def basis_gradient(x, y, z, count, slope):
     """Derivatives of the harmonics along x, y, z in `slope` [count, 3]."""
     slope[:count] = 0.0
     if count > 1:
@@ -163,7 +163,7 @@ def _colour(position, sh, view, basis, splat):
     """The splat's colour as seen from the camera."""
     x, y, z = position[0] - view[12], position[1] - view[13], position[2] - view[14]
     length = np.sqrt(x * x + y * y + z * z)
-    _basis(x / length, y / length, z / length, len(sh), basis)
+    basis_of(x / length, y / length, z / length, len(sh), basis)
     for channel in range(3):
         colour = view[24]
         for k in range(len(sh)):
@@ -247,8 +247,8 @@ def _colour_backward(g, splat, position, sh, view, basis, slopes, to_sh, to_posi
     x, y, z = position[0] - view[12], position[1] - view[13], position[2] - view[14]
     length = np.sqrt(x * x + y * y + z * z)
     x, y, z = x / length, y / length, z / length
-    _basis(x, y, z, count, basis)
-    _basis_gradient(x, y, z, count, slopes)
+    basis_of(x, y, z, count, basis)
+    basis_gradient(x, y, z, count, slopes)
     dx, dy, dz = 0.0, 0.0, 0.0
     for channel in range(3):
         if not splat[RED + channel] > 0:  # clamped

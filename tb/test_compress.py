@@ -13,7 +13,7 @@ from model import compress as compress_module
 from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
 from model.compress import compress, decibels, teacher_targets
-from model.distill import degrees, distill
+from model.distill import degrees, distill, projected
 from model.finetune import finetune, views_in_turn
 from model.generate import generate, generated_camera
 from model.photographs import Target
@@ -228,6 +228,8 @@ def test_distilling(scene, targets):
     assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
     cut = decibels(strong.with_sh_degree(1), wanted)
     assert decibels(scene_of(student), wanted) > cut + 0.3
+    fitted = projected(strong, 1, cameras)
+    assert fitted.sh_degree == 1 and decibels(fitted, wanted) > cut + 0.1
     assert list(degrees(scene, 1)) == [2, 1] and list(degrees(scene.with_sh_degree(0), 0)) == []
 
 
@@ -239,6 +241,18 @@ def test_rendered_parameters(scene):
         assert np.allclose(getattr(back, name), getattr(kept, name), rtol=2e-5, atol=1e-7), name
     factor = rendered(tensors_of(kept))[1].detach().numpy()
     assert np.allclose(factor, kept.gaussians().factor, atol=1e-5)
+
+
+def test_least_squares_of_harmonics(scene, targets):
+    """What has no higher degree stays as it is, and so does what no camera sees."""
+    cameras = [target.camera for target in targets]
+    bright = scene.sh.copy()
+    bright[:, 0] += 3.0  # so that nothing is clamped
+    bright[:, 4:] = 0
+    flat = replace(scene, sh=bright)
+    assert np.allclose(projected(flat, 1, cameras).sh, bright[:, :4], atol=1e-6)
+    away = replace(scene, position=scene.position + 1e4)
+    assert np.allclose(projected(away, 1, cameras).sh, scene.sh[:, :4])
 
 
 @pytest.mark.parametrize(
