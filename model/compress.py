@@ -159,7 +159,7 @@ class Compression:
             smaller = prune(scene, self.weights(scene, name), rate)
             tensors = tensors_of(smaller)
             loss = finetune(
-                tensors, optimizers(tensors, self.extent, gentle=True), self.targets,
+                tensors, optimizers(tensors, self.extent, share=self.recipe.rate), self.targets,
                 self.recipe.steps, self.recipe.seed, self.tell, name,
             )  # fmt: skip
             return sound(scene_of(tensors, scene.name)), loss
@@ -172,8 +172,8 @@ class Compression:
 
         def make() -> tuple[Scene, float | None]:
             student, loss = distill(
-                scene, degree, self.cameras, self.extent, self.recipe.distill_steps,
-                self.recipe.seed, self.tell, name,
+                scene, degree, self.cameras, self.extent, self.recipe.rate,
+                self.recipe.distill_steps, self.recipe.seed, self.tell, name,
             )  # fmt: skip
             return sound(scene_of(student, scene.name)), loss
 
@@ -211,7 +211,7 @@ class Compression:
             self.tell(what, done, total, loss)
 
         loss = finetune(
-            work.tensors, optimizers(leaves, self.extent, rates, gentle=True), self.targets,
+            work.tensors, optimizers(leaves, self.extent, rates, self.recipe.rate), self.targets,
             self.recipe.quantize_steps, self.recipe.seed, tell, name, work.rendered,
         )  # fmt: skip
         final, codebooks = work.finish(scene.name)

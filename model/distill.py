@@ -37,12 +37,15 @@ def distill(
     degree: int,
     cameras: Sequence[Camera],
     extent: float,
+    rate: float,
     steps: int,
     seed: int,
     tell: Tell,
     what: str,
 ) -> tuple[Tensors, float | None]:
     """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
+
+    `extent` (scene units) and `rate` set the learning rates of all but the harmonics.
 
     It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
     views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
@@ -62,7 +65,7 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*rendered(student), camera).image, wanted)
 
-    loss = optimise(optimizers(student, extent, RATES, gentle=True), steps, loss_of, tell, what)
+    loss = optimise(optimizers(student, extent, RATES, rate), steps, loss_of, tell, what)
     return student, loss
 
 

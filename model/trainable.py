@@ -20,10 +20,6 @@ RATES = {
 }
 """Learning rates of 3DGS (Kerbl et al. 2023, `arguments/__init__.py`)."""
 
-GENTLE = 0.3
-"""Of these rates for a scene that is trained already: with all of them a few hundred steps throw it
-about more than they mend."""
-
 EPSILON = 1e-15
 """Adam's, as 3DGS has it."""
 
@@ -87,13 +83,12 @@ def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
 
 
 def optimizers(
-    tensors: Tensors, extent: float, rates: dict | None = None, gentle: bool = False
+    tensors: Tensors, extent: float, rates: dict | None = None, share: float = 1.0
 ) -> dict:
     """One Adam for each tensor; `extent` (scene units) scales the rate of the positions.
 
-    `rates` replace RATES, or `gentle` lowers them.
+    `share` of RATES is what a scene needs that is trained already; `rates` replace some of them.
     """
-    share = GENTLE if gentle else 1.0
     rates = {name: share * rate for name, rate in RATES.items()} | (rates or {})
     return {
         name: torch.optim.Adam(

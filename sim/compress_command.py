@@ -70,6 +70,12 @@ DistillOption = Annotated[
     int, typer.Option(min=0, help="Steps for each degree of harmonics that goes.")
 ]
 QuantizeOption = Annotated[int, typer.Option(min=0, help="Steps under the packed model's numbers.")]
+RateOption = Annotated[
+    float,
+    typer.Option(
+        metavar="S", help="Learning rates as a share of training's; few steps need a small one."
+    ),
+]
 DegreeOption = Annotated[
     int | None,
     typer.Option(min=0, max=1, help="Of the model. Default: 0 where 1 is not worth its bytes."),
@@ -128,6 +134,7 @@ def compress_command(
     steps: Annotated[int, typer.Option(min=0, help="Steps after each pruning.")] = Recipe.steps,
     distill_steps: DistillOption = Recipe.distill_steps,
     quantize_steps: QuantizeOption = Recipe.quantize_steps,
+    rate: RateOption = Recipe.rate,
     sh_degree: DegreeOption = None,
     views: Annotated[int, typer.Option(min=1, help="Own pictures, without --images.")] = 48,
     size: Annotated[str, typer.Option(metavar="WxH", help="Of the own pictures.")] = "960x540",
@@ -150,8 +157,8 @@ def compress_command(
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
     recipe = Recipe(
-        parse_schedule(schedule), steps, distill_steps, quantize_steps, sh_degree, target_ratio,
-        max_drop, seed,
+        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, sh_degree,
+        target_ratio, max_drop, seed,
     )  # fmt: skip
     config, pixels = find_preset(preset), parse_size(size)
     with progress_bar(f"reading {scene}"):

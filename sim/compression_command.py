@@ -58,6 +58,9 @@ ViewSizeOption = Annotated[str, typer.Option(metavar="WxH", help="Pixels of the 
 ScaleOption = Annotated[
     float, typer.Option(metavar="S", help="Photographs are shrunk to this, 0 … 1.")
 ]
+RateOption = Annotated[
+    float, typer.Option(metavar="S", help="Learning rates as a share of training's.")
+]
 SeedOption = Annotated[int, typer.Option(metavar="S", help="Of everything random.")]
 
 
@@ -74,6 +77,7 @@ def compression_command(
     view_size: ViewSizeOption = VIEW_SIZE,
     size: PixelsOption = SIZE,
     scale: ScaleOption = DEFAULTS.scale,
+    rate: RateOption = DEFAULTS.rate,
     seed: SeedOption = DEFAULTS.seed,
     preset: PresetOption = "DEFAULT",
 ):
@@ -91,11 +95,11 @@ def compression_command(
     """
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
-        at_least("--views", views), parse_size(view_size), parse_size(size), scale, seed,
+        at_least("--views", views), parse_size(view_size), parse_size(size), scale, seed, rate,
     )  # fmt: skip
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")
-    compression_run.recipe_of(steps, seed)
+    compression_run.recipe_of(steps, seed, rate)
     found = find(list(scene or ()))
     names = [Path(path).resolve().name for path in found]
     chosen = Path(schedule_scene or (SCENES[0] if SCENES[0] in names else names[0])).name

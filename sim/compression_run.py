@@ -42,9 +42,9 @@ def progress(label: str):
         yield tell
 
 
-def recipe_of(steps: int | None, seed: int) -> Recipe:
+def recipe_of(steps: int | None, seed: int, rate: float = Recipe.rate) -> Recipe:
     """The default recipe with another number of steps; those of its other parts in proportion."""
-    recipe = Recipe(seed=seed)
+    recipe = Recipe(seed=seed, rate=rate)
     if steps is None:
         return recipe
     other = {

@@ -19,6 +19,7 @@ from model.camera_file import read_cameras
 from model.checkpoint import ARRAYS, Checkpoints, Step, ply_bytes
 from model.generate import GENERATORS
 from model.packed import is_packed
+from model.recipe import Recipe
 from sim import compression_run
 from sim.error_scenes import FOLDER, VARIABLE, camera_beside
 from sim.source import open_source
@@ -49,6 +50,7 @@ class Protocol:
     size: tuple[int, int] = (1920, 1080)  # of the views by which a scene is judged
     scale: float = 1.0  # of photographs
     seed: int = 0
+    rate: float = Recipe.rate  # of fine-tuning
 
 
 @dataclass(frozen=True, eq=False)

@@ -224,7 +224,7 @@ def test_distilling(scene, targets):
     cameras = [target.camera for target in targets]
     strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
     wanted = list(compress_module.pictures(strong, cameras, nothing))
-    student, loss = distill(strong, 1, cameras, 1.0, 40, 0, nothing, "test")
+    student, loss = distill(strong, 1, cameras, 1.0, 0.3, 40, 0, nothing, "test")
     assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
     cut = decibels(strong.with_sh_degree(1), wanted)
     assert decibels(scene_of(student), wanted) > cut + 0.3
@@ -260,7 +260,7 @@ def test_least_squares_of_harmonics(scene, targets):
     (
         ({"schedule": (0.4, 1.0)}, "--schedule"), ({"steps": -1}, "--steps"),
         ({"target_ratio": 0.5}, "--target-ratio"), ({"max_drop": 0.0}, "--max-drop"),
-        ({"sh_degree": 2}, "--sh-degree"),
+        ({"sh_degree": 2}, "--sh-degree"), ({"rate": 0.0}, "--rate"),
         ({"target_ratio": 5.0, "max_drop": 1.0}, "--target-ratio, --max-drop"),
     ),
 )  # fmt: skip
