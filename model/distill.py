@@ -29,7 +29,8 @@ PULL = 0.1
 """Weight of the coefficients as they were in the least squares, over that of all cameras."""
 
 RATES = {"sh0": 2.5e-3, "shN": 2.5e-3}
-"""Harmonics learn as fast as colours here: they have the most to change."""
+"""Harmonics learn as fast as colours here, times the share of the other rates: they have the most
+to change, but least squares have begun it."""
 
 
 def distill(
@@ -45,7 +46,7 @@ def distill(
 ) -> tuple[Tensors, float | None]:
     """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
 
-    `extent` (scene units) and `rate` set the learning rates of all but the harmonics.
+    `extent` (scene units) and `rate`, a share of training's, set the learning rates.
 
     It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
     views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
@@ -65,7 +66,8 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*rendered(student), camera).image, wanted)
 
-    loss = optimise(optimizers(student, extent, RATES, rate), steps, loss_of, tell, what)
+    rates = {name: rate * value for name, value in RATES.items()}
+    loss = optimise(optimizers(student, extent, rates, rate), steps, loss_of, tell, what)
     return student, loss
 
 
