@@ -94,7 +94,7 @@ def test_lost_process_loses_nothing(tmp_path):
 def test_cluster(tmp_path):
     """Workers of a Dask scheduler do the same, and one that is lost is made up for."""
     tasks = [task(n, tmp_path / "log") for n in (0, 1, -1, 2)]
-    tasks.insert(1, task(9, tmp_path / "log", die))
+    tasks.insert(3, task(9, tmp_path / "log", die))
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         found = dict(results(tasks, tmp_path / "parts", cluster.scheduler_address, "test"))
     found = {task.name: result for task, result in found.items()}
