@@ -67,8 +67,12 @@ class Checkpoints:
     def last(self) -> Step | None:
         return self.steps[-1] if self.steps else None
 
+    def find(self, name: str) -> Step | None:
+        """The step of that name, if there is one."""
+        return next((step for step in self.steps if step.name == name), None)
+
     def has(self, name: str) -> bool:
-        return any(step.name == name for step in self.steps)
+        return self.find(name) is not None
 
     def save(self, step: Step, scene: Scene | None = None, model: PackedModel | None = None):
         """Keep a step with its scene (float32: go on from `scene(step)`, as who comes back later

@@ -113,6 +113,7 @@ class Compression:
     cameras: list[Camera] = field(init=False)
     extent: float = field(init=False)  # of the cameras, scene units
     names: list[str] = field(default_factory=list)
+    weighed: tuple[Scene, np.ndarray] | None = None
 
     def __post_init__(self):
         if not self.targets:
@@ -129,7 +130,7 @@ class Compression:
     def kept(self, name: str, kind: str, make: Callable[[], tuple[Scene, float | None]]) -> Scene:
         """The scene of a step: the one that is kept, else what `make` makes, with its loss."""
         name = self.name(name)
-        step = next((step for step in self.checkpoints.steps if step.name == name), None)
+        step = self.checkpoints.find(name)
         if step is None:
             begin = time.monotonic()
             scene, loss = make()
@@ -141,7 +142,9 @@ class Compression:
         return self.checkpoints.scene(step)
 
     def weights(self, scene: Scene, what: str) -> np.ndarray:
-        """Significance [N] over the training views."""
+        """Significance [N] over the training views; that of the last scene is remembered."""
+        if self.weighed and self.weighed[0] is scene:
+            return self.weighed[1]
 
         def tell(done: int, total: int):
             self.tell(f"{what}: looking", done, total, None)
@@ -149,6 +152,7 @@ class Compression:
         found = significance(scene, self.cameras, tell)
         if not found.any():
             raise InputError("none of the views shows a Gaussian")
+        self.weighed = scene, found
         return found
 
     def pruned(self, scene: Scene, rate: float) -> Scene:
@@ -188,7 +192,7 @@ class Compression:
         if wanted is None and scene.sh_degree == 1 and not self.worth_harmonics(scene):
             scene = self.distilled(scene, 0)
         name = self.name("quantize")
-        step = next((step for step in self.checkpoints.steps if step.name == name), None)
+        step = self.checkpoints.find(name)
         if step is None:
             begin = time.monotonic()
             model, loss = self.quantised(scene, name)
@@ -253,7 +257,7 @@ class Compression:
         self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
         if not self.targets:
             raise InputError("--max-drop: needs at least 2 pictures, one of them to keep aside")
-        self.cameras = [target.camera for target in self.targets]
+        self.cameras, self.weighed = [target.camera for target in self.targets], None
         best = decibels(scene, aside)
         levels, rates = [scene], list(self.recipe.schedule) or [0.4]
         rate = rates[0]

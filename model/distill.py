@@ -7,9 +7,10 @@ import numpy as np
 import torch
 from numba import njit, prange
 
-from model.differentiable import blending_weights, render
+from model.differentiable import render
 from model.finetune import Tell, difference, optimise, views_in_turn
 from model.rendering_points import basis_of
+from model.significance import view_weights
 from model.surround import perturbed
 from model.trainable import Tensors, optimizers, rendered, tensors_of
 from spec.camera import Camera
@@ -80,21 +81,13 @@ def projected(scene: Scene, degree: int, cameras: Sequence[Camera]) -> Scene:
     from everywhere; a few cameras leave much of a higher degree to the lower ones.
     """
     count = sh_count(degree)
-    arrays = [np.asarray(array, np.float32) for array in _blended(scene)]
     matrix, wanted = np.zeros((len(scene), count, count)), np.zeros((len(scene), count, 3))
-    for camera in cameras:
-        weight = blending_weights(*arrays, camera)
+    for camera, weight in zip(cameras, view_weights(scene, cameras), strict=True):
         add_equations(scene.position, scene.sh, weight, camera.position, matrix, wanted)
     total = np.maximum(matrix[:, 0, 0], np.finfo(np.float32).tiny)[:, None, None]
     matrix = matrix / total + PULL * np.eye(count)
     wanted = wanted / total + PULL * scene.sh[:, :count]
     return replace(scene, sh=np.linalg.solve(matrix, wanted))
-
-
-def _blended(scene: Scene) -> tuple[np.ndarray, ...]:
-    """What blending weights depend on."""
-    gaussians = scene.gaussians()
-    return gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1]
 
 
 @njit(parallel=True, cache=True)

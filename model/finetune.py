@@ -47,12 +47,11 @@ def optimise(
     loss_of: Callable[[int], torch.Tensor],
     tell: Tell,
     what: str,
-    after: Callable[[int], None] | None = None,
 ) -> float | None:
     """`steps` steps of Adam with falling learning rates; returns the mean loss lately.
 
-    `after` is called after each step. InputError, saying at which step, if the loss is NaN or
-    infinite: the parameters are not changed by it.
+    InputError, saying at which step, if the loss is NaN or infinite: the parameters are not changed
+    by it.
     """
     mean = None
     falling = {
@@ -72,8 +71,6 @@ def optimise(
                 group["lr"] *= falling[name]
         mean = value if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * value
         tell(what, step + 1, steps, mean)
-        if after:
-            after(step)
     return mean
 
 

@@ -16,6 +16,7 @@ from model.codebook import Codebook, quantise
 from model.pack import Codebooks, appearance, largest_factor
 from model.trainable import RATES, Tensors, rotation, scene_of, tensors_of
 from spec.config import Config
+from spec.convention import COLOUR_OFFSET
 from spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
 from spec.number import Fixed, Float
 from spec.packed import SH_C0, SH_C1, grid_points, offsets
@@ -144,7 +145,7 @@ class Quantised:
         factor = round_float(lower_factor(tensors) / unit, FACTOR) * unit
         opacity = torch.sigmoid(tensors["opacities"])
         opacity = torch.exp2(-round_fixed(-torch.log2(opacity), OPACITY))
-        sh = [((self.colour.decode() - 0.5) / SH_C0)[:, None]]
+        sh = [((self.colour.decode() - COLOUR_OFFSET) / SH_C0)[:, None]]
         if self.harmonics.entries:
             x, y, z = self.harmonics.decode().reshape(-1, 3, 3).unbind(2)
             sh.append(torch.stack([-y, z, -x], dim=1) / SH_C1)

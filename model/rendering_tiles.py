@@ -24,12 +24,12 @@ from model.rendering_points import (
     U,
     V,
 )
-from spec.convention import TILE
+from spec.convention import ALPHA_MIN, TILE
 
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 """What the compiler may assume: sums in any order; NaN and Inf stay what they are."""
 
-REACH_MAX = 2 * np.log(255.0) + 0.2
+REACH_MAX = 2 * np.log(1 / ALPHA_MIN) + 0.2
 """Quadratic forms are cut to this: nothing beyond is blended; the exponential stays in range."""
 
 MIDDLE = REACH_MAX / 64

@@ -18,7 +18,7 @@ from model.photographs import Target
 from model.prune import sound
 from model.similarity import photograph_loss
 from model.trainable import extent_of, factor_of, optimizers, scene_of, tensors_of
-from spec.convention import SH_DEGREE_MAX
+from spec.convention import COLOUR_OFFSET, SH_DEGREE_MAX
 from spec.error import InputError
 from spec.packed import SH_C0
 from spec.scene import Scene, sh_count
@@ -54,7 +54,7 @@ def initial_scene(position: np.ndarray, colour: np.ndarray) -> Scene:
     distance = near.kneighbors(position)[0][:, 1:]
     scale = np.sqrt((distance**2).mean(axis=1)).clip(1e-6)
     sh = np.zeros((len(position), sh_count(SH_DEGREE_MAX), 3))
-    sh[:, 0] = (colour / 255 - 0.5) / SH_C0
+    sh[:, 0] = (colour / 255 - COLOUR_OFFSET) / SH_C0
     return Scene(
         position, np.repeat(scale[:, None], 3, axis=1), np.eye(4)[[0] * len(position)],
         np.full(len(position), OPACITY), sh,

@@ -8,7 +8,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from golden import pipeline
 from golden.reference import render
 from model.checkpoint import Step
 from model.pack import pack
+from sim.campaign import sources
 from sim.compression_run import Run
 from sim.compression_subjects import Subject, View
 from sim.cycles import frame_cycles
@@ -37,19 +38,9 @@ LEAST, MOST = "psnr_db_min", ("max_error",)
 """The worst view's PSNR beside the mean, and what is the largest of all views."""
 
 
-@cache
-def sources() -> str:
-    """Stands for their text."""
-    here, text = Path(__file__).parents[1], hashlib.sha256()
-    for pattern in SOURCES:
-        for path in sorted(here.glob(pattern)):
-            text.update(path.read_bytes())
-    return text.hexdigest()
-
-
 def kept(folder: Path, about: list, make: Callable[[], dict]) -> dict:
     """What `make` gives, made only if it is not in the folder. about: what decides on it (JSON)."""
-    key = hashlib.sha256(json.dumps([sources(), about]).encode()).hexdigest()
+    key = hashlib.sha256(json.dumps([sources(SOURCES), about]).encode()).hexdigest()
     path = folder / f"{key[:24]}.json"
     try:
         return json.loads(path.read_text())["result"]
