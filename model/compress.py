@@ -4,7 +4,7 @@ Each step is kept in a folder (`model.checkpoint`), from which the next run goes
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,8 +20,7 @@ from model.prune import count_for_ratio, original_bytes, prune, scaled_schedule,
 from model.quantize import REFRESH, Quantised, quantised
 from model.recipe import Recipe
 from model.significance import significance
-from model.surround import surrounding_views
-from model.trainable import device, extent_of, optimizers, rendered, scene_of, tensors_of
+from model.trainable import device, extent_of, optimizers, scene_of, tensors_of
 from spec.camera import Camera
 from spec.config import DEFAULT, Config
 from spec.error import InputError
@@ -44,26 +43,6 @@ PRUNING_SHARE = 0.6
 
 RATE_MIN = 0.05
 """Pruning rates below are not tried."""
-
-
-def teacher_targets(
-    scene: Scene, count: int, size: tuple[int, int], seed: int, tell: Tell
-) -> tuple[Target, ...]:
-    """Pictures of the scene itself, for scenes without photographs: `count` views of `size`."""
-    scene = sound(scene)
-    cameras = surrounding_views(scene.gaussians(), count, *size, seed)
-    return tuple(pictures(scene, cameras, tell))
-
-
-@torch.no_grad()
-def pictures(scene: Scene, cameras: Sequence[Camera], tell: Tell) -> Iterator[Target]:
-    """The scene's 8-bit pictures from the cameras."""
-    parameters = rendered(tensors_of(scene))
-    for number, camera in enumerate(cameras):
-        image = render(*parameters, camera).image.clamp(0, 1) * 255
-        pixels = image.round().to(torch.uint8).cpu().numpy()
-        yield Target(camera, pixels, camera.name)
-        tell("the scene's own pictures", number + 1, len(cameras), None)
 
 
 def compress(

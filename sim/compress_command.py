@@ -11,6 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from golden.reference import render
+from model.camera_file import read_cameras
 from model.checkpoint import Checkpoints, ply_bytes
 from model.ply import write_ply
 from model.recipe import Recipe
@@ -51,8 +52,8 @@ CamerasOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Without --images: cameras.json, transforms.json or COLMAP folder whose views the "
-        "scene's own pictures also show.",
+        help="Without --images: from where the scene will be looked at, as cameras.json, "
+        "transforms.json or COLMAP folder. It learns on their path, not from all round.",
     ),
 ]
 ScheduleOption = Annotated[
@@ -167,8 +168,9 @@ def compress_command(
         raise InputError(f"{scene}: is a packed model already, not a scene")
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
     if not images:
-        learn = teacher(source.scene, views, pixels, seed, scene)
-        learn += pictures_at(source.scene, cameras, pixels, scene) if cameras else ()
+        path = read_cameras(cameras) if cameras else ()
+        learn = teacher(source.scene, views, pixels, seed, scene, path)
+        learn += pictures_at(source.scene, path, pixels, scene) if path else ()
     key = f"{digest(source.scene, learn)} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
     model = compressed(source.scene, learn, recipe, checkpoints, config, scene)

@@ -1,16 +1,16 @@
 """Where `splatcore bench compression` calls training and compression, which need PyTorch."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from model.camera_file import read_cameras
 from model.checkpoint import Checkpoints, Step
 from model.recipe import Recipe
 from sim.output import messages, progress_bar
+from spec.camera import Camera
 from spec.config import Config
 from spec.error import InputError
 from spec.packed import PackedModel
@@ -73,12 +73,19 @@ def trained(path: str, targets: tuple, steps: int, seed: int, folder: Path, labe
         return train(targets, read_points(path), steps, seed, folder, tell)
 
 
-def teacher(scene: Scene, count: int, size: tuple[int, int], seed: int, label: str) -> tuple:
-    """The scene's own pictures, to learn from."""
-    from model.compress import teacher_targets
+def teacher(
+    scene: Scene,
+    count: int,
+    size: tuple[int, int],
+    seed: int,
+    label: str,
+    cameras: Sequence[Camera] = (),
+) -> tuple:
+    """The scene's own pictures, to learn from: from all round, or on the path of `cameras`."""
+    from model.teacher import teacher_targets
 
     with progress(f"{label}: teacher") as tell:
-        return teacher_targets(scene, count, size, seed, tell)
+        return teacher_targets(scene, count, size, seed, tell, cameras)
 
 
 def compressed(
@@ -96,14 +103,14 @@ def compressed(
         return checkpoints.model(compress(scene, targets, recipe, checkpoints, config, tell))
 
 
-def pictures_at(scene: Scene, path: str, size: tuple[int, int], label: str) -> tuple:
-    """The scene's own pictures from the cameras of a file, as wide as `size`."""
-    from model.compress import pictures
+def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int], label: str) -> tuple:
+    """The scene's own pictures from cameras, as wide as `size`."""
     from model.prune import sound
+    from model.teacher import pictures
 
     cameras = [
         camera.resized(size[0], max(round(camera.height * size[0] / camera.width), 1))
-        for camera in read_cameras(path)
+        for camera in cameras
     ]
     with progress(f"{label}: teacher") as tell:
         return tuple(pictures(sound(scene), cameras, tell))

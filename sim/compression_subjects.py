@@ -1,7 +1,8 @@
 """What `splatcore bench compression` compresses, what it learns from, and what it is judged by.
 
 A folder of photographs: a baseline is trained on them and judged by those held out. A scene file:
-it is its own teacher, and judged by its pictures of views that compression never sees.
+it is its own teacher, on the path of the cameras beside it or all round, and judged by its pictures
+from views that compression never sees: those cameras themselves, or others all round.
 """
 
 import hashlib
@@ -46,7 +47,7 @@ class Protocol:
     steps: int | None = None  # of fine-tuning after each pruning; None: the recipe's
     train_steps: int = 3000  # of a baseline
     views: int = 48  # of a scene that is its own teacher
-    view_size: tuple[int, int] = (960, 540)  # of these, width and height
+    view_size: tuple[int, int] = (1920, 1080)  # of these, width and height
     size: tuple[int, int] = (1920, 1080)  # of the views by which a scene is judged
     scale: float = 1.0  # of photographs
     seed: int = 0
@@ -97,6 +98,7 @@ class Subject:
                 text.update(target.image.tobytes())
         else:
             options = [protocol.views, protocol.view_size, protocol.seed]
+            options += [View("", camera).about for camera in self.path_cameras]
             for name in ARRAYS:
                 text.update(getattr(self.scene, name).tobytes())
         text.update(json.dumps(options).encode())
@@ -133,17 +135,28 @@ class Subject:
             return self.photographs[0]
         protocol = self.protocol
         return compression_run.teacher(
-            self.scene, protocol.views, protocol.view_size, protocol.seed, self.name
+            self.scene,
+            protocol.views,
+            protocol.view_size,
+            protocol.seed,
+            self.name,
+            self.path_cameras,
         )
+
+    @cached_property
+    def path_cameras(self) -> list[Camera]:
+        """Cameras on whose path the teacher's views lie: those of the file beside the scene."""
+        beside = camera_beside(self.path)
+        return read_cameras(beside) if beside else []
 
     @cached_property
     def views(self) -> tuple[View, ...]:
         """What compression is judged by."""
         if self.photographed:
             return tuple(View(t.name, t.camera, t.image) for t in self.photographs[1])
-        source, beside = open_source(self.path), camera_beside(self.path)
-        if beside:
-            cameras = read_cameras(beside)
+        source = open_source(self.path)
+        if self.path_cameras:
+            cameras = self.path_cameras
         elif source.camera:
             cameras = [source.camera]
         else:

@@ -44,8 +44,8 @@ class StandIn:
         self.stop_after: str | None = None
         self.breaks_at = 0  # Gaussians of the scene that cannot be compressed
 
-    def teacher_targets(self, scene, count, size, seed, tell):
-        self.calls.append(f"teacher {count} {size[0]}x{size[1]} {seed}")
+    def teacher_targets(self, scene, count, size, seed, tell, cameras):
+        self.calls.append(f"teacher {count} {size[0]}x{size[1]} {seed}, {len(cameras)} cameras")
         return (Target(generated_camera("garden"), np.zeros((2, 2, 3), np.uint8), "0"),)
 
     def train(self, photographs, points, steps, seed, folder, tell):
@@ -102,7 +102,8 @@ def installed(tmp_path, monkeypatch) -> StandIn:
     monkeypatch.chdir(tmp_path)
     found, modules = StandIn(), {}
     for name, functions in {
-        "compress": ("compress", "teacher_targets"),
+        "compress": ("compress",),
+        "teacher": ("teacher_targets",),
         "train": ("train",),
     }.items():
         module = modules[name] = ModuleType(f"model.{name}")

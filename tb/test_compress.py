@@ -12,7 +12,7 @@ from golden.reference import render as reference
 from model import compress as compress_module
 from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
-from model.compress import compress, decibels, teacher_targets
+from model.compress import compress, decibels
 from model.distill import degrees, distill, projected
 from model.finetune import finetune, views_in_turn
 from model.generate import generate, generated_camera
@@ -23,6 +23,7 @@ from model.prune import (
 )
 from model.recipe import Recipe
 from model.significance import significance
+from model.teacher import teacher_targets
 from model.trainable import optimizers, rendered, scene_of, tensors_of
 from spec.config import DEFAULT, TINY
 from spec.error import InputError

@@ -11,12 +11,12 @@ pytest.importorskip("flip_evaluator")
 from PIL import Image
 
 from model.camera_file import read_cameras
-from model.compress import pictures
 from model.generate import generate
 from model.packed import read_model
 from model.ply import write_ply
 from model.read import read_scene
 from model.surround import surrounding_views
+from model.teacher import pictures
 from spec.packed import SH_C0
 from tb.test_command import run
 

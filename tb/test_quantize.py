@@ -9,12 +9,13 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from model.compress import Compression, teacher_targets
+from model.compress import Compression
 from model.finetune import finetune
 from model.generate import generate
 from model.pack import pack
 from model.quantize import quantised, round_fixed, round_float, stored_positions
 from model.recipe import Recipe
+from model.teacher import teacher_targets
 from model.trainable import optimizers
 from spec.config import DEFAULT, TINY
 from spec.memory import FACTOR, OPACITY

@@ -10,11 +10,12 @@ torch = pytest.importorskip("torch")
 from skimage.metrics import structural_similarity
 
 from model import train as train_module
-from model.compress import decibels, pictures
+from model.compress import decibels
 from model.generate import generate
 from model.photographs import Target
 from model.similarity import blur, photograph_loss, ssim
 from model.surround import surrounding_views
+from model.teacher import pictures
 from model.train import Training, initial_scene, train
 from spec.error import InputError
 from spec.packed import SH_C0
