@@ -20,7 +20,7 @@ from model.prune import count_for_ratio, original_bytes, prune, scaled_schedule,
 from model.quantize import REFRESH, Quantised, quantised
 from model.recipe import Recipe
 from model.significance import significance
-from model.trainable import device, extent_of, optimizers, scene_of, tensors_of
+from model.trainable import REFINING, device, extent_of, optimizers, scaled, scene_of, tensors_of
 from spec.camera import Camera
 from spec.config import DEFAULT, Config
 from spec.error import InputError
@@ -91,6 +91,7 @@ class Compression:
     tell: Tell
     cameras: list[Camera] = field(init=False)
     extent: float = field(init=False)  # of the cameras, scene units
+    rates: dict[str, float] = field(init=False)  # learning rates of fine-tuning
     names: list[str] = field(default_factory=list)
     weighed: tuple[Scene, np.ndarray] | None = None
 
@@ -99,6 +100,7 @@ class Compression:
             raise InputError("there is no picture to learn from")
         self.cameras = [target.camera for target in self.targets]
         self.extent = extent_of(self.cameras)
+        self.rates = scaled(REFINING, self.recipe.rate)
 
     def name(self, text: str) -> str:
         """The name of a step; the second of the same name is "… (2)"."""
@@ -142,7 +144,7 @@ class Compression:
             smaller = prune(scene, self.weights(scene, name), rate)
             tensors = tensors_of(smaller)
             loss = finetune(
-                tensors, optimizers(tensors, self.extent, share=self.recipe.rate), self.targets,
+                tensors, optimizers(tensors, self.extent, self.rates), self.targets,
                 self.recipe.steps, self.recipe.seed, self.tell, name,
             )  # fmt: skip
             return sound(scene_of(tensors, scene.name)), loss
@@ -187,6 +189,7 @@ class Compression:
         self.tell(f"{name}: codebooks", 0, 1, None)
         work = quantised(scene, self.weights(scene, name), self.config, self.recipe.seed)
         leaves, rates = work.leaves()
+        rates = scaled(rates, self.recipe.rate)
 
         def tell(what: str, done: int, total: int, loss: float | None):
             if done % REFRESH == 0:
@@ -194,7 +197,7 @@ class Compression:
             self.tell(what, done, total, loss)
 
         loss = finetune(
-            work.tensors, optimizers(leaves, self.extent, rates, self.recipe.rate), self.targets,
+            work.tensors, optimizers(leaves, self.extent, self.rates | rates), self.targets,
             self.recipe.quantize_steps, self.recipe.seed, tell, name, work.rendered,
         )  # fmt: skip
         final, codebooks = work.finish(scene.name)

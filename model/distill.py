@@ -12,7 +12,7 @@ from model.finetune import Tell, difference, optimise, views_in_turn
 from model.rendering_points import basis_of
 from model.significance import view_weights
 from model.surround import perturbed
-from model.trainable import Tensors, optimizers, rendered, tensors_of
+from model.trainable import REFINING, Tensors, optimizers, rendered, scaled, tensors_of
 from spec.camera import Camera
 from spec.convention import COLOUR_OFFSET
 from spec.scene import Scene, sh_count
@@ -29,10 +29,6 @@ TURN = np.radians(5.0)
 PULL = 0.1
 """Weight of the coefficients as they were in the least squares, over that of all cameras."""
 
-RATES = {"sh0": 2.5e-3, "shN": 2.5e-3}
-"""Harmonics learn as fast as colours here, times the share of the other rates: they have the most
-to change, but least squares have begun it."""
-
 
 def distill(
     scene: Scene,
@@ -47,7 +43,7 @@ def distill(
 ) -> tuple[Tensors, float | None]:
     """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
 
-    `extent` (scene units) and `rate`, a share of training's, set the learning rates.
+    `extent` (scene units) and `rate`, a share of REFINING, set the learning rates.
 
     It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
     views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
@@ -67,8 +63,8 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*rendered(student), camera).image, wanted)
 
-    rates = {name: rate * value for name, value in RATES.items()}
-    loss = optimise(optimizers(student, extent, rates, rate), steps, loss_of, tell, what)
+    adams = optimizers(student, extent, scaled(REFINING, rate))
+    loss = optimise(adams, steps, loss_of, tell, what)
     return student, loss
 
 

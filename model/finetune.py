@@ -19,6 +19,9 @@ DECAY = 0.1
 DECAY_MEANS = 0.01
 """The same of the positions' (3DGS: from 1.6e-4 to 1.6e-6)."""
 
+WARM_UP = 10
+"""Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
+
 SMOOTHING = 0.95
 """Of the loss that is told: its moving average."""
 
@@ -48,7 +51,7 @@ def optimise(
     tell: Tell,
     what: str,
 ) -> float | None:
-    """`steps` steps of Adam with falling learning rates; returns the mean loss lately.
+    """`steps` steps of Adam with learning rates that rise, then fall; returns the mean loss lately.
 
     InputError, saying at which step, if the loss is NaN or infinite: the parameters are not changed
     by it.
@@ -58,6 +61,7 @@ def optimise(
         name: (DECAY_MEANS if name == "means" else DECAY) ** (1 / max(steps, 1))
         for name in optimizers
     }
+    full = {name: optimizer.param_groups[0]["lr"] for name, optimizer in optimizers.items()}
     for step in range(steps):
         loss = loss_of(step)
         value = float(loss.detach())
@@ -65,10 +69,10 @@ def optimise(
             raise InputError(f"{what}: the loss is {value} at step {step + 1} of {steps}")
         loss.backward()
         for name, optimizer in optimizers.items():
+            rise = min((step + 1) / WARM_UP, 1.0)
+            optimizer.param_groups[0]["lr"] = full[name] * rise * falling[name] ** step
             optimizer.step()
             optimizer.zero_grad(set_to_none=True)
-            for group in optimizer.param_groups:
-                group["lr"] *= falling[name]
         mean = value if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * value
         tell(what, step + 1, steps, mean)
     return mean

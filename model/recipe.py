@@ -18,7 +18,7 @@ class Recipe:
     steps: int = 500  # of fine-tuning after each pruning
     distill_steps: int = 400  # for each degree that goes
     quantize_steps: int = 400  # under the packed model's numbers
-    rate: float = 0.3  # learning rates, as a share of those that 3DGS trains with
+    rate: float = 1.0  # learning rates, as a share of `trainable.REFINING`
     sh_degree: int | None = None  # of the packed model; None: by what view dependence is worth
     target_ratio: float | None = None
     max_drop: float | None = None  # dB
@@ -36,7 +36,7 @@ class Recipe:
         for option in ("steps", "distill_steps", "quantize_steps"):
             value = getattr(self, option)
             require(f"--{option.replace('_', '-')}", value >= 0, f"{value} is below 0")
-        require("--rate", 0 < self.rate <= 1, f"{self.rate:g} is not in 0 … 1")
+        require("--rate", 0 < self.rate <= 10, f"{self.rate:g} is not in 0 … 10")
         require("--sh-degree", self.sh_degree in (None, 0, 1), f"{self.sh_degree} is not 0 or 1")
         if self.target_ratio is not None:
             require("--target-ratio", self.target_ratio > 1, f"{self.target_ratio:g} is not over 1")

@@ -20,6 +20,18 @@ RATES = {
 }
 """Learning rates of 3DGS (Kerbl et al. 2023, `arguments/__init__.py`)."""
 
+REFINING = {
+    "means": 6.4e-5,  # times the scene's extent
+    "scales": 2e-2,
+    "quats": 4e-3,
+    "opacities": 6e-2,
+    "sh0": 1e-2,
+    "shN": 1e-2,
+}
+"""Learning rates of a trained scene that has lost Gaussians or harmonics: shapes and colours have
+far to go, places hardly any way. What 3DGS trains with moves the places too much: it spoils a scene
+before it mends it."""
+
 EPSILON = 1e-15
 """Adam's, as 3DGS has it."""
 
@@ -82,14 +94,13 @@ def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
     return tensors["means"], factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh
 
 
-def optimizers(
-    tensors: Tensors, extent: float, rates: dict | None = None, share: float = 1.0
-) -> dict:
-    """One Adam for each tensor; `extent` (scene units) scales the rate of the positions.
+def scaled(rates: dict[str, float], share: float) -> dict[str, float]:
+    """That share of the learning rates."""
+    return {name: share * rate for name, rate in rates.items()}
 
-    `share` of RATES is what a scene needs that is trained already; `rates` replace some of them.
-    """
-    rates = {name: share * rate for name, rate in RATES.items()} | (rates or {})
+
+def optimizers(tensors: Tensors, extent: float, rates: dict[str, float] = RATES) -> dict:
+    """One Adam for each tensor; `extent` (scene units) scales the rate of the positions."""
     return {
         name: torch.optim.Adam(
             [tensor], lr=rates[name] * (extent if name == "means" else 1), eps=EPSILON, fused=True

@@ -73,9 +73,7 @@ DistillOption = Annotated[
 QuantizeOption = Annotated[int, typer.Option(min=0, help="Steps under the packed model's numbers.")]
 RateOption = Annotated[
     float,
-    typer.Option(
-        metavar="S", help="Learning rates as a share of training's; few steps need a small one."
-    ),
+    typer.Option(metavar="S", help="Learning rates, as a share of those that suit most scenes."),
 ]
 DegreeOption = Annotated[
     int | None,

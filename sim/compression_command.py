@@ -59,7 +59,8 @@ ScaleOption = Annotated[
     float, typer.Option(metavar="S", help="Photographs are shrunk to this, 0 … 1.")
 ]
 RateOption = Annotated[
-    float, typer.Option(metavar="S", help="Learning rates as a share of training's.")
+    float,
+    typer.Option(metavar="S", help="Learning rates, as a share of those that suit most scenes."),
 ]
 SeedOption = Annotated[int, typer.Option(metavar="S", help="Of everything random.")]
 

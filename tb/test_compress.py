@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("torch")
 
+import torch
+
 from golden.pipeline import render as golden_render
 from golden.reference import render as reference
 from model import compress as compress_module
@@ -14,7 +16,7 @@ from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
 from model.compress import compress, decibels
 from model.distill import degrees, distill, projected
-from model.finetune import finetune, views_in_turn
+from model.finetune import finetune, optimise, views_in_turn
 from model.generate import generate, generated_camera
 from model.photographs import Target
 from model.prune import (
@@ -23,7 +25,7 @@ from model.prune import (
 )
 from model.recipe import Recipe
 from model.significance import significance
-from model.teacher import teacher_targets
+from model.teacher import pictures, teacher_targets
 from model.trainable import optimizers, rendered, scene_of, tensors_of
 from spec.config import DEFAULT, TINY
 from spec.error import InputError
@@ -220,11 +222,27 @@ def test_finetuning_helps(scene, targets):
     assert decibels(scene_of(tensors), targets) > before + 1
 
 
+def test_learning_rates_rise_then_fall():
+    """From a tenth to the whole in ten steps, and down to a tenth; positions to a hundredth."""
+    leaves = {name: torch.zeros(1, requires_grad=True) for name in ("means", "scales")}
+    adams = {name: torch.optim.Adam([leaf], lr=2.0) for name, leaf in leaves.items()}
+    seen = []
+
+    def tell(*_):
+        seen.append([adam.param_groups[0]["lr"] for adam in adams.values()])
+
+    optimise(adams, 200, lambda _: sum(leaf.sum() for leaf in leaves.values()), tell, "test")
+    rates = np.array(seen)
+    assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
+    assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
+    assert np.allclose(rates[-1], [0.02, 0.2], rtol=0.03)
+
+
 def test_distilling(scene, targets):
     """Fewer harmonics that were taught are better than fewer that were cut."""
     cameras = [target.camera for target in targets]
     strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
-    wanted = list(compress_module.pictures(strong, cameras, nothing))
+    wanted = list(pictures(strong, cameras, nothing))
     student, loss = distill(strong, 1, cameras, 1.0, 0.3, 40, 0, nothing, "test")
     assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
     cut = decibels(strong.with_sh_degree(1), wanted)

@@ -16,7 +16,7 @@ from model.pack import pack
 from model.quantize import quantised, round_fixed, round_float, stored_positions
 from model.recipe import Recipe
 from model.teacher import teacher_targets
-from model.trainable import optimizers
+from model.trainable import RATES, optimizers
 from spec.config import DEFAULT, TINY
 from spec.memory import FACTOR, OPACITY
 from spec.number import Float
@@ -93,7 +93,14 @@ def test_codebooks_learn(scene, targets):
     wrong = loss.error(work.rendered(work.tensors), targets)
     leaves, rates = work.leaves()
     finetune(
-        work.tensors, optimizers(leaves, 1.0, rates), targets, 40, 0, nothing, "x", work.rendered
+        work.tensors,
+        optimizers(leaves, 1.0, RATES | rates),
+        targets,
+        40,
+        0,
+        nothing,
+        "x",
+        work.rendered,
     )
     after = work.colour.codebook()
     assert any((a != b).any() for a, b in zip(before, after.entries, strict=True))
