@@ -35,6 +35,9 @@ WORTH = 1.02
 """Harmonics are left out where the mean error without them is at most this times that with them:
 as many bytes then go into finer colours, and stage 1 has less to do."""
 
+WEIGHED_BY = 48
+"""Views that decide about significance, where there are more to learn from."""
+
 ASIDE = 7
 """One view of so many is kept aside when a loss is to be kept (`max_drop`)."""
 
@@ -72,6 +75,7 @@ def compress(
         if recipe.target_ratio is not None:
             count = count_for_ratio(original, recipe.target_ratio, work.largest_format(scene))
             rates = scaled_schedule(rates, len(scene), count)
+        start = work.before_pruning(start)
         for rate in rates:
             start = work.pruned(start, rate)
         return work.packed(start)[0]
@@ -123,14 +127,14 @@ class Compression:
         return self.checkpoints.scene(step)
 
     def weights(self, scene: Scene, what: str) -> np.ndarray:
-        """Significance [N] over the training views; that of the last scene is remembered."""
+        """Significance [N] over WEIGHED_BY training views; that of the last scene is remembered."""
         if self.weighed and self.weighed[0] is scene:
             return self.weighed[1]
 
         def tell(done: int, total: int):
             self.tell(f"{what}: looking", done, total, None)
 
-        found = significance(scene, self.cameras, tell)
+        found = significance(scene, self.cameras[:: -(-len(self.cameras) // WEIGHED_BY)], tell)
         if not found.any():
             raise InputError("none of the views shows a Gaussian")
         self.weighed = scene, found
@@ -164,12 +168,21 @@ class Compression:
 
         return self.kept(name, "distill", make)
 
-    def packed(self, scene: Scene) -> tuple[Step, PackedModel]:
-        """Distil, quantise and pack a pruned scene."""
+    def lowered(self, scene: Scene) -> Scene:
+        """The scene with no more harmonics than the model will have at most."""
         wanted = self.recipe.sh_degree
         last = min(self.config.sh_degree, 1 if wanted is None else wanted)
         for degree in degrees(scene, last):
             scene = self.distilled(scene, degree)
+        return scene
+
+    def before_pruning(self, scene: Scene) -> Scene:
+        """What pruning begins with."""
+        return self.lowered(scene) if self.recipe.order == "distill-first" else scene
+
+    def packed(self, scene: Scene) -> tuple[Step, PackedModel]:
+        """Quantise and pack a pruned scene whose harmonics go first, where they have not."""
+        scene, wanted = self.lowered(scene), self.recipe.sh_degree
         if wanted is None and scene.sh_degree == 1 and not self.worth_harmonics(scene):
             scene = self.distilled(scene, 0)
         name = self.name("quantize")
@@ -241,7 +254,7 @@ class Compression:
             raise InputError("--max-drop: needs at least 2 pictures, one of them to keep aside")
         self.cameras, self.weighed = [target.camera for target in self.targets], None
         best = decibels(scene, aside)
-        levels, rates = [scene], list(self.recipe.schedule) or [0.4]
+        levels, rates = [self.before_pruning(scene)], list(self.recipe.schedule) or [0.4]
         rate = rates[0]
         while rate >= RATE_MIN and len(levels[-1]) > 1:
             smaller = self.pruned(levels[-1], rate)

@@ -26,6 +26,9 @@ MOVE = 0.1
 TURN = np.radians(5.0)
 """How far turned, at most."""
 
+SHARE = 0.2
+"""Of fine-tuning's learning rates: least squares leave less to mend than pruning does."""
+
 PULL = 0.1
 """Weight of the coefficients as they were in the least squares, over that of all cameras."""
 
@@ -63,7 +66,7 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*rendered(student), camera).image, wanted)
 
-    adams = optimizers(student, extent, scaled(REFINING, rate))
+    adams = optimizers(student, extent, scaled(REFINING, SHARE * rate))
     loss = optimise(adams, steps, loss_of, tell, what)
     return student, loss
 

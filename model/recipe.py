@@ -4,6 +4,10 @@ from dataclasses import dataclass
 
 from spec.error import InputError
 
+ORDERS = ("distill-first", "prune-first")
+"""Whether harmonics go before Gaussians or after them, as in the paper. What is merged later is
+fine-tuned as the machine will show it; what is distilled later costs fewer steps."""
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -19,6 +23,7 @@ class Recipe:
     distill_steps: int = 400  # for each degree that goes
     quantize_steps: int = 400  # under the packed model's numbers
     rate: float = 1.0  # learning rates, as a share of `trainable.REFINING`
+    order: str = "distill-first"  # of ORDERS
     sh_degree: int | None = None  # of the packed model; None: by what view dependence is worth
     target_ratio: float | None = None
     max_drop: float | None = None  # dB
@@ -36,6 +41,7 @@ class Recipe:
         for option in ("steps", "distill_steps", "quantize_steps"):
             value = getattr(self, option)
             require(f"--{option.replace('_', '-')}", value >= 0, f"{value} is below 0")
+        require("--order", self.order in ORDERS, f"{self.order} is not one of {', '.join(ORDERS)}")
         require("--rate", 0 < self.rate <= 10, f"{self.rate:g} is not in 0 … 10")
         require("--sh-degree", self.sh_degree in (None, 0, 1), f"{self.sh_degree} is not 0 or 1")
         if self.target_ratio is not None:

@@ -72,7 +72,7 @@ class Bench:
     def __init__(self, subject: Subject, request: Request, folder: Path):
         self.subject, self.request, self.folder = subject, request, folder
         self.protocol = request.protocol
-        self.recipe = recipe_of(self.protocol.steps, self.protocol.seed, self.protocol.rate)
+        self.recipe = recipe_of(*self.protocol.options)
         self.measure = Measurer(folder / "measured", subject, self.protocol.config)
 
     def facts(self) -> dict:

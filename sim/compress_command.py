@@ -75,6 +75,10 @@ RateOption = Annotated[
     float,
     typer.Option(metavar="S", help="Learning rates, as a share of those that suit most scenes."),
 ]
+OrderOption = Annotated[
+    str,
+    typer.Option(metavar="ORDER", help="distill-first: harmonics go first; or prune-first."),
+]
 DegreeOption = Annotated[
     int | None,
     typer.Option(min=0, max=1, help="Of the model. Default: 0 where 1 is not worth its bytes."),
@@ -134,9 +138,12 @@ def compress_command(
     distill_steps: DistillOption = Recipe.distill_steps,
     quantize_steps: QuantizeOption = Recipe.quantize_steps,
     rate: RateOption = Recipe.rate,
+    order: OrderOption = Recipe.order,
     sh_degree: DegreeOption = None,
     views: Annotated[int, typer.Option(min=1, help="Own pictures, without --images.")] = 48,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Of the own pictures.")] = "960x540",
+    size: Annotated[
+        str, typer.Option(metavar="WxH", help="Of the own pictures: as it will be rendered.")
+    ] = "1920x1080",
     scale: ScaleOption = 1.0,
     hold_out: HoldOutOption = 7,
     seed: SeedOption = 0,
@@ -156,7 +163,7 @@ def compress_command(
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
     recipe = Recipe(
-        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, sh_degree,
+        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, sh_degree,
         target_ratio, max_drop, seed,
     )  # fmt: skip
     config, pixels = find_preset(preset), parse_size(size)

@@ -62,6 +62,9 @@ RateOption = Annotated[
     float,
     typer.Option(metavar="S", help="Learning rates, as a share of those that suit most scenes."),
 ]
+OrderOption = Annotated[
+    str, typer.Option(metavar="ORDER", help="distill-first, or prune-first as in the paper.")
+]
 SeedOption = Annotated[int, typer.Option(metavar="S", help="Of everything random.")]
 
 
@@ -79,6 +82,7 @@ def compression_command(
     size: PixelsOption = SIZE,
     scale: ScaleOption = DEFAULTS.scale,
     rate: RateOption = DEFAULTS.rate,
+    order: OrderOption = DEFAULTS.order,
     seed: SeedOption = DEFAULTS.seed,
     preset: PresetOption = "DEFAULT",
 ):
@@ -97,10 +101,11 @@ def compression_command(
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
         at_least("--views", views), parse_size(view_size), parse_size(size), scale, seed, rate,
+        order,
     )  # fmt: skip
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")
-    compression_run.recipe_of(steps, seed, rate)
+    compression_run.recipe_of(*protocol.options)
     found = find(list(scene or ()))
     names = [Path(path).resolve().name for path in found]
     chosen = Path(schedule_scene or (SCENES[0] if SCENES[0] in names else names[0])).name

@@ -42,9 +42,11 @@ def progress(label: str):
         yield tell
 
 
-def recipe_of(steps: int | None, seed: int, rate: float = Recipe.rate) -> Recipe:
+def recipe_of(
+    steps: int | None, seed: int, rate: float = Recipe.rate, order: str = Recipe.order
+) -> Recipe:
     """The default recipe with another number of steps; those of its other parts in proportion."""
-    recipe = Recipe(seed=seed, rate=rate)
+    recipe = Recipe(seed=seed, rate=rate, order=order)
     if steps is None:
         return recipe
     other = {
@@ -133,6 +135,7 @@ class Run:
         self.subject, self.recipe, self.config = subject, recipe, config
         self.key = f"{subject.key} {recipe!r} {config!r}"
         digest = hashlib.sha256(self.key.encode()).hexdigest()[:12]
+        self.folder = folder
         self.checkpoints = Checkpoints(folder / f"{subject.name}-{digest}", self.key)
 
     def finish(self) -> Step:
@@ -166,9 +169,38 @@ class Run:
     def _prunings(self) -> list[Step]:
         return [step for step in self.checkpoints.steps if step.kind == "prune"]
 
+    def _distilled(self) -> "Run":
+        """Distillation alone, of which all recipes of one order make use."""
+        recipe = replace(self.recipe, schedule=(), target_ratio=None, steps=0)
+        return Run(self.folder, self.subject, recipe, self.config)
+
+    def _begin(self):
+        """Take over what distillation before all pruning left, where there is nothing yet."""
+        shared = self._distilled()
+        goal = self.config.sh_degree
+        if (
+            self.recipe.order != "distill-first"
+            or self.subject.scene.sh_degree <= goal
+            or self.checkpoints.last
+            or shared.key == self.key
+        ):
+            return
+
+        def distilled() -> bool:
+            last = shared.checkpoints.last
+            return last is not None and last.sh_degree <= goal
+
+        if not distilled():
+            with suppress(Enough):
+                shared._compress(distilled)
+        for step in shared.checkpoints.steps:
+            if step.kind in ("original", "distill"):
+                self.checkpoints.save(step, shared.checkpoints.scene(step))
+
     def _compress(self, enough: Callable[[], bool]) -> Step:
         from model.compress import compress
 
+        self._begin()
         subject = self.subject
         with progress(subject.name) as tell:
 

@@ -52,6 +52,12 @@ class Protocol:
     scale: float = 1.0  # of photographs
     seed: int = 0
     rate: float = Recipe.rate  # of fine-tuning
+    order: str = Recipe.order  # of pruning and distillation
+
+    @property
+    def options(self) -> tuple:
+        """What `recipe_of` takes."""
+        return self.steps, self.seed, self.rate, self.order
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,7 @@ class StandIn:
 
     def compress(self, scene, targets, recipe, checkpoints, config, tell, original):
         """Prunes evenly by the schedule, drops harmonics, packs."""
-        assert len(targets) and recipe.steps > 0
+        assert len(targets)
         if len(scene) == self.breaks_at:
             raise FloatingPointError("the loss is NaN\nat step 7")
         self.calls.append(f"compress {len(scene)} {recipe.target_ratio}")
@@ -66,8 +66,10 @@ class StandIn:
             if count < 20:
                 raise InputError(f"--target-ratio {recipe.target_ratio:g}: cannot be reached")
             rates = (1 - min(count / len(scene), 1.0),)
-        plan = [("original", "original", 1.0), *(("prune", "prune", 1 - rate) for rate in rates)]
-        plan += [("distill 1", "distill", 1.0)]
+        prunings = [("prune", "prune", 1 - rate) for rate in rates]
+        plan = [("original", "original", 1.0), ("distill 1", "distill", 1.0)]
+        place = 1 if recipe.order == "prune-first" else 2
+        plan[place:place] = prunings
         for k, (name, kind, share) in enumerate(plan):
             tell(name, 0, 1, None if kind == "original" else 0.1)
             name = f"{name} ({k})" if kind == "prune" else name

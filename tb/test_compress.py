@@ -67,14 +67,23 @@ def finished(scene, targets, tmp_path_factory):
 def test_steps(scene, finished):
     steps = finished.steps
     names = [step.name for step in steps]
-    assert names[:5] == ["original", "prune 0.3", "prune 0.2", "distill 2", "distill 1"]
+    assert names[:5] == ["original", "distill 2", "distill 1", "prune 0.3", "prune 0.2"]
     assert names[-1] == "quantize" and set(names[5:-1]) <= {"distill 0"}
-    assert [step.kind for step in steps[:3]] == ["original", "prune", "prune"]
+    assert [step.kind for step in steps[:4]] == ["original", "distill", "distill", "prune"]
     assert steps[0].bytes == ply_bytes(len(scene), 3)
-    assert abs(steps[1].gaussians - 0.7 * len(scene)) < 0.02 * len(scene)
-    assert [step.sh_degree for step in steps[2:5]] == [3, 2, 1]
+    assert abs(steps[3].gaussians - 0.7 * len(scene)) < 0.02 * len(scene)
+    assert [step.sh_degree for step in steps[:5]] == [3, 2, 1, 1, 1]
     assert steps[-1].bytes == len(finished.model(steps[-1]).image) < steps[0].bytes / 8
     assert all(np.isfinite(step.loss) for step in steps[1:])
+
+
+def test_as_the_paper_has_it(scene, targets, tmp_path):
+    """Pruning first, harmonics afterwards."""
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    compress(scene, targets, replace(RECIPE, order="prune-first"), checkpoints)
+    names = [step.name for step in checkpoints.steps]
+    assert names[:5] == ["original", "prune 0.3", "prune 0.2", "distill 2", "distill 1"]
+    assert [step.sh_degree for step in checkpoints.steps[:5]] == [3, 3, 3, 2, 1]
 
 
 def test_the_machine_renders_it(finished):
@@ -166,7 +175,7 @@ def test_nan_in_the_loss(scene, targets, tmp_path, monkeypatch):
     monkeypatch.setattr(finetune_module, "difference", wrong)
     with pytest.raises(InputError, match=r"prune 0.2: the loss is nan at step 3 of 6.*steps"):
         compress(scene, targets, RECIPE, checkpoints)
-    assert [step.name for step in checkpoints.steps] == ["original", "prune 0.3"]
+    assert [step.name for step in checkpoints.steps][-2:] == ["distill 1", "prune 0.3"]
     assert np.isfinite(checkpoints.scene(checkpoints.last).position).all()
     monkeypatch.undo()
     assert compress(scene, targets, RECIPE, checkpoints).kind == "quantize"
@@ -280,6 +289,7 @@ def test_least_squares_of_harmonics(scene, targets):
         ({"schedule": (0.4, 1.0)}, "--schedule"), ({"steps": -1}, "--steps"),
         ({"target_ratio": 0.5}, "--target-ratio"), ({"max_drop": 0.0}, "--max-drop"),
         ({"sh_degree": 2}, "--sh-degree"), ({"rate": 0.0}, "--rate"),
+        ({"order": "both"}, "--order"),
         ({"target_ratio": 5.0, "max_drop": 1.0}, "--target-ratio, --max-drop"),
     ),
 )  # fmt: skip
