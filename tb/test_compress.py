@@ -16,7 +16,7 @@ from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
 from model.compress import compress, decibels
 from model.distill import degrees, distill, projected
-from model.finetune import finetune, optimise, views_in_turn
+from model.finetune import difference, finetune, optimise, views_in_turn
 from model.generate import generate, generated_camera
 from model.photographs import Target
 from model.prune import (
@@ -24,7 +24,7 @@ from model.prune import (
     sound,
 )
 from model.recipe import Recipe
-from model.significance import significance
+from model.significance import significance, view_weights
 from model.teacher import pictures, teacher_targets
 from model.trainable import optimizers, rendered, scene_of, tensors_of
 from spec.config import DEFAULT, TINY
@@ -207,6 +207,9 @@ def test_significance(scene, targets):
     front, hidden, behind = significance(stack, [camera])
     (seen,) = significance(stack[[1]], [camera])
     assert 0 < hidden < 0.03 * seen < front and behind == 0
+    volume = scene.scale.prod(axis=1)
+    term = np.minimum(volume / np.percentile(volume, 90), 1) ** 0.1
+    assert np.allclose(sum(view_weights(scene, cameras)) * term, found)
 
 
 def test_merging_loses_less_than_dropping(scene, targets):
@@ -220,8 +223,16 @@ def test_views_in_turn():
     views = views_in_turn(list(range(5)), 3)
     first = [next(views) for _ in range(10)]
     assert sorted(first[:5]) == sorted(first[5:]) == list(range(5))
+    assert first[:5] != first[5:] and sorted(first[:5]) != first[:5]
     again = views_in_turn(list(range(5)), 3)
     assert [next(again) for _ in range(10)] == first
+
+
+def test_difference_is_that_of_the_clipped_picture():
+    picture = torch.tensor([[-0.5, 0.5, 1.5]], requires_grad=True)
+    loss = difference(picture, torch.tensor([[0.0, 0.2, 1.0]]))
+    loss.backward()
+    assert float(loss.detach()) == pytest.approx(0.1) and picture.grad.tolist()[0][::2] == [0, 0]
 
 
 def test_finetuning_helps(scene, targets):

@@ -72,6 +72,23 @@ def test_the_cheapest_pairs():
     assert sorted(map(int, np.concatenate(cheapest_pairs(large, np.ones(6), 1)))) == [4, 5]
 
 
+def test_pairs_share_no_member(scene):
+    first, second = cheapest_pairs(scene, np.ones(len(scene)), len(scene) // 2)
+    members = np.concatenate([first, second])
+    assert len(np.unique(members)) == len(members) > len(scene) // 3
+
+
+def test_one_of_four_gives_what_four_gave():
+    """Four of the same place and size, one by one: opacities add up, so weights must."""
+    four = random_scene(4, 0)[[0, 0, 0, 0]]
+    one = prune(replace(four, opacity=np.full(4, 0.1)), np.ones(4), 0.75)
+    assert (
+        len(one) == 1
+        and np.allclose(one.opacity, 0.4)
+        and np.allclose(np.sort(one.scale), np.sort(four.scale[:1]))
+    )
+
+
 def test_what_nobody_sees_leaves_nothing(scene):
     weight = np.where(np.arange(len(scene)) < 200, 0.0, 1.0)
     kept = prune(scene, weight, 200 / len(scene))
