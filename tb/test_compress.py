@@ -15,7 +15,6 @@ from model import compress as compress_module
 from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
 from model.compress import compress, decibels
-from model.distill import degrees, distill, projected
 from model.finetune import difference, finetune, optimise, views_in_turn
 from model.generate import generate, generated_camera
 from model.photographs import Target
@@ -25,7 +24,7 @@ from model.prune import (
 )
 from model.recipe import Recipe
 from model.significance import significance, view_weights
-from model.teacher import pictures, teacher_targets
+from model.teacher import teacher_targets
 from model.trainable import optimizers, rendered, scene_of, tensors_of
 from spec.config import DEFAULT, TINY
 from spec.error import InputError
@@ -258,20 +257,6 @@ def test_learning_rates_rise_then_fall():
     assert np.allclose(rates[-1], [0.02, 0.2], rtol=0.03)
 
 
-def test_distilling(scene, targets):
-    """Fewer harmonics that were taught are better than fewer that were cut."""
-    cameras = [target.camera for target in targets]
-    strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
-    wanted = list(pictures(strong, cameras, nothing))
-    student, loss = distill(strong, 1, cameras, 1.0, 0.3, 40, 0, nothing, "test")
-    assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
-    cut = decibels(strong.with_sh_degree(1), wanted)
-    assert decibels(scene_of(student), wanted) > cut + 0.3
-    fitted = projected(strong, 1, cameras)
-    assert fitted.sh_degree == 1 and decibels(fitted, wanted) > cut + 0.1
-    assert list(degrees(scene, 1)) == [2, 1] and list(degrees(scene.with_sh_degree(0), 0)) == []
-
-
 def test_rendered_parameters(scene):
     """Tensors of a scene and back: the same scene to float32."""
     kept = sound(scene)
@@ -280,18 +265,6 @@ def test_rendered_parameters(scene):
         assert np.allclose(getattr(back, name), getattr(kept, name), rtol=2e-5, atol=1e-7), name
     factor = rendered(tensors_of(kept))[1].detach().numpy()
     assert np.allclose(factor, kept.gaussians().factor, atol=1e-5)
-
-
-def test_least_squares_of_harmonics(scene, targets):
-    """What has no higher degree stays as it is, and so does what no camera sees."""
-    cameras = [target.camera for target in targets]
-    bright = scene.sh.copy()
-    bright[:, 0] += 3.0  # so that nothing is clamped
-    bright[:, 4:] = 0
-    flat = replace(scene, sh=bright)
-    assert np.allclose(projected(flat, 1, cameras).sh, bright[:, :4], atol=1e-6)
-    away = replace(scene, position=scene.position + 1e4)
-    assert np.allclose(projected(away, 1, cameras).sh, scene.sh[:, :4])
 
 
 @pytest.mark.parametrize(

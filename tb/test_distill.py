@@ -1,0 +1,101 @@
+"""Distillation: least squares, then teaching, each by itself and both together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from model import distill as distill_module
+from model.compress import decibels
+from model.distill import degrees, distill, projected
+from model.generate import generate
+from model.teacher import pictures, teacher_targets
+from model.trainable import scene_of
+from spec.convention import COLOUR_OFFSET
+from spec.packed import SH_C0
+from spec.scene import Scene
+
+pytestmark = pytest.mark.compress
+
+SIZE = (96, 64)
+
+
+def nothing(*_):
+    pass
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """A garden whose harmonics go up to degree 3."""
+    garden = generate("garden", 700)
+    rng = np.random.default_rng(1)
+    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
+    return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))
+
+
+@pytest.fixture(scope="module")
+def targets(scene):
+    return teacher_targets(scene, 6, SIZE, 0, nothing)
+
+
+def test_distilling(scene, targets):
+    """Fewer harmonics that were taught are better than fewer that were cut."""
+    cameras = [target.camera for target in targets]
+    strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
+    wanted = list(pictures(strong, cameras, nothing))
+    student, loss = distill(strong, 1, cameras, 1.0, 0.3, 40, 0, nothing, "test")
+    assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
+    cut = decibels(strong.with_sh_degree(1), wanted)
+    assert decibels(scene_of(student), wanted) > cut + 0.3
+    fitted = projected(strong, 1, cameras)
+    assert fitted.sh_degree == 1 and decibels(fitted, wanted) > cut + 0.1
+    assert list(degrees(scene, 1)) == [2, 1] and list(degrees(scene.with_sh_degree(0), 0)) == []
+
+
+def test_least_squares_of_harmonics(scene, targets):
+    """What has no higher degree stays as it is, and so does what no camera sees."""
+    cameras = [target.camera for target in targets]
+    bright = scene.sh.copy()
+    bright[:, 0] += 3.0  # so that nothing is clamped
+    bright[:, 4:] = 0
+    flat = replace(scene, sh=bright)
+    assert np.allclose(projected(flat, 1, cameras).sh, bright[:, :4], atol=1e-6)
+    away = replace(scene, position=scene.position + 1e4)
+    assert np.allclose(projected(away, 1, cameras).sh, scene.sh[:, :4])
+
+
+def test_it_begins_with_least_squares(scene, targets):
+    cameras = [target.camera for target in targets]
+    student, loss = distill(scene, 1, cameras, 1.0, 1.0, 0, 0, nothing, "test")
+    assert loss is None and np.allclose(scene_of(student).sh, projected(scene, 1, cameras).sh)
+
+
+def test_colours_below_black_are_black(scene, targets):
+    """What is wanted is what is seen: no colour is below zero."""
+    dark = scene.sh.copy()
+    dark[:, 0] = -9.0
+    dark[:, 1:] = 0
+    cameras = [target.camera for target in targets]
+    found = projected(replace(scene, sh=dark), 0, cameras).sh[:, 0]
+    black = (-COLOUR_OFFSET / SH_C0 + distill_module.PULL * -9.0) / (1 + distill_module.PULL)
+    seen = np.abs(found[:, 0] + 9) > 1e-6
+    assert seen.mean() > 0.3 and np.allclose(found[seen], black, atol=0.2)
+
+
+def test_half_of_the_steps_are_beside_the_views(scene, targets, monkeypatch):
+    cameras, beside = [target.camera for target in targets], []
+    right = distill_module.perturbed
+
+    def noted(camera, *arguments):
+        beside.append(right(camera, *arguments))
+        return beside[-1]
+
+    monkeypatch.setattr(distill_module, "perturbed", noted)
+    distill(scene, 1, cameras, 2.0, 1.0, 40, 0, nothing, "test")
+    assert 12 <= len(beside) <= 28
+    away = [
+        min(np.linalg.norm(camera.position - own.position) for own in cameras) for camera in beside
+    ]
+    assert min(away) > 0 and max(away) <= 2.0 * distill_module.MOVE
