@@ -108,8 +108,13 @@ class Compression:
 
     def name(self, text: str) -> str:
         """The name of a step; the second of the same name is "… (2)"."""
+        name = self.next_name(text)
         self.names.append(text)
-        count = self.names.count(text)
+        return name
+
+    def next_name(self, text: str) -> str:
+        """What `name` will make of it."""
+        count = self.names.count(text) + 1
         return text if count == 1 else f"{text} ({count})"
 
     def kept(self, name: str, kind: str, make: Callable[[], tuple[Scene, float | None]]) -> Scene:
@@ -183,7 +188,7 @@ class Compression:
     def packed(self, scene: Scene) -> tuple[Step, PackedModel]:
         """Quantise and pack a pruned scene whose harmonics go first, where they have not."""
         scene, wanted = self.lowered(scene), self.recipe.sh_degree
-        if wanted is None and scene.sh_degree == 1 and not self.worth_harmonics(scene):
+        if wanted is None and scene.sh_degree == 1 and self.goes_without(scene):
             scene = self.distilled(scene, 0)
         name = self.name("quantize")
         step = self.checkpoints.find(name)
@@ -232,6 +237,14 @@ class Compression:
         degrees = {highest, 0} if wanted is None else {highest}
         formats = [model_format(self.config, degree) for degree in degrees]
         return max(formats, key=lambda format: format.layout(0).end)
+
+    def goes_without(self, scene: Scene) -> bool:
+        """Whether a scene of degree 1 loses its harmonics; what was decided once stands."""
+        steps, done = self.checkpoints.steps, self.checkpoints.find(self.next_name("quantize"))
+        before = steps[steps.index(done) - 1] if done else steps[-1]
+        if before.kind == "distill" and before.sh_degree == 0:
+            return True
+        return not done and not self.worth_harmonics(scene)
 
     def worth_harmonics(self, scene: Scene) -> bool:
         """Whether a model with harmonics, as k-means gives it, is better than one without."""

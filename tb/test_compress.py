@@ -14,7 +14,7 @@ from golden.reference import render as reference
 from model import compress as compress_module
 from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
-from model.compress import compress, decibels
+from model.compress import Compression, compress, decibels
 from model.finetune import difference, finetune, optimise, views_in_turn
 from model.generate import generate, generated_camera
 from model.photographs import Target
@@ -96,7 +96,7 @@ def test_the_machine_renders_it(finished):
         assert drawn.max() > 100
 
 
-def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path):
+def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path, monkeypatch):
     """Stopped after every step, it ends with the same model as without a stop."""
 
     class Stop(Exception):
@@ -119,6 +119,7 @@ def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path):
     first, second = (each.model(each.last).image for each in (finished, checkpoints))
     assert np.array_equal(first, second)
     before = checkpoints.last
+    monkeypatch.delattr(Compression, "worth_harmonics")  # decided already
     assert compress(scene, targets, RECIPE, checkpoints, tell=nothing) == before
 
 
@@ -126,6 +127,17 @@ def test_another_seed_is_another_model(scene, targets, finished, tmp_path):
     other = Checkpoints(tmp_path / "steps", "key")
     compress(scene, targets, replace(RECIPE, seed=1), other)
     assert not np.array_equal(other.model(other.last).image, finished.model(finished.last).image)
+
+
+@pytest.mark.parametrize("worth", [False, True])
+def test_harmonics_that_are_not_worth_it(scene, targets, tmp_path, monkeypatch, worth):
+    """They go before quantisation, and a second call comes to the same steps."""
+    monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: worth)
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    last = compress(scene, targets, RECIPE, checkpoints)
+    assert last.sh_degree == worth and checkpoints.has("distill 0") != worth
+    monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: not worth)
+    assert compress(scene, targets, RECIPE, Checkpoints(tmp_path / "steps", "key")) == last
 
 
 def test_target_ratio(scene, targets, tmp_path):
