@@ -140,7 +140,7 @@ def compress_command(
     rate: RateOption = Recipe.rate,
     order: OrderOption = Recipe.order,
     sh_degree: DegreeOption = None,
-    views: Annotated[int, typer.Option(min=1, help="Own pictures, without --images.")] = 48,
+    views: Annotated[int, typer.Option(min=1, help="Own pictures, without --images.")] = 96,
     size: Annotated[
         str, typer.Option(metavar="WxH", help="Of the own pictures: as it will be rendered.")
     ] = "1920x1080",

@@ -46,7 +46,7 @@ class Protocol:
     config: Config
     steps: int | None = None  # of fine-tuning after each pruning; None: the recipe's
     train_steps: int = 3000  # of a baseline
-    views: int = 48  # of a scene that is its own teacher
+    views: int = 96  # of a scene that is its own teacher
     view_size: tuple[int, int] = (1920, 1080)  # of these, width and height
     size: tuple[int, int] = (1920, 1080)  # of the views by which a scene is judged
     scale: float = 1.0  # of photographs

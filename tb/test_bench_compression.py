@@ -80,7 +80,7 @@ def test_what_is_there_is_not_made_again(fake, tmp_path, monkeypatch):
     names = ("compression.json", "steps.csv", "schedule.csv", "curve.csv", "budget.csv")
     first = {name: (tmp_path / "out" / name).read_bytes() for name in names}
     done = list(fake.calls)
-    assert done.count("teacher 48 1920x1080 0, 2 cameras") == 1
+    assert done.count("teacher 96 1920x1080 0, 2 cameras") == 1
 
     def never(*_):
         raise AssertionError("rendered again")
