@@ -85,6 +85,7 @@ class StandIn:
             scene = checkpoints.scene(next(s for s in checkpoints.steps if s.name == name))
             if name == self.stop_after:
                 raise Interrupt
+        tell("quantize", 0, 1, None)
         model = pack(scene, config)[0]
         step = Step("quantize", "quantize", len(model), 1, len(model.image), 0.5, 0.2)
         return checkpoints.save(step, model=model)
