@@ -28,6 +28,7 @@ from model.teacher import teacher_targets
 from model.trainable import optimizers, rendered, scene_of, tensors_of
 from spec.config import DEFAULT, TINY
 from spec.error import InputError
+from spec.memory import model_format
 from spec.scene import Scene
 
 pytestmark = pytest.mark.compress
@@ -147,6 +148,15 @@ def test_target_ratio(scene, targets, tmp_path):
     assert 15 <= ply_bytes(len(scene), 3) / step.bytes < 20
     with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves"):
         compress(scene, targets, replace(recipe, target_ratio=1e6), Checkpoints(tmp_path / "b", ""))
+
+
+def test_room_for_the_larger_codebooks(scene, targets):
+    """A ratio is kept with harmonics and without."""
+    either = Compression(targets, RECIPE, None, DEFAULT, nothing).largest_format(scene)
+    flat = Compression(targets, replace(RECIPE, sh_degree=0), None, DEFAULT, nothing)
+    sizes = [model_format(DEFAULT, degree).layout(0).end for degree in (0, 1)]
+    assert either.layout(0).end == max(sizes) > min(sizes)
+    assert flat.largest_format(scene).sh_degree == 0
 
 
 def test_a_ratio_that_packing_alone_gives(scene, targets, tmp_path):
