@@ -8,11 +8,13 @@ import pytest
 pytest.importorskip("torch")
 
 from model import distill as distill_module
-from model.compress import decibels
+from model.compress import Compression, decibels
 from model.distill import degrees, distill, projected
 from model.generate import generate
+from model.recipe import Recipe
 from model.teacher import pictures, teacher_targets
 from model.trainable import scene_of
+from spec.config import DEFAULT
 from spec.convention import COLOUR_OFFSET
 from spec.packed import SH_C0
 from spec.scene import Scene
@@ -99,3 +101,15 @@ def test_half_of_the_steps_are_beside_the_views(scene, targets, monkeypatch):
         min(np.linalg.norm(camera.position - own.position) for own in cameras) for camera in beside
     ]
     assert min(away) > 0 and max(away) <= 2.0 * distill_module.MOVE
+
+
+def test_whether_harmonics_are_worth_it(scene):
+    """Not where there are none to speak of; where colours turn with the view, yes."""
+    for strength, worth in ((0.0, False), (0.4, True)):
+        sh = scene.sh[:, :4].copy()
+        sh[:, 1:] = strength * np.random.default_rng(0).choice([-1, 1], (3, 3))
+        own = replace(scene, sh=sh)
+        work = Compression(
+            teacher_targets(own, 6, SIZE, 0, nothing), Recipe(), None, DEFAULT, nothing
+        )
+        assert work.worth_harmonics(own) == worth
