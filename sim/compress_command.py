@@ -107,7 +107,7 @@ def train_command(
 
     Begins with COLMAP's points, densifies, and keeps its state every 500 steps: the same command
     goes on where it was stopped. Prints the PSNR of the photographs held out. Needs the extra
-    [compress].
+    `compress`.
     """
     check_installed()
     check_writable(output, json)
@@ -151,12 +151,12 @@ def compress_command(
     preset: PresetOption = "DEFAULT",
     json: JsonOption = None,
 ):
-    """Compress a scene: prune, distil harmonics, quantise, fine-tune between; pack the result.
+    """Compress a scene: distil harmonics, prune, quantise, fine-tune between; pack the result.
 
-    What matters is learned from photographs (--images), or else from the scene's own pictures from
-    generated views. Steps are kept in a folder: the same command goes on where it was stopped.
-    Prints each step's size and loss, and what is lost on pictures that were not learned from.
-    Needs the extra [compress].
+    What matters is learned from photographs (--images), or else from the scene's own pictures: on
+    the path of given cameras (--cameras), or from all round. Steps are kept in a folder: the same
+    command goes on where it was stopped. Prints each step's size and loss, and what is lost on
+    pictures that were not learned from. Needs the extra `compress`.
     """
     check_installed()
     check_writable(output, json)

@@ -89,7 +89,8 @@ def compression_command(
     """Compress scenes and measure: the paper's tables, and the work that is left for the machine.
 
     Quality is that of the reference's 8-bit pictures: against the photographs held out (every 7th)
-    where there are some, else against the original scene in views that compression never sees.
+    where there are some, else against the original scene in views that compression never sees:
+    those of the file of cameras beside it, on whose path it learns, or others all round.
 
     steps: size, PSNR, SSIM, FLIP (LPIPS where its weights are installed) and the machine's work
     after each step. schedule: pruning schedules with the same number of fine-tuning steps.
