@@ -11,7 +11,6 @@ import torch
 
 from golden.pipeline import render as golden_render
 from golden.reference import render as reference
-from model import compress as compress_module
 from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
 from model.compress import Compression, compress, decibels
@@ -163,24 +162,6 @@ def test_a_ratio_that_packing_alone_gives(scene, targets, tmp_path):
     checkpoints = Checkpoints(tmp_path / "steps", "key")
     compress(scene, targets, replace(RECIPE, target_ratio=1.5), checkpoints)
     assert not any(step.kind == "prune" for step in checkpoints.steps)
-
-
-def test_max_drop(scene, targets, tmp_path):
-    """The loss on what is kept aside is kept, and something was pruned."""
-    rng = np.random.default_rng(0)
-    noisy = [  # photographs are not what the scene draws
-        replace(each, image=np.clip(each.image + rng.normal(0, 12, each.image.shape), 0, 255)
-                .astype(np.uint8)) for each in targets
-    ]  # fmt: skip
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
-    recipe = replace(RECIPE, max_drop=3.0, steps=20, quantize_steps=20)
-    step = compress(scene, noisy, recipe, checkpoints)
-    aside = noisy[:: compress_module.ASIDE]
-    lost = decibels(scene, aside) - decibels(checkpoints.model(step).gaussians(), aside)
-    assert lost <= 3.0
-    assert any(each.kind == "prune" for each in checkpoints.steps)
-    with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
-        compress(scene, targets, replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", ""))
 
 
 def test_nan_in_the_loss(scene, targets, tmp_path, monkeypatch):

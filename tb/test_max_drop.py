@@ -1,0 +1,84 @@
+"""Compression to a loss that is kept on views which it does not learn from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from model import compress as compress_module
+from model.checkpoint import Checkpoints
+from model.compress import Compression, compress, decibels
+from model.generate import generate
+from model.recipe import Recipe
+from model.significance import significance
+from model.teacher import teacher_targets
+from spec.config import DEFAULT
+from spec.error import InputError
+
+pytestmark = pytest.mark.compress
+
+RECIPE = Recipe(schedule=(0.3, 0.2), steps=6, distill_steps=4, quantize_steps=6)
+SIZE = (96, 64)
+
+
+def nothing(*_):
+    pass
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A garden whose harmonics go up to degree 3."""
+    garden = generate("garden", 700)
+    rng = np.random.default_rng(1)
+    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
+    return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))
+
+
+@pytest.fixture(scope="module")
+def targets(scene):
+    return teacher_targets(scene, 8, SIZE, 0, nothing)
+
+
+def test_max_drop(scene, targets, tmp_path):
+    """The loss on what is kept aside is kept, and something was pruned."""
+    rng = np.random.default_rng(0)
+    noisy = [  # photographs are not what the scene draws
+        replace(each, image=np.clip(each.image + rng.normal(0, 12, each.image.shape), 0, 255)
+                .astype(np.uint8)) for each in targets
+    ]  # fmt: skip
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    recipe = replace(RECIPE, max_drop=3.0, steps=20, quantize_steps=20)
+    step = compress(scene, noisy, recipe, checkpoints)
+    aside = noisy[:: compress_module.ASIDE]
+    lost = decibels(scene, aside) - decibels(checkpoints.model(step).gaussians(), aside)
+    assert lost <= 3.0
+    assert any(each.kind == "prune" for each in checkpoints.steps)
+    with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
+        compress(scene, targets, replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", ""))
+
+
+def test_what_is_kept_aside_is_not_learned_from(scene, targets, tmp_path, monkeypatch):
+    """Every seventh view, the first among them, is seen by no fine-tuning and no significance."""
+    seen = set()
+    right = compress_module.finetune
+
+    def noted(tensors, optimizers, targets, *rest):
+        seen.update(target.name for target in targets)
+        return right(tensors, optimizers, targets, *rest)
+
+    monkeypatch.setattr(compress_module, "finetune", noted)
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    compress(scene, targets, replace(RECIPE, max_drop=30.0), checkpoints)
+    assert seen == {target.name for k, target in enumerate(targets) if k not in (0, 7)}
+
+
+def test_significance_is_remembered(scene, targets):
+    """Of the last scene only, and it is that of the training views."""
+    work = Compression(targets, RECIPE, None, DEFAULT, nothing)
+    wanted = significance(scene, [target.camera for target in targets])
+    for _ in range(2):
+        assert np.allclose(work.weights(scene, "x"), wanted)
+    other = scene[:300]
+    assert len(work.weights(other, "x")) == 300
