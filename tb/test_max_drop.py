@@ -72,13 +72,18 @@ def test_what_is_kept_aside_is_not_learned_from(scene, targets, tmp_path, monkey
     checkpoints = Checkpoints(tmp_path / "steps", "key")
     compress(scene, targets, replace(RECIPE, max_drop=30.0), checkpoints)
     assert seen == {target.name for k, target in enumerate(targets) if k not in (0, 7)}
+    kinds = [step.kind for step in checkpoints.steps]
+    assert kinds[:4] == ["original", "distill", "distill", "prune"]
 
 
-def test_significance_is_remembered(scene, targets):
+def test_significance_is_remembered(scene, targets, monkeypatch):
     """Of the last scene only, and it is that of the training views."""
     work = Compression(targets, RECIPE, None, DEFAULT, nothing)
     wanted = significance(scene, [target.camera for target in targets])
     for _ in range(2):
         assert np.allclose(work.weights(scene, "x"), wanted)
+    monkeypatch.setattr(compress_module, "WEIGHED_BY", 3)
     other = scene[:300]
+    some = significance(other, [target.camera for target in targets[::3]])
+    assert np.allclose(work.weights(other, "x"), some)
     assert len(work.weights(other, "x")) == 300
