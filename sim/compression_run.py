@@ -194,8 +194,7 @@ class Run:
             with suppress(Enough):
                 shared._compress(distilled)
         for step in shared.checkpoints.steps:
-            if step.kind in ("original", "distill"):
-                self.checkpoints.save(step, shared.checkpoints.scene(step))
+            self.checkpoints.save(step, shared.checkpoints.scene(step))
 
     def _compress(self, enough: Callable[[], bool]) -> Step:
         from model.compress import compress
