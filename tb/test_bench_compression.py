@@ -7,6 +7,7 @@ import pytest
 
 from golden import pipeline
 from golden.reference import render
+from model.camera_file import cameras_json, read_cameras
 from model.checkpoint import ply_bytes
 from model.pack import pack
 from model.ply import write_ply
@@ -119,6 +120,17 @@ def test_options_and_sources_decide(fake, tmp_path, monkeypatch):
         path.write_text(path.read_text()[:-20])
     assert bench("a.ply", "--part", "budget", "--steps", "5") == 0
     assert (tmp_path / "out" / "compression.json").read_text() == first
+
+
+def test_what_is_learned_from_decides(fake, tmp_path):
+    """Other views, and other cameras beside the scene, are another compression."""
+    for views in ("5", "6", "5"):
+        assert bench("a.ply", "--part", "budget", "--views", views) == 0
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 4
+    one = read_cameras("a.cameras.json")[:1]
+    (tmp_path / "a.cameras.json").write_text(cameras_json(one))
+    assert bench("a.ply", "--part", "budget", "--views", "5") == 0
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 6
 
 
 def test_failure_of_one_scene_leaves_the_others(fake, tmp_path, capsys):
