@@ -9,6 +9,7 @@ from sim import compression_run
 from sim.bench_command import bench
 from sim.bench_compression import PARTS, RATIOS, RESULT, Request, bench_compression
 from sim.campaign_command import SIZE, FolderOption, PixelsOption, finish
+from sim.compress_command import RateOption
 from sim.compression_plot import write_curve
 from sim.compression_subjects import SCENES, Protocol, find
 from sim.compression_tables import print_tables, write_csv
@@ -57,10 +58,6 @@ ViewsOption = Annotated[
 ViewSizeOption = Annotated[str, typer.Option(metavar="WxH", help="Pixels of the teacher's views.")]
 ScaleOption = Annotated[
     float, typer.Option(metavar="S", help="Photographs are shrunk to this, 0 … 1.")
-]
-RateOption = Annotated[
-    float,
-    typer.Option(metavar="S", help="Learning rates, as a share of those that suit most scenes."),
 ]
 OrderOption = Annotated[
     str, typer.Option(metavar="ORDER", help="distill-first, or prune-first as in the paper.")

@@ -15,7 +15,7 @@ from model import finetune as finetune_module
 from model.checkpoint import Checkpoints, ply_bytes
 from model.compress import Compression, compress, decibels
 from model.finetune import difference, finetune, optimise, views_in_turn
-from model.generate import generate, generated_camera
+from model.generate import generated_camera
 from model.photographs import Target
 from model.prune import (
     prune,
@@ -29,24 +29,14 @@ from spec.config import DEFAULT, TINY
 from spec.error import InputError
 from spec.memory import model_format
 from spec.scene import Scene
+from tb.compression_scene import RECIPE, SIZE, garden_with_harmonics, nothing
 
 pytestmark = pytest.mark.compress
-
-RECIPE = Recipe(schedule=(0.3, 0.2), steps=6, distill_steps=4, quantize_steps=6)
-SIZE = (96, 64)
-
-
-def nothing(*_):
-    pass
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """A garden whose harmonics go up to degree 3."""
-    garden = generate("garden", 700)
-    rng = np.random.default_rng(1)
-    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
-    return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))
+    return garden_with_harmonics()
 
 
 @pytest.fixture(scope="module")

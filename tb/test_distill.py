@@ -10,7 +10,6 @@ pytest.importorskip("torch")
 from model import distill as distill_module
 from model.compress import Compression, decibels
 from model.distill import degrees, distill, projected
-from model.generate import generate
 from model.recipe import Recipe
 from model.teacher import pictures, teacher_targets
 from model.trainable import scene_of
@@ -18,23 +17,14 @@ from spec.config import DEFAULT
 from spec.convention import COLOUR_OFFSET
 from spec.packed import SH_C0
 from spec.scene import Scene
+from tb.compression_scene import SIZE, garden_with_harmonics, nothing
 
 pytestmark = pytest.mark.compress
-
-SIZE = (96, 64)
-
-
-def nothing(*_):
-    pass
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """A garden whose harmonics go up to degree 3."""
-    garden = generate("garden", 700)
-    rng = np.random.default_rng(1)
-    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
-    return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))
+    return garden_with_harmonics()
 
 
 @pytest.fixture(scope="module")

@@ -10,30 +10,18 @@ pytest.importorskip("torch")
 from model import compress as compress_module
 from model.checkpoint import Checkpoints
 from model.compress import Compression, compress, decibels
-from model.generate import generate
-from model.recipe import Recipe
 from model.significance import significance
 from model.teacher import teacher_targets
 from spec.config import DEFAULT
 from spec.error import InputError
+from tb.compression_scene import RECIPE, SIZE, garden_with_harmonics, nothing
 
 pytestmark = pytest.mark.compress
-
-RECIPE = Recipe(schedule=(0.3, 0.2), steps=6, distill_steps=4, quantize_steps=6)
-SIZE = (96, 64)
-
-
-def nothing(*_):
-    pass
 
 
 @pytest.fixture(scope="module")
 def scene():
-    """A garden whose harmonics go up to degree 3."""
-    garden = generate("garden", 700)
-    rng = np.random.default_rng(1)
-    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
-    return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))
+    return garden_with_harmonics()
 
 
 @pytest.fixture(scope="module")

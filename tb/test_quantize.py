@@ -21,12 +21,9 @@ from spec.config import DEFAULT, TINY
 from spec.memory import FACTOR, OPACITY
 from spec.number import Float
 from spec.scene import Scene
+from tb.compression_scene import nothing
 
 pytestmark = pytest.mark.compress
-
-
-def nothing(*_):
-    pass
 
 
 @pytest.fixture(scope="module")

@@ -13,14 +13,11 @@ from model.orbit import GAP
 from model.surround import surrounding_views
 from model.teacher import NEARER, teacher_targets, teacher_views
 from spec.camera import look_at
+from tb.compression_scene import nothing
 
 pytestmark = pytest.mark.compress
 
 SIZE = (48, 32)
-
-
-def nothing(*_):
-    pass
 
 
 def test_from_all_round():

@@ -19,14 +19,11 @@ from model.teacher import pictures
 from model.train import Training, initial_scene, train
 from spec.error import InputError
 from spec.packed import SH_C0
+from tb.compression_scene import nothing
 
 pytestmark = pytest.mark.compress
 
 STEPS = 60
-
-
-def nothing(*_):
-    pass
 
 
 @pytest.fixture(scope="module")
