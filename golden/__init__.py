@@ -1,1 +1,4 @@
-"""The float64 reference renderer and the bit-accurate twin of each stage."""
+"""The float64 reference, and the golden model: each stage in the machine's own integers.
+
+May import: spec.
+"""

@@ -10,7 +10,7 @@ those that fall below the smallest normal value are exact. Wider formats are ref
 
 import numpy as np
 
-from spec.number import Fixed, Float
+from splatcore.spec.number import Fixed, Float
 
 FLOAT64 = 53
 """Bits of float64's significand."""

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden.footprint import footprints
-from golden.lists import Lists, write_lists
-from spec.config import Config
-from spec.group import (
+from splatcore.golden.footprint import footprints
+from splatcore.golden.lists import Lists, write_lists
+from splatcore.spec.config import Config
+from splatcore.spec.group import (
     depth_keys,
     entry_record,
     extent_codes,
@@ -16,8 +16,8 @@ from spec.group import (
     scaled_colours,
     unscaled_colour_format,
 )
-from spec.number import Fixed
-from spec.point import splat_record
+from splatcore.spec.number import Fixed
+from splatcore.spec.point import splat_record
 
 Codes = dict[str, np.ndarray]
 

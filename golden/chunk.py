@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from golden.program import Values, run
-from spec.config import Config
-from spec.frame import FrameConstants
-from spec.memory import EXTENT_SHIFT
-from spec.microprogram import program
-from spec.packed import PackedModel
-from spec.programs import CORNERS
+from splatcore.golden.program import Values, run
+from splatcore.spec.config import Config
+from splatcore.spec.frame import FrameConstants
+from splatcore.spec.memory import EXTENT_SHIFT
+from splatcore.spec.microprogram import program
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.programs import CORNERS
 
 
 def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Values, np.ndarray]:

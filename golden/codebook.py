@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from golden.program import Values
-from spec.config import Config
-from spec.memory import CODEBOOK_WORD, COLOUR_ENTRY, SH_ENTRY
-from spec.packed import PackedModel
-from spec.programs import COLOURS, SLOPES
-from spec.record import Record
+from splatcore.golden.program import Values
+from splatcore.spec.config import Config
+from splatcore.spec.memory import CODEBOOK_WORD, COLOUR_ENTRY, SH_ENTRY
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.programs import COLOURS, SLOPES
+from splatcore.spec.record import Record
 
 
 def look_up(config: Config, model: PackedModel, index: np.ndarray) -> Values:

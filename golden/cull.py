@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from golden.program import Values, run
-from spec.config import Config
-from spec.frame import FrameConstants
-from spec.microprogram import culling
-from spec.packed import PackedModel
+from splatcore.golden.program import Values, run
+from splatcore.spec.config import Config
+from splatcore.spec.frame import FrameConstants
+from splatcore.spec.microprogram import culling
+from splatcore.spec.packed import PackedModel
 
 
 def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.ndarray) -> Values:

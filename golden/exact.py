@@ -6,16 +6,16 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from golden.reference import Splats, tile_boxes
-from golden.reference_tiles import bin_splats
-from spec.camera import Camera
-from spec.config import Config
-from spec.convention import ALPHA_MIN, SPLATCORE, TILE
-from spec.frame import POWER_SCALE
-from spec.group import colour_format, extent_codes, group_grid
-from spec.memory import OPACITY
-from spec.record import Codes
-from spec.scene import Gaussians
+from splatcore.golden.reference import Splats, tile_boxes
+from splatcore.golden.reference_tiles import bin_splats
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.convention import ALPHA_MIN, SPLATCORE, TILE
+from splatcore.spec.frame import POWER_SCALE
+from splatcore.spec.group import colour_format, extent_codes, group_grid
+from splatcore.spec.memory import OPACITY
+from splatcore.spec.record import Codes
+from splatcore.spec.scene import Gaussians
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from spec.binning import (
+from splatcore.spec.binning import (
     FACTOR_FRACTION,
     FINEST,
     GUARD,
@@ -19,9 +19,9 @@ from spec.binning import (
     position_bits,
     slack,
 )
-from spec.config import Config
-from spec.convention import TILE
-from spec.number import Float
+from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
+from splatcore.spec.number import Float
 
 Codes = dict[str, np.ndarray]
 

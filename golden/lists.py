@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from spec.binning import PAGE_BITS, bursts_per_page
-from spec.config import Config
+from splatcore.spec.binning import PAGE_BITS, bursts_per_page
+from splatcore.spec.config import Config
 
 PAGE_MAX = (1 << PAGE_BITS) - 1
 

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden.bin import Binned, bin_splats, splat_codes
-from golden.lists import PAGE_MAX
-from golden.points import Points, project_points
-from golden.raster import Raster, rasterize
-from spec.camera import Camera
-from spec.config import Config
-from spec.packed import PackedModel
+from splatcore.golden.bin import Binned, bin_splats, splat_codes
+from splatcore.golden.lists import PAGE_MAX
+from splatcore.golden.points import Points, project_points
+from splatcore.golden.raster import Raster, rasterize
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.packed import PackedModel
 
 
 @dataclass(frozen=True, eq=False)

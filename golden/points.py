@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden.chunk import chunk
-from golden.cull import cull, rays
-from golden.place import place
-from golden.program import Values
-from golden.project import project
-from spec.camera import Camera
-from spec.config import Config
-from spec.frame import FrameConstants, frame_constants
-from spec.memory import CHUNK
-from spec.packed import PackedModel
+from splatcore.golden.chunk import chunk
+from splatcore.golden.cull import cull, rays
+from splatcore.golden.guard_band import place
+from splatcore.golden.program import Values
+from splatcore.golden.project import project
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.frame import FrameConstants, frame_constants
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.packed import PackedModel
 
 SHARED = ("margin_x", "margin_y", "chunk_reach")
 """What a chunk's points take from its values."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from golden.unary import reciprocal, reciprocal_root
-from spec.config import Config
-from spec.microprogram import Program, Step
+from splatcore.golden.unary import reciprocal, reciprocal_root
+from splatcore.spec.config import Config
+from splatcore.spec.microprogram import Program, Step
 
 Values = dict[str, np.ndarray | float]
 """Float64 values that `Config.arithmetic` holds, by name: [N], or one number for a constant."""

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from golden.codebook import look_up
-from golden.program import Values, run
-from spec.config import Config
-from spec.frame import FrameConstants
-from spec.microprogram import projection
-from spec.packed import PackedModel
+from splatcore.golden.codebook import look_up
+from splatcore.golden.program import Values, run
+from splatcore.spec.config import Config
+from splatcore.spec.frame import FrameConstants
+from splatcore.spec.microprogram import projection
+from splatcore.spec.packed import PackedModel
 
 
 def attributes(config: Config, model: PackedModel, index: np.ndarray) -> Values:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from golden.setup import POSITION_FRACTION, prepare, quadratic, setup_constants
-from spec.config import Config
-from spec.convention import BLOCK, TILE
-from spec.group import group_grid
-from spec.raster import (
+from splatcore.golden.setup import POSITION_FRACTION, prepare, quadratic, setup_constants
+from splatcore.spec.config import Config
+from splatcore.spec.convention import BLOCK, TILE
+from splatcore.spec.group import group_grid
+from splatcore.spec.raster import (
     BLOCK_REACH,
     BLOCKS,
     EXTENT,

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden import harmonics
-from golden.reference_tiles import bin_splats, count_rows, rasterize
-from spec.camera import Camera
-from spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
-from spec.scene import Gaussians
+from splatcore.golden import harmonics
+from splatcore.golden.reference_tiles import bin_splats, count_rows, rasterize
+from splatcore.spec.camera import Camera
+from splatcore.spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
+from splatcore.spec.scene import Gaussians
 
 Progress = Callable[[int, int], None]
 """Called with (tiles done, tiles in all)."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from spec.convention import BLOCK, TILE
+from splatcore.spec.convention import BLOCK, TILE
 
 SLACK = 1e-9
 """Relative widening of a box or a reach before the exact comparison decides."""

@@ -3,12 +3,12 @@
 import numpy as np
 from numba import njit
 
-from spec.config import Config
-from spec.convention import TILE
-from spec.group import extent_format
-from spec.memory import OPACITY
-from spec.number import Float
-from spec.raster import (
+from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
+from splatcore.spec.group import extent_format
+from splatcore.spec.memory import OPACITY
+from splatcore.spec.number import Float
+from splatcore.spec.raster import (
     EXPONENT_INTEGER,
     EXTENT,
     GRADIENT_INTEGER,

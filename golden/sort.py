@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spec.config import Config
-from spec.record import Codes
-from spec.sort import address, half_entries, read_entries
+from splatcore.spec.config import Config
+from splatcore.spec.record import Codes
+from splatcore.spec.sort import address, half_entries, read_entries
 
 FIELDS = ("key", "splat", "mask")
 

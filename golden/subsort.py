@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spec.record import Codes
+from splatcore.spec.record import Codes
 
 
 def sub_sort(batches: Sequence[np.ndarray]) -> Codes:

@@ -5,8 +5,8 @@
 
 import numpy as np
 
-from spec.number import Float, checked_codes, code_dtype
-from spec.unary import (
+from splatcore.spec.number import Float, checked_codes, code_dtype
+from splatcore.spec.unary import (
     Datapath,
     Function,
     coefficients,

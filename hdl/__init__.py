@@ -1,1 +1,5 @@
-"""The Amaranth modules, one file per stage, each with its twin of the same name in `golden`."""
+"""Amaranth modules: the machine, synthesizable. The top, control and registers; stages by room.
+
+May import: spec, hdl.arithmetic, hdl.binning, hdl.lib, hdl.memory, hdl.points, hdl.raster,
+hdl.sorting.
+"""

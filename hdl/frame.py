@@ -4,13 +4,13 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from hdl.preprocess import AREA, ERROR
-from hdl.record import frame_layout
-from hdl.render import job_layout
-from spec.axi import BEAT_BITS, ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
-from spec.config import Config
-from spec.raster import COLOURS
-from spec.registers import FRAME_BITS, ErrorCode
+from splatcore.hdl.lib.record import frame_layout
+from splatcore.hdl.points.preprocess import AREA, ERROR
+from splatcore.hdl.raster.render import job_layout
+from splatcore.spec.axi import BEAT_BITS, ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
+from splatcore.spec.config import Config
+from splatcore.spec.raster import COLOURS
+from splatcore.spec.registers import FRAME_BITS, ErrorCode
 
 HALVES = (PREPROCESSING, RENDERING)
 

@@ -5,13 +5,13 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from hdl.bus import axi_lite
-from hdl.record import frame_layout
-from spec.axi import LITE_ADDRESS_BITS, LITE_DATA_BITS, OKAY, SLAVE_ERROR
-from spec.binning import PAGE_BITS
-from spec.config import Config
-from spec.counters import COUNTER_BITS, counters
-from spec.registers import (
+from splatcore.hdl.lib.record import frame_layout
+from splatcore.hdl.memory.bus import axi_lite
+from splatcore.spec.axi import LITE_ADDRESS_BITS, LITE_DATA_BITS, OKAY, SLAVE_ERROR
+from splatcore.spec.binning import PAGE_BITS
+from splatcore.spec.config import Config
+from splatcore.spec.counters import COUNTER_BITS, counters
+from splatcore.spec.registers import (
     ABORT,
     CODE_BITS,
     DETAIL_BITS,

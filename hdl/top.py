@@ -4,16 +4,16 @@ from amaranth.hdl import Cat, Module, ResetInserter
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from hdl.axi import Axi
-from hdl.bus import axi, axi_lite
-from hdl.counters import Counters
-from hdl.frame import Frame
-from hdl.preprocess import Preprocess
-from hdl.registers import Registers
-from hdl.render import Render
-from spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
-from spec.config import Config
-from spec.counters import HALF, beats
+from splatcore.hdl.frame import Frame
+from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.memory.axi import Axi
+from splatcore.hdl.memory.bus import axi, axi_lite
+from splatcore.hdl.points.preprocess import Preprocess
+from splatcore.hdl.raster.render import Render
+from splatcore.hdl.registers import Registers
+from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
+from splatcore.spec.config import Config
+from splatcore.spec.counters import HALF, beats
 
 
 class Top(wiring.Component):

@@ -1,1 +1,4 @@
-"""Scene files, cameras, generated scenes, packing: everything from a scene to a model in DRAM."""
+"""From a scene file or photographs to the packed model in DRAM.
+
+May import: nothing.
+"""

@@ -1,1 +1,4 @@
-"""The command line: build, run, measure, report."""
+"""Everything that runs the others: simulation, synthesis, measurements, the command line.
+
+May import: nothing.
+"""

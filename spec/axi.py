@@ -5,8 +5,8 @@ Addresses inside the machine count beats. A reader has the ID of its place in `R
 its place in `WRITERS`; what has one ID stays in order, and nothing relies on more.
 """
 
-from spec.number import Bits
-from spec.record import Record
+from splatcore.spec.number import Bits
+from splatcore.spec.record import Record
 
 DATA_BITS = 128
 BEAT = DATA_BITS // 8

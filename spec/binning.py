@@ -36,7 +36,7 @@ farther; what remains is
    less than √2·2^−f·H/w; a band whose end is taken although a0 has come to lie inside makes that
    end too small by w·(1 − cos) of this, less than ⅔ unit, as w is 2 units or more. Where lean
    itself is rounded, and h has its slack, lean has to be beyond the band's end by the margin.
-The sum is below `outward`. Measured: `tb/test_bin.py`.
+The sum is below `outward`. Measured: `tb/hdl/test_bin.py`.
 
 **`Config.tile_test` "3sigma"** takes the original renderer's tiles instead: all in which a pixel's
 centre lies in the square of half side radius = 3·√λmax around the splat's centre, where λmax is the
@@ -50,11 +50,11 @@ not all of those: of a splat whose opacity is above 255⁻¹·e^4.5, 0.35, the s
 
 from math import ceil
 
-from spec.config import Config
-from spec.convention import TILE
-from spec.group import COUNT_BITS, ENTRY_BITS, entry_record, group_grid
-from spec.number import Bits
-from spec.record import Array, Record
+from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
+from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, entry_record, group_grid
+from splatcore.spec.number import Bits
+from splatcore.spec.record import Array, Record
 
 LENGTH_BITS = 11
 """Bits of a length in its unit, before slack is added."""

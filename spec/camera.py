@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spec.error import InputError
+from splatcore.spec.error import InputError
 
 SIZE_MAX = 8192
 """Pixels along a side that any part of this project accepts."""

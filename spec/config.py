@@ -8,9 +8,9 @@ function of `spec.memory`, never a second field.
 from dataclasses import dataclass, fields
 from typing import Literal
 
-from spec.energy import ENERGY, Energy
-from spec.error import InputError
-from spec.number import FP16, FP24, Float
+from splatcore.spec.energy import ENERGY, Energy
+from splatcore.spec.error import InputError
+from splatcore.spec.number import FP16, FP24, Float
 
 KB = 1024
 MEMORY_MAX = 120 * KB

@@ -4,8 +4,8 @@ Those of a half begin at 0 with each of its frames and stand still when the fram
 stops near its largest value instead of beginning again.
 """
 
-from spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
-from spec.config import Config
+from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
+from splatcore.spec.config import Config
 
 COUNTER_BITS = 32
 

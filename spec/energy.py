@@ -8,7 +8,7 @@ is within what such numbers are good for.
 from dataclasses import dataclass, fields
 from math import inf, sqrt
 
-from spec.error import InputError
+from splatcore.spec.error import InputError
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spec.camera import Camera
-from spec.config import Config
-from spec.convention import (
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.convention import (
     ALPHA_MIN,
     COVARIANCE_BLUR,
     FRUSTUM_MARGIN,
@@ -18,9 +18,9 @@ from spec.convention import (
     PRINCIPAL_POINT_SHIFT,
     SIGMA_EXTENT,
 )
-from spec.error import InputError
-from spec.memory import OPACITY
-from spec.number import Fixed
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import OPACITY
+from splatcore.spec.number import Fixed
 
 EXTENT_MARGIN = 2.0
 """Pixels by which a point splat of opacity 1 reaches beyond its centre: √(2·ln 255·0.3) < 1.83."""

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from spec.config import Config
-from spec.convention import TILE
-from spec.memory import OPACITY
-from spec.number import Bits, Fixed, Float
-from spec.point import values
-from spec.record import Record
+from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
+from splatcore.spec.memory import OPACITY
+from splatcore.spec.number import Bits, Fixed, Float
+from splatcore.spec.point import values
+from splatcore.spec.record import Record
 
 SPLAT_BITS = 24
 """Width of a splat's number in its frame."""

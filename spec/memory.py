@@ -25,9 +25,9 @@ direction from camera to Gaussian: the degree-1 harmonics with their constants m
 from dataclasses import dataclass
 from itertools import accumulate
 
-from spec.config import KB, Config
-from spec.number import FP16, Bits, Fixed, Float
-from spec.record import Array, Format, Record
+from splatcore.spec.config import KB, Config
+from splatcore.spec.number import FP16, Bits, Fixed, Float
+from splatcore.spec.record import Array, Format, Record
 
 MAGIC = int.from_bytes(b"SPLT", "little")
 VERSION = 2

@@ -22,8 +22,8 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
-from spec.config import Config
-from spec.programs import CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
+from splatcore.spec.config import Config
+from splatcore.spec.programs import CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
 
 UNITS = ("pe", "reciprocal", "root", "clamp", "maximum")
 """What a step runs on."""

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from spec.error import InputError
-from spec.memory import (
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import (
     ALIGNMENT,
     CHUNK,
     CHUNK_HEADER,
@@ -24,8 +24,8 @@ from spec.memory import (
     ModelFormat,
     chunk_count,
 )
-from spec.record import Record, unpack_bits
-from spec.scene import Gaussians
+from splatcore.spec.record import Record, unpack_bits
+from splatcore.spec.scene import Gaussians
 
 SH_C0 = 1 / np.sqrt(4 * np.pi)
 SH_C1 = np.sqrt(3 / (4 * np.pi))

@@ -4,12 +4,12 @@ A chunk's values go to all parts that handle its points; its last point is passe
 dropped (`kept` 0), so that each part knows when it is through with the chunk.
 """
 
-from spec.config import Config
-from spec.frame import CAMERA
-from spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX
-from spec.number import Bits, Fixed
-from spec.programs import PROJECTED
-from spec.record import Format, Record
+from splatcore.spec.config import Config
+from splatcore.spec.frame import CAMERA
+from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX
+from splatcore.spec.number import Bits, Fixed
+from splatcore.spec.programs import PROJECTED
+from splatcore.spec.record import Format, Record
 
 GAUSSIAN_BITS = 32
 """Width of a Gaussian's number in its model."""

@@ -16,10 +16,10 @@ from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
 
-from spec.config import DEFAULT, PRESETS, Config, preset
-from spec.error import InputError
-from spec.memory import model_format
-from spec.number import FP16, FP24, Float
+from splatcore.spec.config import DEFAULT, PRESETS, Config, preset
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format
+from splatcore.spec.number import FP16, FP24, Float
 
 SUFFIX = ".toml"
 

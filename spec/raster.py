@@ -5,7 +5,7 @@ centres of its first row and column),
 
     E(X, Y) = e + gx·X + gy·Y − cxx·X² + cxy·X·Y − cyy·Y²  =  log2(alpha)
 
-`golden.setup` and `hdl.setup` make its coefficients: integers in units of
+`golden.setup` and `hdl.raster.setup` make its coefficients: integers in units of
 2^−`Config.exponent_fraction`. From there on E is a polynomial of integers. The centres of a tile's
 blocks are at X = 2p, Y = 2q with p and q in −3, −1, 1, 3, and a block's pixels are as many half
 pixels from its centre (`STEPS`): E and its slopes there need sums of shifted numbers only.
@@ -23,12 +23,12 @@ from functools import cache
 
 import numpy as np
 
-from spec.config import Config
-from spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
-from spec.group import COLOUR_INTEGER, colour_format, feature_record
-from spec.memory import OPACITY
-from spec.number import Bits, Fixed
-from spec.record import Array, Record
+from splatcore.spec.config import Config
+from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
+from splatcore.spec.group import COLOUR_INTEGER, colour_format, feature_record
+from splatcore.spec.memory import OPACITY
+from splatcore.spec.number import Bits, Fixed
+from splatcore.spec.record import Array, Record
 
 BLOCKS = TILE // BLOCK
 """Blocks along the side of a tile."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spec.number import Bits, Fixed, Float, checked_codes, code_dtype
+from splatcore.spec.number import Bits, Fixed, Float, checked_codes, code_dtype
 
 Codes = dict[str, "np.ndarray | Codes"]
 """Codes of N records by field: [N] for a number; [N, length] for an `Array` of numbers, and one

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from spec.axi import ADDRESS_BITS, LITE_DATA_BITS
-from spec.binning import PAGE_BITS
-from spec.config import Config
-from spec.counters import COUNTER_BITS, counters
-from spec.frame import CAMERA, FrameConstants, fixed_constants
-from spec.group import COUNT_BITS, SPLAT_BITS, colour_format
-from spec.memory import ALIGNMENT, MAGIC, VERSION
-from spec.programs import CONSTANTS
-from spec.raster import COLOURS
-from spec.work import STRIDE_ALIGNMENT, STRIDE_BITS, WORK_ALIGNMENT
+from splatcore.spec.axi import ADDRESS_BITS, LITE_DATA_BITS
+from splatcore.spec.binning import PAGE_BITS
+from splatcore.spec.config import Config
+from splatcore.spec.counters import COUNTER_BITS, counters
+from splatcore.spec.frame import CAMERA, FrameConstants, fixed_constants
+from splatcore.spec.group import COUNT_BITS, SPLAT_BITS, colour_format
+from splatcore.spec.memory import ALIGNMENT, MAGIC, VERSION
+from splatcore.spec.programs import CONSTANTS
+from splatcore.spec.raster import COLOURS
+from splatcore.spec.work import STRIDE_ALIGNMENT, STRIDE_BITS, WORK_ALIGNMENT
 
 WORD = LITE_DATA_BITS // 8
 """Bytes from one register to the next."""

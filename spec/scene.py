@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spec.error import InputError
+from splatcore.spec.error import InputError
 
 
 def sh_count(degree: int) -> int:

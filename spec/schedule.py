@@ -14,8 +14,8 @@ to a second register. Registers of a bank are shared by values whose waiting tim
 from dataclasses import dataclass
 from functools import cache
 
-from spec.config import Config
-from spec.microprogram import Program, Step
+from splatcore.spec.config import Config
+from splatcore.spec.microprogram import Program, Step
 
 LATENCY_OF_CHOICE = 1
 """Cycles of clamp and maximum."""

@@ -16,10 +16,10 @@ Then, whenever the merge has taken the last entry of a piece from a way, the way
 piece that it has not asked for, if there is one.
 """
 
-from spec.config import Config
-from spec.group import COUNT_BITS, entry_record, key_format
-from spec.number import Bits
-from spec.record import Record
+from splatcore.spec.config import Config
+from splatcore.spec.group import COUNT_BITS, entry_record, key_format
+from splatcore.spec.number import Bits
+from splatcore.spec.record import Record
 
 READ_ENTRIES_MAX = 16
 """Most entries that are read back from scratch memory at a time."""

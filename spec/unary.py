@@ -62,7 +62,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from spec.number import Float
+from splatcore.spec.number import Float
 
 Function = Literal["reciprocal", "reciprocal_root"]
 

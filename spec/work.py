@@ -11,13 +11,13 @@ green and blue, 8 bits each.
 
 from dataclasses import dataclass
 
-from spec.axi import BOUNDARY, LINE
-from spec.binning import PAGE_BITS, groups_max
-from spec.config import Config
-from spec.group import COUNT_BITS, ENTRY_BITS
-from spec.number import Bits
-from spec.record import Record
-from spec.sort import AREAS
+from splatcore.spec.axi import BOUNDARY, LINE
+from splatcore.spec.binning import PAGE_BITS, groups_max
+from splatcore.spec.config import Config
+from splatcore.spec.group import COUNT_BITS, ENTRY_BITS
+from splatcore.spec.number import Bits
+from splatcore.spec.record import Record
+from splatcore.spec.sort import AREAS
 
 WORK_ALIGNMENT = BOUNDARY
 

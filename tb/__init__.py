@@ -1,1 +1,1 @@
-"""cocotb benches and pytest tests, one file per word."""
+"""Tests and testbenches, by the room they test."""

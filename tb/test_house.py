@@ -2,21 +2,24 @@
 
 import ast
 import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tb.helpers.command import ROOT
 
-ROOMS = ("spec", "model", "golden", "hdl", "tb", "sim")
+ROOMS = ("spec", "model", "golden", "hdl", "sim", "tb")
 
 MAY_IMPORT = {
     "spec": {"spec"},
     "model": {"model", "spec"},
     "golden": {"golden", "spec"},
     "hdl": {"hdl", "spec"},
-    "tb": set(ROOMS),
     "sim": set(ROOMS) - {"tb"},
+    "tb": set(ROOMS),
 }
 
 SPEC_MAY_USE = {"numpy"}
@@ -26,47 +29,135 @@ FILE_LINES = 320
 FUNCTION_LINES = 60
 FILE_BYTES = 1_000_000
 
+PACKAGES = sorted(path.parent for room in ROOMS[:-1] for path in (ROOT / room).rglob("__init__.py"))
+"""Folders of the installed package's rooms."""
+
 
 def sources(room: str) -> list[Path]:
     return sorted((ROOT / room).rglob("*.py"))
 
 
-def imported(tree: ast.AST) -> set[str]:
-    """First words of all modules that a syntax tree imports, at any depth."""
-    names = set()
-    for node in ast.walk(tree):
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+def modules(syntax: ast.AST) -> Iterator[str]:
+    """Modules, and names of modules, that a syntax tree imports, at any depth."""
+    for node in ast.walk(syntax):
         if isinstance(node, ast.Import):
-            names |= {alias.name.split(".")[0] for alias in node.names}
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "relative import"
-            names.add(node.module.split(".")[0])
-    return names
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@cache
+def within(name: str) -> str | None:
+    """The package of this repository that an imported name lies in: `hdl.lib`; None: another's."""
+    parts = name.removeprefix("splatcore.").split(".")
+    if parts[0] not in ROOMS or (parts[0] != "tb") != name.startswith("splatcore."):
+        return None
+    while not (ROOT.joinpath(*parts) / "__init__.py").is_file():
+        parts.pop()
+    return ".".join(parts)
+
+
+def imported(syntax: ast.AST) -> set[str]:
+    """Packages of this repository that a syntax tree imports from."""
+    return {package for name in modules(syntax) if (package := within(name))}
+
+
+def breaches(room: str, syntax: ast.AST) -> set[str]:
+    return {package.split(".")[0] for package in imported(syntax)} - MAY_IMPORT[room]
+
+
+def name_of(folder: Path) -> str:
+    return ".".join(folder.relative_to(ROOT).parts)
+
+
+def declared(folder: Path) -> set[str]:
+    """What a package's docstring says that it may import."""
+    _, _, names = ast.get_docstring(tree(folder / "__init__.py")).partition("May import:")
+    assert names, f"{folder}: `May import:` is missing"
+    return {word.strip() for word in names.removesuffix(".").split(",")} - {"nothing"}
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_imports(room):
+def test_rooms(room):
     for path in sources(room):
-        wrong = imported(ast.parse(path.read_text())) & set(ROOMS) - MAY_IMPORT[room]
+        wrong = breaches(room, tree(path))
         assert not wrong, f"{path.relative_to(ROOT)} imports {wrong}"
+
+
+def test_imports_say_splatcore():
+    """`import spec` would find a room in the repository's folder alone, a second time."""
+    for path in (path for room in ROOMS for path in sources(room)):
+        bare = {name.split(".")[0] for name in modules(tree(path))} & set(ROOMS) - {"tb"}
+        assert not bare, f"{path.relative_to(ROOT)} imports {bare}"
+
+
+@pytest.mark.parametrize("folder", PACKAGES, ids=name_of)
+def test_packages_import_what_they_say(folder):
+    """Neither more nor less; of another room without its packages."""
+    own, used = name_of(folder), set()
+    for path in folder.glob("*.py"):
+        used |= imported(tree(path)) - {own}
+    room = own.split(".")[0]
+    used = {name if name.split(".")[0] == room else name.split(".")[0] for name in used}
+    if own != "spec":
+        assert used == declared(folder)
+    else:
+        assert not used
+
+
+def test_packages_have_an_order():
+    """No package imports one that imports it, over whatever others."""
+    below = {name_of(folder): set() for folder in PACKAGES}
+    for folder in PACKAGES:
+        for path in folder.glob("*.py"):
+            below[name_of(folder)] |= imported(tree(path)) - {name_of(folder)}
+    while below:
+        lowest = [name for name, used in below.items() if not used & below.keys()]
+        assert lowest, f"a circle within {sorted(below)}"
+        for name in lowest:
+            del below[name]
+
+
+def test_the_rules_see_a_breach():
+    syntax = ast.parse(
+        "def f():\n    from splatcore.golden.reference import render\n"
+        "    import splatcore.sim.common.output\nimport spec.config\nimport tb.helpers"
+    )
+    assert imported(syntax) == {"golden", "sim.common", "tb.helpers"}
+    assert breaches("model", syntax) == {"golden", "sim", "tb"}
+
+
+def test_no_test_imports_another():
+    for path in set(sources("tb")) - set(sources("tb/planted")):
+        wrong = [name for name in modules(tree(path)) if ".test_" in name]
+        assert not wrong, f"{path.relative_to(ROOT)} imports {wrong}"
+
+
+def test_all_packages_are_installed():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert sorted(settings["packages"]) == sorted(
+        ["splatcore", *(f"splatcore.{name_of(folder)}" for folder in PACKAGES)]
+    )
 
 
 def test_spec_needs_only_numpy():
     for path in sources("spec"):
-        used = imported(ast.parse(path.read_text())) - set(sys.stdlib_module_names) - {"spec"}
+        used = {name.split(".")[0] for name in modules(tree(path))}
+        used -= {*sys.stdlib_module_names, "splatcore"}
         assert used <= SPEC_MAY_USE, f"{path.relative_to(ROOT)} imports {used - SPEC_MAY_USE}"
-
-
-def test_the_rule_sees_a_breach():
-    tree = ast.parse("def f():\n    from golden.reference import render\n    import sim.output")
-    assert imported(tree) & set(ROOMS) - MAY_IMPORT["model"] == {"golden", "sim"}
 
 
 def test_short_files_and_functions():
     for room in ROOMS:
         for path in sources(room):
-            text = path.read_text()
-            assert len(text.splitlines()) <= FILE_LINES, path
-            for node in ast.walk(ast.parse(text)):
+            assert len(path.read_text().splitlines()) <= FILE_LINES, path
+            for node in ast.walk(tree(path)):
                 if isinstance(node, ast.FunctionDef):
                     length = node.end_lineno - node.lineno + 1
                     assert length <= FUNCTION_LINES, f"{path}: {node.name} has {length} lines"
@@ -74,7 +165,7 @@ def test_short_files_and_functions():
 
 def test_no_large_files():
     files = [path for path in ROOT.iterdir() if path.is_file()]
-    for folder in (*ROOMS, "docs"):
+    for folder in (*ROOMS, "docs", "splatcore"):
         files += [path for path in (ROOT / folder).rglob("*") if path.suffix != ".pyc"]
     assert len(files) > 50
     for path in files:

@@ -7,7 +7,7 @@ offset, and the footprint: its boxes of 3.33 σ along x and y hold every pixel w
 because √(2·ln 255) = 3.329.
 """
 
-from spec.convention import Convention
+from splatcore.spec.convention import Convention
 
 GSPLAT = Convention(
     near_plane=0.2,  # an option there, 0.01 if not given: `make` gives it this

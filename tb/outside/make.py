@@ -17,7 +17,7 @@ import torch
 from gsplat.cuda import _torch_impl as impl
 from gsplat.cuda import _wrapper
 
-from spec.convention import TILE
+from splatcore.spec.convention import TILE
 from tb.outside.convention import GSPLAT
 from tb.outside.scenes import CASES
 from tb.outside.stored import VERSIONS, Case, Stored, save

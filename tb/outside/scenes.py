@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from spec.camera import Camera, look_at
-from spec.scene import Scene, sh_count
+from splatcore.spec.camera import Camera, look_at
+from splatcore.spec.scene import Scene, sh_count
 from tb.outside.stored import Case
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.camera import Camera
-from spec.scene import Scene
+from splatcore.spec.camera import Camera
+from splatcore.spec.scene import Scene
 
 FOLDER = Path(__file__).parent
 

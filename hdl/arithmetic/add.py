@@ -1,0 +1,109 @@
+"""Sum of two floats."""
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.float import Number, Round, Unpack, Unpacked, operand
+from splatcore.hdl.lib.latency import Pipeline, Registers, spread
+from splatcore.hdl.lib.shift import shift_right_sticky
+from splatcore.spec.number import Float
+
+BELOW = 3
+"""Bits below the fraction that the smaller summand needs: after a subtraction that lost one leading
+bit there still are a guard bit and, below one more, the sticky bit."""
+
+
+class Add(wiring.Component):
+    """o = a + b, rounded once.
+
+    Members
+        a, b: codes of `format`.
+        o: code of `format`.
+        enable: the pipeline moves; while it is low everything stays where it is.
+
+    **Timing**: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    Instead of their number it takes where the registers stand.
+    """
+
+    def __init__(self, format: Float, latency: int | Registers):
+        self.format = format
+        self.layout = Unpacked(
+            operand(format).exponents, format.fraction + 2 + BELOW, operand(format).special
+        )
+        self.zeros = self._zeros(format)
+        placed = isinstance(latency, Mapping)
+        self.registers = latency if placed else spread(latency, self.cuts(format))
+        code = format.width
+        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+
+    @staticmethod
+    def _zeros(format: Float) -> int:
+        """Leading zeros of the sum that the rounder must know of."""
+        # A difference can lose all bits but the guard bit if the exponents differ by one at most:
+        # then there is nothing below that bit.
+        return format.fraction + 2
+
+    @staticmethod
+    def cuts(format: Float) -> dict[str, int]:
+        """Where registers can stand: summands in order of magnitude, the smaller one aligned to
+        the larger one, sum made, and in `Round`."""
+        rounding = Round.cuts(format, Add._zeros(format))
+        return {"order": 14, "align": 18, "sum": 12} | rounding
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        format = self.format
+        pipeline = Pipeline(m, self.enable, self.registers)
+        m.submodules.a = a = Unpack(format, clear=False)
+        m.submodules.b = b = Unpack(format, clear=False)
+        m.d.comb += [a.i.eq(self.a), b.i.eq(self.b)]
+
+        large, small = Signal(operand(format)), Signal(operand(format))
+        distance = Signal(format.exponent)
+        magnitude = format.exponent + format.fraction
+        with m.If(self.a[:magnitude] < self.b[:magnitude]):
+            m.d.comb += [large.eq(b.o), small.eq(a.o)]
+        with m.Else():
+            m.d.comb += [large.eq(a.o), small.eq(b.o)]
+        large, small = pipeline.cut("order", large, small)
+
+        m.d.comb += distance.eq(large.exponent - small.exponent)
+        # A zero still has its fraction. The larger summand's does no harm: it has no exponent.
+        significand = small.significand
+        if not format.subnormal:
+            significand = Mux(significand[-1], significand, 0)
+        whole = Cat(Const(0, BELOW), significand)
+        aligned = shift_right_sticky(m, whole, distance, len(whole))
+        large, small, aligned = pipeline.cut("align", large, small, aligned)
+
+        total = Signal(self.layout)
+        m.d.comb += self._add(total, large, small, aligned)
+        m.submodules.round = rounder = Round(format, self.layout, self.zeros, self.registers)
+        m.d.comb += rounder.i.eq(*pipeline.cut("sum", total))
+        m.d.comb += [rounder.enable.eq(self.enable), self.o.eq(rounder.o)]
+        return m
+
+    def _add(self, total: Number, large: Number, small: Number, aligned: Value) -> list:
+        """Statements that make the sum."""
+        subtract = large.sign ^ small.sign
+        shifted = Cat(Const(0, BELOW), large.significand)
+        significand = shifted + (aligned ^ subtract.replicate(len(aligned))) + subtract
+        carry = significand[len(aligned)] & ~subtract
+        sign = large.sign
+        if self.format.overflow == "infinity":  # only there −0 is not 0: x − x is +0
+            zero = large.significand == aligned[BELOW:]
+            if not self.format.subnormal:
+                zero |= ~large.significand[-1]
+            sign &= ~(subtract & zero)
+        return [
+            total.sign.eq(sign),
+            total.exponent.eq(large.exponent),
+            total.significand.eq(Cat(significand[: len(aligned)], carry)),
+            *total.flag(
+                infinity=large.infinity | small.infinity,
+                nan=large.nan | small.nan | (large.infinity & small.infinity & subtract),
+            ),
+        ]

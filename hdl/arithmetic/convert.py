@@ -1,0 +1,188 @@
+"""From one number format to another."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.float import Round, Unpack, Unpacked, operand
+from splatcore.hdl.lib.latency import Pipeline, spread
+from splatcore.hdl.lib.shift import shift_right_sticky, sticky
+from splatcore.spec.number import Fixed, Float
+
+
+class Convert(wiring.Component):
+    """o = i in another floating-point format, rounded once; NaN becomes 0 if that has none.
+
+    Members
+        i: code of `source`.
+        o: code of `target`.
+        enable: the pipeline moves; while it is low everything stays where it is.
+
+    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    """
+
+    def __init__(self, source: Float, target: Float, latency: int):
+        self.source = source
+        self.target = target
+        # Subnormal values that are so in the target as well remain as they are.
+        normalise = target.bias > source.bias or not target.subnormal
+        self.zeros = source.fraction + 1 if source.subnormal and normalise else 1
+        self.registers = spread(latency, Round.cuts(target, self.zeros))
+        super().__init__({"i": In(source.width), "o": Out(target.width), "enable": In(1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.unpack = unpack = Unpack(self.source)
+        i = operand(self.source)
+        rebias = self.target.bias - self.source.bias
+        exponents = range(i.exponents[0] + rebias, i.exponents[-1] + rebias + 1)
+        layout = Unpacked(exponents, self.source.fraction + 2, i.special)
+        m.submodules.round = rounder = Round(self.target, layout, self.zeros, self.registers)
+        sign = unpack.o.sign
+        if (self.source.overflow, self.target.overflow) == ("saturate", "infinity"):
+            sign &= unpack.o.significand.any()  # a source without −0 makes none
+        m.d.comb += [
+            unpack.i.eq(self.i),
+            rounder.i.sign.eq(sign),
+            rounder.i.exponent.eq(unpack.o.exponent + rebias),
+            rounder.i.significand.eq(unpack.o.significand),
+            *rounder.i.flag(unpack.o.infinity, unpack.o.nan),
+            rounder.enable.eq(self.enable),
+            self.o.eq(rounder.o),
+        ]
+        return m
+
+
+class FromFixed(wiring.Component):
+    """o = i as a float, times a power of two if there is a range of them, rounded once.
+
+    `FromFixed.scales` says which range covers all that differ.
+
+    Members
+        i: code of `fixed`.
+        scale: one of the range `scale`: o = i · 2^scale. Without a range there is no such port.
+        o: code of `format`.
+        enable: the pipeline moves; while it is low everything stays where it is.
+
+    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    """
+
+    def __init__(self, fixed: Fixed, format: Float, latency: int, scale: range | None = None):
+        self.fixed = fixed
+        self.format = format
+        self.zeros = max(fixed.width - 1, 1)
+        self.registers = spread(latency, {"magnitude": 10} | Round.cuts(format, self.zeros))
+        # The highest bit of the magnitude is the higher one before the rounder's binary point.
+        self.exponent = fixed.width - 2 - fixed.fraction + format.bias
+        self.exponents = range(self.exponent, self.exponent + 1)
+        ports = {"i": In(fixed.width), "o": Out(format.width), "enable": In(1)}
+        self.scaled = scale is not None
+        if self.scaled:
+            # The rounder wants to know an exponent from 0 on, be it never reached.
+            highest = max(self.exponent + scale[-1], 0)
+            self.exponents = range(self.exponent + scale[0], highest + 1)
+            ports["scale"] = In(Shape.cast(range(min(scale[0], -1), scale[-1] + 1)))
+        super().__init__(ports)
+
+    @staticmethod
+    def scales(fixed: Fixed, format: Float) -> range:
+        """Any scale beyond an end of this range gives what that end gives."""
+        # Codes are 1 … 2^width steps of 2^−fraction: at the lowest scale the largest of them is
+        # below half of `format`'s smallest value, at the highest one step is beyond its largest.
+        smallest = 1 - format.bias - format.subnormal * format.fraction
+        lowest = smallest - 1 - fixed.width + fixed.fraction
+        return range(lowest, (1 << format.exponent) - format.bias + fixed.fraction + 1)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        number = Signal(Unpacked(self.exponents, self.fixed.width, special=False))
+        negative = self.i[-1] if self.fixed.signed else Const(0)
+        m.d.comb += [
+            number.sign.eq(negative),
+            number.exponent.eq(self.exponent + (self.scale if self.scaled else 0)),
+            number.significand.eq(Mux(negative, -self.i, self.i)),
+        ]
+        layout = number.shape()
+        m.submodules.round = rounder = Round(self.format, layout, self.zeros, self.registers)
+        pipeline = Pipeline(m, self.enable, self.registers)
+        m.d.comb += rounder.i.eq(*pipeline.cut("magnitude", number))
+        m.d.comb += [rounder.enable.eq(self.enable), self.o.eq(rounder.o)]
+        return m
+
+
+class ToFixed(wiring.Component):
+    """o = i in fixed point, rounded and saturated as `fixed` says; NaN becomes 0.
+
+    Members
+        i: code of `format`.
+        o: code of `fixed`.
+        enable: the pipeline moves; while it is low everything stays where it is.
+
+    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    Registers stand where the significand is shifted and at the end.
+    """
+
+    def __init__(self, format: Float, fixed: Fixed, latency: int):
+        self.format = format
+        self.fixed = fixed
+        self.registers = spread(latency, {"shift": 16, "round": 16})
+        super().__init__({"i": In(format.width), "o": Out(fixed.width), "enable": In(1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        pipeline = Pipeline(m, self.enable, self.registers)
+        m.submodules.unpack = unpack = Unpack(self.format)
+        m.d.comb += unpack.i.eq(self.i)
+        i = unpack.o
+        exponents = operand(self.format).exponents
+
+        # Steps of the fixed-point number are the integer significand · 2^(exponent − unit). It is
+        # shifted to the right from where the exponent is `highest`: any larger one is too large.
+        unit = self.format.bias + self.format.fraction - self.fixed.fraction
+        bits = self.fixed.integer + self.fixed.fraction
+        highest = min(max(bits + unit - self.format.fraction, exponents[0]), exponents[-1])
+        steps = self._steps(i.significand, highest - unit)
+        right = Signal(range(highest - exponents[0] + 1))
+        m.d.comb += right.eq(highest - i.exponent)
+        steps = shift_right_sticky(m, steps, right, len(steps))
+        above = i.exponent > highest if highest < exponents[-1] else Const(0)
+        too_large = above | i.infinity
+        sign, nan, too_large, steps = pipeline.cut("shift", i.sign, i.nan, too_large, steps)
+
+        result = self._saturated(m, sign, too_large, self._rounded(sign, steps))
+        m.d.comb += self.o.eq(*pipeline.cut("round", Mux(nan, 0, result)))
+        return m
+
+    def _steps(self, significand: Value, left: int) -> Value:
+        """The significand · 2^left; behind the integer a guard bit and a sticky bit."""
+        significand = Cat(Const(0, max(left, 0)), significand)
+        behind = max(-left, 0)
+        significand = Cat(significand, Const(0, max(behind - len(significand), 0)))
+        return sticky(significand, len(significand) - behind + 1)
+
+    def _rounded(self, sign: Value, steps: Value) -> Value:
+        """Signed number of steps."""
+        integer, guard, lost = steps[2:], steps[1], steps[0]
+        up = {
+            "nearest-even": guard & (lost | integer[:1].any()),
+            "floor": sign & (guard | lost),
+            "ceiling": ~sign & (guard | lost),
+        }[self.fixed.rounding]
+        magnitude = integer + up
+        return Mux(sign, -magnitude, magnitude)
+
+    def _saturated(self, m: Module, sign: Value, too_large: Value, steps: Value) -> Value:
+        """The nearest code."""
+        bits = self.fixed.integer + self.fixed.fraction
+        result = Signal(self.fixed.width)
+        m.d.comb += result.eq(steps)
+        if self.fixed.signed:
+            above = steps[bits:].any() & ~steps[bits:].all()
+            with m.If(too_large | above):
+                m.d.comb += result.eq(Cat((~sign).replicate(bits), sign))
+        else:
+            with m.If(sign):
+                m.d.comb += result.eq(0)
+            with m.Elif(too_large | steps[bits:].any()):
+                m.d.comb += result.eq(-1)
+        return result

@@ -1,0 +1,226 @@
+"""Floating point taken apart and put together: what all operations of `spec.number.Float` share.
+
+An operation unpacks its operands, computes on significands and exponents as integers, and leaves
+the result, exact or with a sticky bit for what is missing below, to the one rounder `Round`.
+"""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, ValueLike
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import bits_for
+
+from splatcore.hdl.lib.latency import Pipeline, Registers
+from splatcore.hdl.lib.shift import leading_zeros, shift_right_sticky, sticky
+from splatcore.spec.number import Float
+
+FLAGS = ("infinity", "nan")
+"""Fields of a number in a format with such values."""
+
+
+class Unpacked(data.StructLayout):
+    """Layout of (−1)^sign · significand · 2^(exponent − bias), or of an infinity, or of NaN.
+
+    `exponents`: which values the biased exponent can take.
+    `width`: bits of the significand; how many of them stand before the binary point is the
+    business of who uses it.
+    `special`: whether there are infinities and NaN. If not, there are no flags for them.
+    """
+
+    def __init__(self, exponents: range, width: int, special: bool):
+        fields = {"sign": 1, "exponent": Shape.cast(exponents), "significand": width}
+        super().__init__(fields | dict.fromkeys(FLAGS if special else (), 1))
+        self.exponents = exponents
+        self.special = special
+
+    def __call__(self, target: ValueLike) -> "Number":
+        return Number(self, target)
+
+
+class Number(data.View):
+    """A number in the layout `Unpacked`."""
+
+    def __getattr__(self, name: str) -> Value | data.View:
+        """A field. A flag that is not there reads as zero, so that what depends on it vanishes."""
+        if name in FLAGS and not self.shape().special:
+            return Const(0)
+        return super().__getattr__(name)
+
+    def flag(self, infinity: ValueLike, nan: ValueLike) -> list:
+        """Statements that set the flags, if there are any."""
+        if not self.shape().special:
+            return []
+        return [self.infinity.eq(infinity), self.nan.eq(nan)]
+
+
+def operand(format: Float) -> Unpacked:
+    """Layout of what codes of a format unpack to: one bit before the binary point.
+
+    It is set but for subnormal values, whose exponent is 1 (it is what the code 0 stands for),
+    and zero. Without subnormal values only zero is left there, and its exponent does not matter.
+    """
+    exponents = range(int(format.subnormal), 1 << format.exponent)
+    return Unpacked(exponents, format.fraction + 1, format.overflow == "infinity")
+
+
+class Unpack(wiring.Component):
+    """Takes a code apart.
+
+    `clear`: whether to clear the fraction of a zero whose code has one, as it can have in a format
+    without subnormal values. If not, the integer bit alone tells that it is zero.
+
+    Members
+        i: code of `format`.
+        o: `operand(format)`.
+
+    **Timing**: combinational.
+    """
+
+    def __init__(self, format: Float, clear: bool = True):
+        self.format = format
+        self.clear = clear and not format.subnormal
+        super().__init__({"i": In(format.width), "o": Out(operand(format))})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        format = self.format
+        fraction = self.i[: format.fraction]
+        exponent = self.i[format.fraction :][: format.exponent]
+        normal = exponent.any()
+        significand = Cat(fraction, normal)
+        m.d.comb += [
+            self.o.exponent.eq(exponent | ~normal if format.subnormal else exponent),
+            self.o.significand.eq(Mux(normal, significand, 0) if self.clear else significand),
+        ]
+        if format.signed:
+            m.d.comb += self.o.sign.eq(self.i[-1])
+        special = exponent.all()
+        m.d.comb += self.o.flag(infinity=special & ~fraction.any(), nan=special & fraction.any())
+        return m
+
+
+class Round(wiring.Component):
+    """Normalises and rounds to nearest, ties to even; handles underflow and overflow; packs.
+
+    `layout` and `zeros` tell what can arrive, and only what that needs is built: a significand
+    with more than `zeros` leading zeros is zero, or so small that it need not be normalised.
+
+    Members
+        i: the number, with two bits of the significand before the binary point. The lowest bit
+            may be sticky if `format.fraction` + 2 or more are behind the point.
+        o: code of `format`; NaN gives 0 where the format has none.
+        enable: the pipeline moves.
+
+    **Timing**: no multiplier, an item per cycle, latency is the sum of `registers`.
+    """
+
+    def __init__(self, format: Float, layout: Unpacked, zeros: int, registers: Registers):
+        self.format = format
+        self.layout = layout
+        self.zeros = zeros
+        self.registers = registers
+        super().__init__({"i": In(layout), "o": Out(format.width), "enable": In(1)})
+
+    @staticmethod
+    def cuts(format: Float, zeros: int) -> dict[str, int]:
+        """Where registers can stand: leading zeros counted, significand shifted, code made."""
+        shift = {"shift": 10} if zeros > 1 or format.subnormal else {}
+        return ({"count": 10} if zeros > 1 else {}) | shift | {"round": 13}
+
+    @staticmethod
+    def width(format: Float, zeros: int) -> int:
+        """The significand's bits that it can bring into the result, and a sticky one below."""
+        return format.fraction + 3 + _reach(zeros)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        pipeline = Pipeline(m, self.enable, self.registers)
+        i, left = pipeline.cut("count", self.i, self._leading_zeros(m))
+        i, *parts = pipeline.cut("shift", i, *self._normalised(m, i, left))
+        code = self._packed(m, i, *self._rounded(m, *parts))
+        m.d.comb += self.o.eq(*pipeline.cut("round", code))
+        return m
+
+    def _leading_zeros(self, m: Module) -> Value:
+        """By how many bits to shift to the left."""
+        top = Signal(self.zeros)
+        m.d.comb += top.eq(self.i.significand[-self.zeros :])
+        if self.format.subnormal:
+            # A one at the last place whose exponent is not below the smallest ends the count.
+            exponent = self.i.exponent
+            for zeros, bit in enumerate(reversed(top)):
+                underflows = exponent <= 0 if zeros == 0 else exponent == zeros
+                with m.If(underflows):
+                    m.d.comb += bit.eq(1)
+        return leading_zeros(m, top)
+
+    def _normalised(self, m: Module, i: Number, left: Value) -> tuple[Value, Value, Value]:
+        """Biased exponent, in two parts: the adder that rounds adds one more bit. And significand.
+
+        The significand is left with its integer bit, the fraction, a guard bit and a sticky bit.
+        Subnormal values, whose exponent is 0, and zero have no integer bit.
+        """
+        # A shift to the left by `left` is one to the right by `reach` − `left`, the complement,
+        # from a place that is `reach` bits further to the left.
+        kept, reach = self.format.fraction + 2, _reach(self.zeros)
+        right = ~left
+        if self.format.subnormal and self.layout.exponents[0] < 0:
+            # Then `left` is 0; by `reach` − exponent.
+            right = Mux(i.exponent < 0, ~i.exponent + (reach + 1), right)
+        far_left = sticky(i.significand, kept + reach)
+        significand = shift_right_sticky(m, far_left, right.as_unsigned(), kept + 1)
+
+        # Together `i.exponent` − `left` + 1 if there is an integer bit.
+        exponent, more = i.exponent - left, significand[-1]
+        if self.zeros == 1:
+            exponent, more = i.exponent, ~left & significand[-1]
+        if self.format.subnormal:
+            highest = Shape.cast(range(self.layout.exponents[-1] + 2)).width
+            exponent = Mux(significand[-1], exponent, 0)[:highest]
+        return exponent, more, significand
+
+    def _rounded(self, m: Module, exponent: Value, more: Value, significand: Value):
+        """Code of the magnitude, bits above it being set if it is too large; whether it is zero."""
+        lost, guard, fraction, integer = (
+            significand[0], significand[1], significand[2:-1], significand[-1]
+        )  # fmt: skip
+        exact, up = Cat(fraction, exponent), guard & (lost | fraction[0])
+        # A carry out of the fraction goes to the exponent.
+        total = exact + Cat(up, Const(0, len(fraction) - 1), more)
+        if self.format.subnormal:
+            return total, ~(exact.any() | more | up)
+        # From half of the smallest value, which has the exponent 0, up to that value the latter is
+        # nearer; the half itself goes to zero.
+        normal = integer & (exponent > -more)
+        smallest = integer & (exponent == -more) & significand[:-1].any()
+        code = Signal(len(total))
+        m.d.comb += code.eq(Mux(normal, total, smallest << self.format.fraction))
+        return code, ~(normal | smallest)
+
+    def _packed(self, m: Module, i: data.View, code: Value, zero: Value) -> Value:
+        """Code with the sign; of infinity and NaN as well."""
+        format = self.format
+        width = format.exponent + format.fraction
+        above = code[width:].any()
+        magnitude, sign = Signal(width), Signal()
+        m.d.comb += [magnitude.eq(code), sign.eq(i.sign)]
+        if format.overflow == "infinity":
+            infinity = ((1 << format.exponent) - 1) << format.fraction
+            with m.If(above | code[format.fraction : width].all() | i.infinity):
+                m.d.comb += magnitude.eq(infinity)
+            quiet = infinity | 1 << (format.fraction - 1)
+        else:
+            with m.If(above | i.infinity):
+                m.d.comb += magnitude.eq(-1)
+            quiet = 0
+        with m.If(i.nan):
+            m.d.comb += [magnitude.eq(quiet), sign.eq(0)]
+        if not format.signed:
+            return Mux(sign, 0, magnitude)
+        if format.overflow == "saturate":
+            return Cat(magnitude, sign & (i.infinity | ~zero))
+        return Cat(magnitude, sign)
+
+
+def _reach(zeros: int) -> int:
+    """The largest shift to the left that a count up to `zeros` has bits for."""
+    return (1 << bits_for(zeros)) - 1

@@ -1,0 +1,54 @@
+"""Choices between floats by comparing codes: a clamp and a maximum."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.spec.number import Float
+
+
+class Clamp(wiring.Component):
+    """o = a within ± b, for b ≥ 0.
+
+    Members: codes `a`, `b`, `o` of a signed `format`; `enable`, low to hold the register.
+
+    **Timing**: no multiplier, an item a cycle, 1 cycle.
+    """
+
+    def __init__(self, format: Float):
+        code = format.width
+        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        magnitude, sign = self.a[:-1], self.a[-1]
+        with m.If(self.enable):
+            m.d.sync += self.o.eq(Cat(Mux(magnitude > self.b, self.b[:-1], magnitude), sign))
+        return m
+
+
+class Maximum(wiring.Component):
+    """o = the larger of a and b.
+
+    Members: codes `a`, `b`, `o` of a signed `format`; `enable`, low to hold the register.
+
+    **Timing**: no multiplier, an item a cycle, 1 cycle.
+    """
+
+    def __init__(self, format: Float):
+        code = format.width
+        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        # As integers the codes of positive numbers rise with the value, those of negative ones
+        # fall: with the sign turned and the rest of negative ones inverted all rise.
+        keys = []
+        for name in ("a", "b"):
+            code = getattr(self, name)
+            key = Signal(len(code), name=f"{name}_key")
+            m.d.comb += key.eq(Cat(code[:-1] ^ code[-1].replicate(len(code) - 1), ~code[-1]))
+            keys.append(key)
+        with m.If(self.enable):
+            m.d.sync += self.o.eq(Mux(keys[0] < keys[1], self.b, self.a))
+        return m

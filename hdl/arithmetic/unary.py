@@ -1,0 +1,119 @@
+"""Reciprocal and reciprocal square root of floats, by table and polynomial: `spec.unary`."""
+
+from collections import Counter
+from functools import partial
+
+from amaranth.hdl import Cat, Const, Module, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.unary_ends import Pack, Unpack
+from splatcore.hdl.lib.latency import Pipeline
+from splatcore.spec.number import Float
+from splatcore.spec.unary import Datapath, Function, coefficients, datapath, places_out
+
+REGISTERS = ("packed", "looked_up", "summed", "unpacked", "multiplied")
+"""Where the first, second … cycle of latency goes; any further ones to the output, "packed"."""
+
+
+class Lookup(wiring.Component):
+    """Coefficients of a significand's interval, and the two distances that they multiply.
+
+    **Timing**: a squarer of `reach` bits (degree 2); no registers.
+    """
+
+    def __init__(self, path: Datapath):
+        self.path = path
+        self.tables = coefficients(path)
+        slope, curve = (max(table).bit_length() for table in self.tables[1:])
+        terms = {"slope": slope, "below": path.rest, "curve": curve, "square": path.square}
+        self.terms = tuple(terms)[: 2 * path.degree]
+        super().__init__(
+            {
+                "significand": In(path.address + path.rest),
+                "offset": Out(path.fraction + 1 + path.guard),
+                **{name: Out(terms[name]) for name in self.terms},
+            }
+        )
+
+    def factors(self) -> tuple[Value, ...]:
+        """What multiplies what: slope, below, curve, square, as far as the degree has them."""
+        return tuple(getattr(self, name) for name in self.terms)
+
+    def elaborate(self, platform):
+        m = Module()
+        path, degree = self.path, self.path.degree
+        rest, address = self.significand[: path.rest], self.significand[path.rest :]
+        columns = ("offset", "slope", "curve")[: degree + 1]
+        with m.Switch(address):
+            for case, row in enumerate(zip(*self.tables, strict=True)):
+                with m.Case(case):
+                    for name, coefficient in zip(columns, row, strict=False):
+                        m.d.comb += getattr(self, name).eq(coefficient)
+        if degree >= 1:
+            m.d.comb += self.below.eq(~rest)
+        if degree >= 2:
+            distance = rest[:-1] ^ (~rest[-1]).replicate(path.rest - 1)
+            a = distance[path.reach_drop :]
+            m.d.comb += self.square.eq(a * (a + 1) >> path.square_drop)
+        return m
+
+
+class Unary(wiring.Component):
+    """Either function: `Reciprocal` is 1/x, `ReciprocalRoot` is 1/√x.
+
+    Members: `a`, a code of the format; `o`, the code of the result, `latency` cycles later;
+    `enable`, low to hold every register.
+
+    **Timing**: one multiplier (degree 2: a second of some 4 × 5 bits and a squarer); an item a
+    cycle; any latency from 0, of which the first five cycles cut the path where `REGISTERS` says
+    and further ones follow the output, for a tool that retimes.
+
+    NAND2-equivalents without registers: Float(7, 16) 2.4 k, without subnormal values 2.3 k;
+    binary16 0.7 k. The root's: 2.7 k, 2.4 k, 0.8 k.
+    """
+
+    def __init__(self, function: Function, format: Float, latency: int):
+        if latency < 0:
+            raise ValueError(f"{function}: latency {latency} is negative")
+        self.function = function
+        self.format = format
+        self.latency = latency
+        extra = max(0, latency - len(REGISTERS))
+        self.registers = Counter([*REGISTERS[:latency], *REGISTERS[:1] * extra])
+        super().__init__({"a": In(format.width), "enable": In(1), "o": Out(format.width)})
+
+    def elaborate(self, platform):
+        m = Module()
+        path = datapath(self.function, self.format.fraction)
+        m.submodules.unpack = unpack = Unpack(self.function, self.format)
+        m.submodules.lookup = lookup = Lookup(path)
+        m.submodules.pack = pack = Pack(self.function, self.format)
+
+        cut = Pipeline(m, self.enable, self.registers).cut
+
+        m.d.comb += unpack.a.eq(self.a)
+        significand, result = cut("unpacked", unpack.significand, unpack.result)
+
+        m.d.comb += lookup.significand.eq(significand)
+        offset, *factors, result = cut("looked_up", lookup.offset, *lookup.factors(), result)
+        products = [a * b for a, b in zip(factors[::2], factors[1::2], strict=True)]
+        offset, *products, result = cut("multiplied", offset, *products, result)
+
+        # A result that will shift right by n places rounds there: 2^n − 1 more half units.
+        places = range(places_out(self.function, self.format))
+        half_units = Cat(Const(0, path.point - 1), *(result.places > n for n in places))
+        total = Cat(Const(0, path.point - path.guard), offset) + half_units
+        for product, shift in zip(products, (0, path.curve_shift), strict=False):
+            total = total + (product << shift)
+        fraction = total[path.point :][: path.fraction + 1]
+        fraction, result = cut("summed", fraction, result)
+
+        m.d.comb += [pack.fraction.eq(fraction), pack.result.eq(result)]
+        (output,) = cut("packed", pack.o)
+        m.d.comb += self.o.eq(output)
+        return m
+
+
+Reciprocal = partial(Unary, "reciprocal")
+ReciprocalRoot = partial(Unary, "reciprocal_root")

@@ -1,0 +1,217 @@
+"""Binning: splats to features, and to the lists of the groups of tiles that they touch."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.arithmetic.convert import ToFixed
+from splatcore.hdl.binning.gather import Gather
+from splatcore.hdl.binning.list_writer import Lists
+from splatcore.hdl.binning.outline import Outline
+from splatcore.hdl.binning.rows import Rows
+from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue, Register
+from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
+from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
+from splatcore.spec.counters import BIN, COUNTER_BITS
+from splatcore.spec.group import (
+    EXTENT_FRACTION,
+    SPLAT_BITS,
+    feature_record,
+    key_format,
+    scaled_colours,
+    unscaled_colour_format,
+)
+from splatcore.spec.number import Fixed
+from splatcore.spec.point import splat_record
+
+COLOURS = ("red", "green", "blue")
+
+COUNTED = tuple(BIN)
+
+SPLATS_INSIDE = 32
+"""Splats whose features wait until it is known whether they touch a tile."""
+
+
+class Bin(wiring.Component):
+    """Splats in; features of those that touch a tile, bursts of list slots and all lists out.
+
+    A splat that touches a tile gets the next number of the frame; its entries, one for each group
+    of tiles, carry it. `spec.binning` says which tiles it touches and why none is missing.
+
+    Members
+        i: stream of `splat_record`.
+        width, height: of the image, pixels; near_code: the near plane as a code of the arithmetic;
+            pages: pages of list memory; registers of the frame, which stand two cycles before it.
+        finish: the frame's last splat has been taken. When all is through, groups are told; then
+            `done` stays high until finish is low, which begins the next frame.
+        features: stream of `feature_record`, in the order of the numbers.
+        bursts: stream of `burst_record`.
+        groups: stream of `group_record`, one for each group of the image in order.
+        needed: pages that the frame takes, valid until the next frame begins. Where they are more
+            than there are, bursts beyond are left out and all else goes on.
+        done: the frame is through.
+        counters, clear: events of `COUNTED`; blocked are cycles in which a stream out is not taken.
+
+    **Timing**: a tile row, an entry and a third of a splat in a cycle, whichever takes longest;
+    latency about 25 from a splat to its first entry. Multipliers: those of `hdl.binning.rows`.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.outline, self.rows = Outline(config), Rows(config)
+        self.gather, self.lists = Gather(config), Lists(config)
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(splat_record(config)))),
+                "width": In(range(config.width_max + 1)),
+                "height": In(range(config.height_max + 1)),
+                "near_code": In(config.arithmetic.width),
+                "pages": In(PAGE_BITS),
+                "finish": In(1),
+                "features": Out(stream.Signature(layout(feature_record(config)))),
+                "bursts": Out(stream.Signature(layout(burst_record(config)))),
+                "groups": Out(stream.Signature(layout(group_record()))),
+                "needed": Out(PAGE_BITS),
+                "done": Out(1),
+                "clear": In(1),
+                "counters": Out(data.StructLayout(dict.fromkeys(COUNTED, COUNTER_BITS))),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for name in ("outline", "rows", "gather", "lists"):
+            m.submodules[name] = getattr(self, name)
+        connect(m, self.outline.o, self.rows.i)
+        connect(m, self.rows.o, self.gather.i)
+        m.submodules.parts = self.parts = Register(self.gather.o.payload.shape())
+        connect(m, self.gather.o, self.parts.i)
+        for name in ("bursts", "groups"):
+            connect(m, getattr(flipped(self), name), getattr(self.lists, name))
+        m.d.comb += [
+            self.outline.width.eq(self.width),
+            self.outline.height.eq(self.height),
+            self.rows.width.eq(self.width),
+            self.lists.pages.eq(self.pages),
+            self.needed.eq(self.lists.needed),
+            self.done.eq(self.lists.done),
+        ]
+        inside = self.outline.o.valid | self.rows.busy | self.gather.busy | self.parts.o.valid
+        with m.If(self.finish):
+            m.d.comb += self.lists.finish.eq(self.done | ~(self.i.valid | inside))
+        kept = self._join(m, self._splats(m), self._group(m))
+        self._count(m, kept)
+        return m
+
+    def _splats(self, m: Module) -> stream.Interface:
+        """What waits until a splat's tiles are known: features and depth key."""
+        format, splat = self.config.arithmetic, self.i.payload
+        colour = unscaled_colour_format(self.config)
+        shape = data.StructLayout(
+            {
+                "feature": layout(feature_record(self.config)),
+                "colours": data.StructLayout(dict.fromkeys(COLOURS, colour.width)),
+                "key": key_format(self.config).width,
+            }
+        )
+        m.submodules.splats = queue = Queue(shape, SPLATS_INSIDE, memory=True)
+        feature = queue.i.payload.feature
+        for name in ("u", "v", "shear"):
+            m.d.comb += feature[name].eq(splat[name])
+        for name in ("across", "along"):
+            m.d.comb += feature[name].eq(splat[f"power_{name}"])
+        for name in ("half_width", "half_height"):  # rounded up
+            extent = splat[name][format.fraction - EXTENT_FRACTION :]
+            largest = (1 << len(feature[name])) - 1
+            m.d.comb += feature[name].eq(Mux(extent < largest, extent + 1, largest))
+        steps = Fixed(len(feature.opacity), 0)
+        fixed = {name: (colour, splat[name], queue.i.payload.colours[name]) for name in COLOURS}
+        fixed["opacity"] = steps, splat.attenuation, feature.opacity
+        for name, (target, source, code) in fixed.items():
+            m.submodules[f"fixed_{name}"] = convert = ToFixed(format, target, 0)
+            m.d.comb += [convert.i.eq(source), convert.enable.eq(1), code.eq(convert.o)]
+
+        key = queue.i.payload.key
+        steps, most = splat.z - self.near_code, (1 << len(key)) - 1
+        m.d.comb += [
+            key.eq(Mux(steps < 0, 0, Mux(steps > most, most, steps))),
+            self.outline.room.eq(queue.i.ready),
+            self.outline.i.payload.eq(splat),
+            self.outline.i.valid.eq(self.i.valid),
+            self.i.ready.eq(self.outline.i.ready),
+            queue.i.valid.eq(self.i.valid & self.i.ready & self.outline.seen),
+        ]
+        return queue.o
+
+    def _group(self, m: Module) -> Value:
+        """The number of the group that a part lies in."""
+        part, side = self.parts.o.payload, exact_log2(TILE * self.config.group)
+        columns = Signal(range((self.config.width_max >> side) + 2))
+        rows = Signal(range((self.config.height_max >> side) + 2))
+        m.d.sync += [
+            columns.eq((self.width + (1 << side) - 1) >> side),
+            rows.eq((self.height + (1 << side) - 1) >> side),
+            self.lists.groups_count.eq(rows * columns),
+        ]
+        return part.row * columns + part.column
+
+    def _join(self, m: Module, splat: stream.Interface, group: Value) -> Value:
+        """Parts of splats become entries, and with the last one a splat its features.
+
+        Either goes when it is taken; whether the splat is kept.
+        """
+        part, entry, number = self.parts.o, self.lists.i, Signal(SPLAT_BITS)
+        touched, had_entry, had_feature = Signal(), Signal(), Signal()
+        some = part.payload.mask.any()
+        both = part.valid & splat.valid
+        kept = part.payload.last & (touched | some)
+        through = Signal()
+        m.d.comb += [
+            entry.valid.eq(both & some & ~had_entry),
+            entry.payload.group.eq(group),
+            entry.payload.entry.key.eq(splat.payload.key),
+            entry.payload.entry.splat.eq(number),
+            entry.payload.entry.mask.eq(part.payload.mask),
+            self.features.valid.eq(both & kept & ~had_feature),
+            self.features.payload.eq(splat.payload.feature),
+            *(
+                self.features.payload[name].eq(scaled_colours(splat.payload.colours[name]))
+                for name in COLOURS
+            ),
+            through.eq(
+                both
+                & (~some | had_entry | entry.ready)
+                & (~kept | had_feature | self.features.ready)
+            ),
+            part.ready.eq(through),
+            splat.ready.eq(through & part.payload.last),
+        ]
+        m.d.sync += [
+            had_entry.eq(~through & (had_entry | (entry.valid & entry.ready))),
+            had_feature.eq(~through & (had_feature | (self.features.valid & self.features.ready))),
+        ]
+        with m.If(through):
+            m.d.sync += touched.eq(~part.payload.last & (touched | some))
+            with m.If(kept):
+                m.d.sync += number.eq(number + 1)
+        with m.If(self.done):
+            m.d.sync += number.eq(0)
+        return through & kept
+
+    def _count(self, m: Module, kept: Value):
+        m.submodules.counters = counters = Counters(COUNTED)
+        entry, outputs = self.lists.i, (self.features, self.bursts, self.groups)
+        events = {
+            "splats": self.i.valid & self.i.ready,
+            "kept": kept,
+            "rows": self.rows.row,
+            "entries": entry.valid & entry.ready,
+            "bursts": self.bursts.valid & self.bursts.ready,
+            "blocked": Cat(o.valid & ~o.ready for o in outputs).any(),
+        }
+        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
+        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]

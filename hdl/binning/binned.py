@@ -1,0 +1,107 @@
+"""What binning makes, on its way to memory: features, list pages, and the groups' table."""
+
+from amaranth.hdl import Cat, Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.memory.store import Store
+from splatcore.hdl.memory.write_combiner import Line
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, write_record
+from splatcore.spec.binning import burst_record, group_record, groups_max
+from splatcore.spec.config import Config
+from splatcore.spec.group import SPLAT_BITS, feature_record
+from splatcore.spec.work import FEATURE, SLOT
+
+WRITING = ("features", "lists", "groups")
+"""Its writers of `spec.axi.WRITERS`, in their order."""
+
+
+class Binned(wiring.Component):
+    """Writes a frame's work area.
+
+    Members
+        clear: a frame begins.
+        features, bursts, groups: the streams of `hdl.binning.bin`.
+        features_at, lists_at, groups_at: where the parts of the work area begin, in beats.
+        features_max: features for which there is room; exceeded: there were more, which were
+            dropped.
+        finish: nothing more comes. empty: nothing is inside.
+        writes: to memory, for each of `WRITING`.
+
+    **Timing**: a feature or a burst of four slots in two cycles, a group in one.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        super().__init__(
+            {
+                "clear": In(1),
+                "features": In(stream.Signature(layout(feature_record(config)))),
+                "bursts": In(stream.Signature(layout(burst_record(config)))),
+                "groups": In(stream.Signature(layout(group_record()))),
+                "features_at": In(BEAT_ADDRESS_BITS),
+                "lists_at": In(BEAT_ADDRESS_BITS),
+                "groups_at": In(BEAT_ADDRESS_BITS),
+                "features_max": In(SPLAT_BITS),
+                "exceeded": Out(1),
+                "finish": In(1),
+                "empty": Out(1),
+                "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        self._features(m)
+        self._lists(m)
+        self._groups(m)
+        return m
+
+    def _features(self, m: Module):
+        m.submodules.features = store = Store(FEATURE // BEAT)
+        connect(m, store.writes, flipped(self.writes[WRITING.index("features")]))
+        number, i = Signal(SPLAT_BITS), self.features
+        room = number != self.features_max
+        m.d.comb += [
+            store.i.valid.eq(i.valid & room),
+            store.i.payload.beat.eq(self.features_at + number * (FEATURE // BEAT)),
+            store.i.payload.data.eq(i.payload.as_value()),
+            i.ready.eq(store.i.ready | ~room),
+        ]
+        with m.If(i.valid & i.ready):
+            with m.If(room):
+                m.d.sync += number.eq(number + 1)
+            with m.Else():
+                m.d.sync += self.exceeded.eq(1)
+        with m.If(self.clear):
+            m.d.sync += [number.eq(0), self.exceeded.eq(0)]
+
+    def _lists(self, m: Module):
+        beats = self.config.burst * SLOT // BEAT
+        m.submodules.lists = store = Store(beats)
+        connect(m, store.writes, flipped(self.writes[WRITING.index("lists")]))
+        burst = self.bursts.payload
+        m.d.comb += [
+            store.i.valid.eq(self.bursts.valid),
+            store.i.payload.beat.eq(self.lists_at + burst.address * beats),
+            store.i.payload.data.eq(Cat(burst.slots)),
+            self.bursts.ready.eq(store.i.ready),
+        ]
+
+    def _groups(self, m: Module):
+        m.submodules.groups = line = Line()
+        connect(m, line.writes, flipped(self.writes[WRITING.index("groups")]))
+        number, i = Signal(range(groups_max(self.config) + 1)), self.groups
+        m.d.comb += [
+            line.i.valid.eq(i.valid),
+            line.i.payload.slot.eq(Cat(0, self.groups_at) + number),
+            line.i.payload.data.eq(i.payload.as_value()),
+            i.ready.eq(line.i.ready),
+            line.flush.eq(self.finish),
+            self.empty.eq(line.empty),
+        ]
+        with m.If(i.valid & i.ready):
+            m.d.sync += number.eq(number + 1)
+        with m.If(self.clear):
+            m.d.sync += number.eq(0)

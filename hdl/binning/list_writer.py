@@ -1,0 +1,207 @@
+"""Binning: entries of groups to bursts of linked lists in memory."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, enum, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.lib.record import layout
+from splatcore.spec.binning import (
+    PAGE_BITS,
+    bin_entry_record,
+    burst_record,
+    bursts_per_page,
+    group_record,
+    groups_max,
+)
+from splatcore.spec.config import Config
+from splatcore.spec.group import COUNT_BITS, entry_record
+
+
+class State(enum.Enum):
+    """What the lists are at."""
+
+    CLEAR = 0  # after reset: the table's rows become those of groups without entries
+    TAKE = 1  # entries come
+    FLUSH = 2  # each group's last burst is written and its list told
+    DONE = 3  # all groups are through
+
+
+class Lists(wiring.Component):
+    """Entries in, bursts out; at the end of the frame, all groups' lists out.
+
+    For each group a table holds its page, the slots used there, its first page and its number of
+    entries; write buffers hold up to burst − 1 entries. An entry that finds its group's buffer
+    full completes a burst with it; or, where the page's last slot is next, the burst ends with the
+    number of a new page, and the entry is the first one there. So a page is taken when an entry
+    needs it, and an entry makes one burst at most.
+
+    Members
+        i: stream of `bin_entry_record`.
+        groups_count: groups of the image; pages: pages of list memory.
+        finish: no more entries come: all groups are flushed and told in order; the next frame
+            begins when it is low again.
+        bursts: stream of `burst_record`; those that lie in pages beyond the last are left out.
+        groups: stream of `group_record`.
+        needed: pages taken so far in the frame, until the next one begins.
+        empty: no entry is inside. taking: entries are taken. done: all groups were told.
+
+    **Timing**: an entry a cycle whatever its group, latency 1; a group a cycle when flushed. After
+    reset as many cycles as there are groups. An entry that follows another one of its group reads
+    the table while that is being written: it takes the row and the entry from registers instead, so
+    no memory need answer with what is written in the same cycle. No multiplier.
+    """
+
+    def __init__(self, config: Config):
+        self.config, self.count = config, max(2, groups_max(config))  # addresses have bits
+        self.burst = config.burst
+        self.place_bits = exact_log2(bursts_per_page(config) * config.burst)
+        self.row = data.StructLayout(
+            {
+                "page": PAGE_BITS,
+                "place": self.place_bits,
+                "first": PAGE_BITS,
+                "count": COUNT_BITS,
+            }
+        )
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(bin_entry_record(config)))),
+                "groups_count": In(range(self.count + 1)),
+                "pages": In(PAGE_BITS),
+                "finish": In(1),
+                "bursts": Out(stream.Signature(layout(burst_record(config)))),
+                "groups": Out(stream.Signature(layout(group_record()))),
+                "needed": Out(PAGE_BITS),
+                "empty": Out(1),
+                "taking": Out(1),
+                "done": Out(1),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        state, group = Signal(State), Signal(range(self.count))
+        # An entry, or a group to flush, is being handled; it is through in this cycle.
+        full, through = Signal(), Signal()
+        here = Signal(layout(bin_entry_record(self.config)), reset_less=True)
+        free = ~full | through
+        take, flush = Signal(), Signal()
+        last = group + 1 == self.groups_count
+        told = Signal()  # the last group to flush has been asked for
+        m.d.comb += [
+            self.taking.eq(state == State.TAKE),
+            self.done.eq(state == State.DONE),
+            self.empty.eq(~full),
+            self.i.ready.eq(self.taking & free),
+            take.eq(self.i.valid & self.i.ready),
+            flush.eq((state == State.FLUSH) & free & ~told),
+        ]
+        with m.If(free):
+            m.d.sync += [full.eq(take | flush), here.eq(self.i.payload)]
+        with m.If(flush):
+            m.d.sync += [here.group.eq(group), group.eq(group + 1), told.eq(last)]
+        with m.Switch(state):
+            with m.Case(State.CLEAR):
+                m.d.sync += group.eq(group + 1)
+                with m.If(group == self.count - 1):
+                    m.d.sync += [state.eq(State.TAKE), group.eq(0)]
+            with m.Case(State.TAKE), m.If(self.finish & free & ~self.i.valid):
+                m.d.sync += state.eq(State.FLUSH)
+            with m.Case(State.FLUSH), m.If(told & through):
+                m.d.sync += state.eq(State.DONE)
+            with m.Case(State.DONE):
+                m.d.sync += [told.eq(0), group.eq(0)]
+                with m.If(~self.finish):
+                    m.d.sync += [state.eq(State.TAKE), self.needed.eq(0)]
+
+        asked = Mux(state == State.FLUSH, group, self.i.payload.group)
+        flushing = state == State.FLUSH
+        table, buffers, put_row, put_entry = self._memories(m, asked, take | flush, here.group)
+        row, slots = self._present(m, table, buffers, here, free, through, take)
+        self._handle(m, row, slots, here.entry, full, through, flushing, put_row, put_entry)
+        with m.If(state == State.CLEAR):
+            m.d.comb += [put_row.en.eq(1), put_row.addr.eq(group)]
+        return m
+
+    def _memories(self, m: Module, asked: Value, ask: Value, group: Value):
+        """The table and the write buffers, one memory for each slot of a buffer."""
+        m.submodules.table = memory = Memory(shape=self.row, depth=self.count, init=[])
+        put_row, get = memory.write_port(), memory.read_port()
+        m.d.comb += [get.en.eq(ask), get.addr.eq(asked), put_row.addr.eq(group)]
+        buffers, put_entry = [], []
+        for k in range(self.burst - 1):
+            memory = Memory(shape=entry_record(self.config).width, depth=self.count, init=[])
+            m.submodules[f"buffer{k}"] = memory
+            port, found = memory.write_port(), memory.read_port()
+            m.d.comb += [found.en.eq(ask), found.addr.eq(asked), port.addr.eq(group)]
+            buffers.append(found.data)
+            put_entry.append(port)
+        return get.data, buffers, put_row, put_entry
+
+    def _present(self, m: Module, table, buffers, here, free: Value, through: Value, take: Value):
+        """The group's row and buffer, as the entry just before has left them."""
+        same, slot = Signal(), Signal(range(self.burst))
+        entry = Signal(entry_record(self.config).width, reset_less=True)
+        self.new, self.slot = Signal(self.row), Signal(range(self.burst))
+        new = Signal(self.row, reset_less=True)
+        with m.If(through):
+            m.d.sync += [new.eq(self.new), slot.eq(self.slot), entry.eq(here.entry)]
+        with m.If(free):
+            m.d.sync += same.eq(take & through & (here.group == self.i.payload.group))
+        row = Signal(self.row)
+        m.d.comb += row.eq(Mux(same, new, table))
+        slots = [
+            Mux(same & (slot == k), entry, found) for k, found in enumerate(buffers)
+        ]  # fmt: skip
+        return row, slots
+
+    def _handle(self, m: Module, row, slots, entry, full, through, flushing, put_row, put_entry):
+        """An entry, or with `flushing` the end of a group."""
+        burst_bits = exact_log2(self.burst)
+        offset, bursts, groups = row.place[:burst_bits], self.bursts, self.groups
+        page_full, fresh = row.place.all(), row.count == 0
+        turn = page_full | fresh
+        whole = Mux(flushing, offset != 0, offset.all())
+        written = whole & (row.page < self.pages)
+        m.d.comb += [
+            bursts.payload.address.eq(Cat(row.place[burst_bits:], row.page)),
+            groups.payload.page.eq(Mux(fresh, 0, row.first)),
+            groups.payload.count.eq(row.count),
+        ]
+        for k, slot in enumerate(slots):
+            m.d.comb += bursts.payload.slots[k].eq(Mux(flushing & (offset <= k), 0, slot))
+        final = Mux(page_full, self.needed, Value.cast(entry))
+        m.d.comb += bursts.payload.slots[self.burst - 1].eq(Mux(flushing, 0, final))
+
+        had_burst, had_group = Signal(), Signal()
+        m.d.comb += [
+            bursts.valid.eq(full & written & ~had_burst),
+            groups.valid.eq(full & flushing & ~had_group),
+            through.eq(
+                full
+                & (~written | had_burst | bursts.ready)
+                & (~flushing | had_group | groups.ready)
+            ),
+        ]
+        m.d.sync += [
+            had_burst.eq(~through & (had_burst | (bursts.valid & bursts.ready))),
+            had_group.eq(~through & (had_group | (groups.valid & groups.ready))),
+        ]
+        m.d.comb += [
+            self.new.page.eq(Mux(turn, self.needed, row.page)),
+            self.new.place.eq(Mux(turn, 1, row.place + 1)),
+            self.new.first.eq(Mux(fresh, self.needed, row.first)),
+            self.new.count.eq(row.count + 1),
+            self.slot.eq(Mux(turn, 0, offset)),
+            put_row.en.eq(through),
+            put_row.data.eq(Mux(self.taking, Value.cast(self.new), 0)),
+        ]
+        with m.If(through & ~flushing & turn & ~self.needed.all()):
+            m.d.sync += self.needed.eq(self.needed + 1)
+        for k, port in enumerate(put_entry):
+            m.d.comb += [
+                port.data.eq(entry),
+                port.en.eq(through & ~flushing & (self.slot == k)),
+            ]

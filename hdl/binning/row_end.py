@@ -1,0 +1,121 @@
+"""Binning: how far an outline reaches to the right within a tile row."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.spec.binning import FACTOR_FRACTION, GUARD, HALF_BITS, lean_margin, outward
+from splatcore.spec.config import Config
+
+ROOT_BITS = 3
+"""Bits of the square root that are found in a cycle."""
+
+ROOT_CYCLES = -(-HALF_BITS // ROOT_BITS)
+
+SLOPE_AT = 3 + ROOT_CYCLES
+"""Cycles after a band at which its slope is wanted."""
+
+WIDTH_AT = SLOPE_AT + 2
+"""Cycles after a band at which its half width is wanted."""
+
+LATENCY = WIDTH_AT + 1
+"""Cycles after a band at which its end is there."""
+
+END_BITS = HALF_BITS + 5
+"""Bits of an end with its sign."""
+
+
+class RowEnd(wiring.Component):
+    """The right end of a band's part of an outline, from its centre; of `spec.binning`'s T, r, end.
+
+    The left end is that of the mirrored outline: lean and shear negated.
+
+    Members
+        low, high: the band, within ± half; box: the half width stands for the end.
+        lean, half, normalise: of the outline, with the band.
+        shear: of the outline, two cycles after the band.
+        slope, half_width: `SLOPE_AT` and `WIDTH_AT` cycles after the band.
+        o: the end, `LATENCY` cycles after the band.
+
+    **Timing**: a band a cycle; it never stalls. Three multipliers of about `HALF_BITS` bits squared
+    and a square root of `ROOT_BITS` bits a cycle.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        t = signed(HALF_BITS + 1)
+        super().__init__(
+            {
+                "low": In(t),
+                "high": In(t),
+                "box": In(1),
+                "lean": In(t),
+                "half": In(HALF_BITS),
+                "normalise": In(range(HALF_BITS)),
+                "shear": In(signed(FACTOR_FRACTION + 2)),
+                "slope": In(FACTOR_FRACTION + 2),
+                "half_width": In(HALF_BITS),
+                "o": Out(signed(END_BITS)),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        margin, cut = lean_margin(self.config), FACTOR_FRACTION - GUARD
+        inside = (self.low - margin <= self.lean) & (self.lean <= self.high + margin)
+        t = Mux(self.lean > self.high, self.high, self.low)
+        whole, t = self._register(m, "chosen", inside | self.box, t)
+        [half, normalise] = self._register(m, "unit", self.half, self.normalise)
+
+        size = Mux(t < 0, -t, t)[:HALF_BITS] << normalise
+        size, highest = size[:HALF_BITS], (half << normalise)[:HALF_BITS]
+        negative, size, less, more = self._register(
+            m, "factors", t < 0, size, (highest - size)[:HALF_BITS], highest + size
+        )
+        signed_size = Mux(negative, -size, size)[: HALF_BITS + 1].as_signed()
+        radicand, product = self._register(
+            m, "products", (less * more)[: 2 * HALF_BITS], (self.shear * signed_size) >> cut
+        )
+        root = self._root(m, radicand)
+        product = self._later(m, ROOT_CYCLES, product)
+        whole = self._later(m, ROOT_CYCLES + 3, whole)
+        by_slope, slope, product = self._register(
+            m, "by_slope", root * self.slope, self.slope, product
+        )
+        total = ((by_slope + slope) >> cut) + product
+        total, whole = self._register(m, "total", total >> GUARD, whole)
+        end = Mux(whole, self.half_width, total + 1 + outward(self.config))
+        m.d.sync += self.o.eq(end)
+        return m
+
+    def _register(self, m: Module, name: str, *values: Value) -> list[Signal]:
+        """Values a cycle later."""
+        found = [
+            Signal(value.shape(), name=f"{name}_{k}", reset_less=True)
+            for k, value in enumerate(map(Value.cast, values))
+        ]
+        m.d.sync += [signal.eq(value) for signal, value in zip(found, values, strict=True)]
+        return found
+
+    def _later(self, m: Module, cycles: int, value: Value) -> Value:
+        for _ in range(cycles):
+            [value] = self._register(m, "later", value)
+        return value
+
+    def _root(self, m: Module, radicand: Value) -> Value:
+        """⌊√radicand⌋, restoring: whatever the root can grow by while its square fits."""
+        rest, root = Const(0, 1), Const(0, 0)
+        for k in reversed(range(HALF_BITS)):
+            # (root·2 + 1)² − (root·2)² = root·4 + 1, two more bits of the radicand come in.
+            rest = Cat(radicand[2 * k : 2 * k + 2], rest)
+            trial = Cat(Const(1, 2), root)
+            difference = Signal(signed(len(rest) + 1), name=f"difference_{k}")
+            m.d.comb += difference.eq(rest - trial)
+            grows = ~difference[-1]
+            rest = Mux(grows, difference[:-1], rest)[: HALF_BITS - k + 1]
+            root = Cat(grows, root)
+            if k % ROOT_BITS == 0:
+                rest, root = self._register(m, f"root_{k}", rest, root)
+                if k:
+                    [radicand] = self._register(m, f"radicand_{k}", radicand[: 2 * k])
+        return root

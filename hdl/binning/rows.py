@@ -1,0 +1,206 @@
+"""Binning: outlines to the columns of tiles that they meet in each of their rows of tiles."""
+
+from amaranth.hdl import Module, Mux, Signal, Value, ValueLike, signed
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.binning.outline import outline_layout, pixel
+from splatcore.hdl.binning.row_end import LATENCY as END_LATENCY
+from splatcore.hdl.binning.row_end import SLOPE_AT, WIDTH_AT, RowEnd
+from splatcore.hdl.lib.stream import Queue
+from splatcore.spec.binning import HALF_BITS, TILE_BITS
+from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
+
+BAND_AT = 2
+"""Cycles from a row's start to its band."""
+
+LATENCY = BAND_AT + END_LATENCY + 2
+"""Cycles from a row's start to its columns."""
+
+ROWS_WAITING = 32
+"""Rows that may be on their way or wait to be taken."""
+
+SQUARE_LATENCY = 3
+"""The same of a square, whose ends are known."""
+
+OUTLINES = 8
+"""Outlines that may have rows on their way: one comes every third cycle at most, and less than
+`LATENCY` cycles pass until it is asked for."""
+
+
+def columns_layout(config: Config) -> data.StructLayout:
+    """Tiles begin … end of a row, none if the first is beyond the last; last: of the splat."""
+    row, column = range(-(-config.height_max // TILE)), range(-(-config.width_max // TILE) + 1)
+    return data.StructLayout({"row": row, "begin": column, "end": column, "last": 1})
+
+
+class Rows(wiring.Component):
+    """Outlines in, each one's rows out.
+
+    The path never stalls: a row starts if it will find room in the queue behind it. What is wanted
+    late of an outline waits in two small memories.
+
+    Members
+        i: stream of `hdl.binning.outline.outline_layout`.
+        width: of the image, pixels.
+        o: stream of `columns_layout`.
+        row: a row starts.
+        busy: something is inside.
+
+    **Timing**: a row a cycle, also from one outline to the next; latency `LATENCY` + 3, of squares
+    `SQUARE_LATENCY` + 3. Multipliers: those of two `RowEnd`; squares need none, and no memories.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.square = config.tile_test == "3sigma"
+        self.latency = SQUARE_LATENCY if self.square else LATENCY
+        super().__init__(
+            {
+                "i": In(stream.Signature(outline_layout(config))),
+                "width": In(range(config.width_max + 1)),
+                "o": Out(stream.Signature(columns_layout(config))),
+                "row": Out(1),
+                "busy": Out(1),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        held, full = Signal(outline_layout(self.config), reset_less=True), Signal()
+        row, number = Signal.like(held.first), Signal(range(OUTLINES))
+        self.full = full
+        room = self._output(m)
+        last = row == held.last
+        m.d.comb += [
+            self.row.eq(full & room),
+            self.i.ready.eq(~full | (self.row & last)),
+        ]
+        with m.If(self.i.ready):
+            m.d.sync += [
+                held.eq(self.i.payload),
+                row.eq(self.i.payload.first),
+                full.eq(self.i.valid),
+            ]
+            if not self.square:
+                m.d.sync += number.eq(number + self.i.valid)
+        with m.Elif(self.row):
+            m.d.sync += row.eq(row + 1)
+
+        self.start, self.valid = {"row": row, "last": last}, self.row
+        if self.square:
+            ends = dict.fromkeys(("left", "right"), self._at(m, "end", held.half_x, 1))
+            self._columns(m, held, ends)
+        else:
+            self._columns(m, *self._ends(m, held, row, number))
+        return m
+
+    def _ends(
+        self, m: Module, held: data.View, row: Value, number: Value
+    ) -> tuple[data.View, dict[str, Value]]:
+        """What columns need of an outline, a cycle before its ends; and these."""
+        ends = self._band(m, held, row)
+        slope = self._memory(m, number, ("slope",), BAND_AT + SLOPE_AT)
+        late = ("half_x", "centre_x", "limit_x", "shift_x", "vast_x", "between")
+        place = self._memory(m, number, late, BAND_AT + WIDTH_AT)
+        for end in ends.values():
+            m.d.comb += [end.slope.eq(slope.slope), end.half_width.eq(place.half_x)]
+        return place, {side: end.o for side, end in ends.items()}
+
+    def _at(self, m: Module, name: str, value: ValueLike, cycles: int) -> Value:
+        """A value `cycles` later."""
+        for k in range(cycles):
+            later = Signal(Value.cast(value).shape(), name=f"{name}_{k + 1}", reset_less=True)
+            m.d.sync += later.eq(value)
+            value = later
+        return value
+
+    def _band(self, m: Module, held: data.View, row: Value) -> dict[str, RowEnd]:
+        """A row's band of the outline, to both its ends."""
+        top, below = row << held.shift_y, (row + 1) << held.shift_y
+        edges = {
+            "low": top - held.centre_y - 1,
+            "high": below - (held.centre_y + pixel(held.shift_y)),
+            "limit": held.limit_y - held.centre_y,
+            "half": held.half_y,
+        }
+        low, high, limit, half = (self._at(m, name, edges[name], 1) for name in edges)
+        most = Mux(limit > half, half, limit)
+        band = signed(HALF_BITS + 1)
+        clipped = {
+            name: Signal(band, name=f"band_{name}", reset_less=True) for name in ("low", "high")
+        }
+        m.d.sync += [
+            clipped["low"].eq(Mux(low < -half, -half, low)),
+            clipped["high"].eq(Mux(high > most, most, high)),
+        ]
+        lean, shear = held.lean, self._at(m, "shear", held.shear, BAND_AT + 1)
+        ends = {}
+        for side in ("right", "left"):
+            mirror = side == "left"
+            m.submodules[side] = ends[side] = end = RowEnd(self.config)
+            m.d.comb += [
+                end.low.eq(clipped["low"]),
+                end.high.eq(clipped["high"]),
+                end.box.eq(self._at(m, "box", held.vast_y, BAND_AT)),
+                end.lean.eq(self._at(m, f"lean_{side}", -lean if mirror else lean, BAND_AT)),
+                end.half.eq(self._at(m, "half_again", half, BAND_AT - 1)),
+                end.normalise.eq(self._at(m, "normalise", held.normalise, BAND_AT)),
+                end.shear.eq(self._at(m, f"shear_{side}", -shear if mirror else shear, 1)),
+            ]
+        return ends
+
+    def _memory(self, m: Module, number: Value, names: tuple, cycles: int):
+        """Some of the outline, `cycles` after a row's start."""
+        outline = self.i.payload
+        shape = data.StructLayout({name: outline[name].shape() for name in names})
+        m.submodules[f"late_{names[0]}"] = memory = Memory(shape=shape, depth=OUTLINES, init=[])
+        put, get = memory.write_port(), memory.read_port()
+        # Written once; the first row asks for it cycles later, none while it is written.
+        m.d.comb += [put.en.eq(self.i.valid & self.i.ready), put.addr.eq(number + 1)]
+        m.d.comb += [put.data[name].eq(outline[name]) for name in names]
+        asked = self._at(m, f"number_{names[0]}", number, cycles - 1)
+        m.d.comb += [get.en.eq(1), get.addr.eq(asked)]
+        return get.data
+
+    def _columns(self, m: Module, place: data.View, ends: dict[str, Value]):
+        """Ends to columns of tiles."""
+        since = self.latency - 2  # cycles from a row's start to its ends
+        names = ("centre_x", "limit_x", "shift_x", "vast_x", "between")
+        late = {name: self._at(m, name, place[name], 1) for name in names}
+        one = pixel(late["shift_x"])
+        left = late["centre_x"] - ends["left"]
+        beyond = (left > late["limit_x"]) & ~late["vast_x"]
+        beyond = self._at(m, "beyond", beyond | late["between"], 1)
+        left = self._at(m, "left", left + one - 1, 1)
+        right = self._at(m, "right", late["centre_x"] + 1 + ends["right"], 1)
+        shift, vast = (self._at(m, name, late[name], 1) for name in ("shift_x", "vast_x"))
+        bound = Signal(range(-(-self.config.width_max // TILE)))
+        m.d.comb += bound.eq((self.width - 1) >> TILE_BITS)
+        first, end = left >> shift, right >> shift
+        first, end = Mux((first < 0) | vast, 0, first), Mux((end > bound) | vast, bound, end)
+        none = (first > end) | beyond
+        columns = self.queue.i.payload
+        found = Signal(columns_layout(self.config), reset_less=True)
+        m.d.sync += [found.begin.eq(Mux(none, 1, first)), found.end.eq(Mux(none, 0, end))]
+        m.d.comb += [columns.eq(found)]
+        for name in ("row", "last"):
+            m.d.comb += columns[name].eq(self._at(m, name, self.start[name], since + 2))
+        valid = Signal(since + 2)
+        m.d.sync += valid.eq((valid << 1) | self.valid)
+        m.d.comb += self.queue.i.valid.eq(valid[-1])
+
+    def _output(self, m: Module) -> Value:
+        """The queue of rows; whether it will have room for one more."""
+        m.submodules.queue = self.queue = queue = Queue(
+            columns_layout(self.config), ROWS_WAITING, memory=True
+        )
+        connect(m, flipped(self).o, queue.o)
+        owed = Signal(range(ROWS_WAITING + 1))
+        gone = self.o.valid & self.o.ready
+        with m.If(self.row != gone):
+            m.d.sync += owed.eq(Mux(gone, owed - 1, owed + 1))
+        m.d.comb += self.busy.eq((owed != 0) | self.full)
+        return owed != ROWS_WAITING

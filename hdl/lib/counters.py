@@ -1,0 +1,56 @@
+"""Performance counters."""
+
+from amaranth.hdl import Cat, Module, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.spec.counters import COUNTER_BITS
+
+SPARE = 4
+"""A counter stops within 2^SPARE of its largest value: events on their way may still be counted."""
+
+
+class Counters(wiring.Component):
+    """Counts events, each in a register of its own that ends near its largest value.
+
+    Members
+        event: a bit for each name; high for a cycle: one more.
+        clear: all are 0 in the next cycle, and nothing on its way is counted.
+        value: the counts.
+
+    **Timing**: a count is seen three cycles after its event: events come late in their cycle, and
+    the carry between a count's halves is registered, so that no path is long.
+    """
+
+    def __init__(self, names: tuple[str, ...], bits: int = COUNTER_BITS):
+        self.names, self.half = names, bits // 2
+        super().__init__(
+            {
+                "event": In(data.StructLayout(dict.fromkeys(names, 1))),
+                "clear": In(1),
+                "value": Out(data.StructLayout(dict.fromkeys(names, bits))),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for name in self.names:
+            self._counter(m, name)
+        return m
+
+    def _counter(self, m: Module, name: str):
+        """One count: its lower half is shown a cycle late, when the upper half has its carry."""
+        parts = ("low", "shown", "high")
+        low, shown, high = (Signal(self.half, name=f"{name}_{part}") for part in parts)
+        event, carry, full = (Signal(name=f"{name}_{what}") for what in ("event", "carry", "full"))
+        m.d.comb += self.value[name].eq(Cat(shown, high))
+        m.d.sync += [
+            event.eq(self.event[name] & ~full),
+            low.eq(low + event),
+            carry.eq(event & low.all()),
+            shown.eq(low),
+            high.eq(high + carry),
+            full.eq(high.all() & low[SPARE:].all()),
+        ]
+        with m.If(self.clear):
+            m.d.sync += [signal.eq(0) for signal in (low, shown, high, event, carry, full)]

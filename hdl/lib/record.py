@@ -1,0 +1,38 @@
+"""The Amaranth layout of a record: what `spec.record` packs, wires carry."""
+
+from amaranth.hdl import Shape, unsigned
+from amaranth.lib import data
+
+from splatcore.spec.config import Config
+from splatcore.spec.number import Fixed
+from splatcore.spec.record import Array, Format, Record
+from splatcore.spec.registers import frame_registers
+
+
+def layout(record: Record) -> data.StructLayout:
+    """The layout with the record's fields at the record's offsets.
+
+    Records and arrays within become layouts too; a number of any format becomes its code, an
+    unsigned bit vector. A stream of records is `stream.Signature(layout(RECORD))`.
+    """
+    return data.StructLayout({field: _shape(format) for field, format in record.fields})
+
+
+def _shape(format: Format) -> data.Layout | Shape:
+    """What one format is in hardware."""
+    if isinstance(format, Record):
+        return layout(format)
+    if isinstance(format, Array):
+        return data.ArrayLayout(_shape(format.format), format.length)
+    return unsigned(format.width)
+
+
+def signed_shape(fixed: Fixed) -> Shape:
+    """The shape of a signed integer of a fixed-point format."""
+    return Shape(fixed.width, signed=True)
+
+
+def frame_layout(config: Config) -> data.StructLayout:
+    """The registers of a frame."""
+    registers = frame_registers(config)
+    return data.StructLayout({register.name.lower(): register.width for register in registers})

@@ -1,0 +1,292 @@
+"""The AXI4 master: readers and writers take turns at the one memory port."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Register
+from splatcore.hdl.memory.bus import FIXED, axi
+from splatcore.spec.axi import (
+    BEAT,
+    BEAT_BITS,
+    DATA_BITS,
+    ID_BITS,
+    LENGTH_BITS,
+    PREPROCESSING,
+    READERS,
+    RENDERING,
+    WRITERS,
+    read_record,
+    write_record,
+)
+from splatcore.spec.config import Config
+
+HALVES = (PREPROCESSING, RENDERING)
+
+OUTSTANDING_BITS = 8
+"""Width of the count of bursts of a half's readers, or of a writer, that are not yet answered."""
+
+ERROR = 1
+"""The bit of a response that tells an error."""
+
+CLIENT_ERROR = data.StructLayout({"now": 1, "client": ID_BITS})
+"""A beat or burst of a client has been answered by an error."""
+
+
+def read_beat() -> data.StructLayout:
+    """A beat that was read. last: of its burst."""
+    return data.StructLayout({"beat": DATA_BITS, "last": 1})
+
+
+def of_half(clients: dict[str, int], half: int) -> int:
+    """A mask of the clients that work for a half."""
+    return sum(1 << k for k, of in enumerate(clients.values()) if of == half)
+
+
+def number(chosen: Value) -> Value:
+    """The place of the one bit that is 1."""
+    return Cat(
+        Cat(chosen[k] for k in range(len(chosen)) if k >> bit & 1).any() for bit in range(ID_BITS)
+    )
+
+
+def selected(chosen: Value, values: list) -> Value:
+    """The value whose bit is 1."""
+    found = Const(0)
+    for bit, value in zip(chosen, values, strict=True):
+        value = Value.cast(value)
+        found |= value & bit.replicate(len(value))
+    return found
+
+
+class Turns(wiring.Component):
+    """Who of those that want to is next, in turns.
+
+    Members
+        wants: a bit for each. chosen: at most one of them. served: the chosen one has had its turn.
+
+    **Timing**: combinational from `wants` to `chosen`.
+    """
+
+    def __init__(self, count: int):
+        super().__init__({"wants": In(count), "chosen": Out(count), "served": In(1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        count = len(self.wants)
+        later = Signal(count)  # those whose turn comes before the others'
+        preferred = self.wants & later
+        first = Mux(preferred.any(), preferred, self.wants)
+        before = Cat(first[:k].any() for k in range(count))  # someone below comes first
+        m.d.comb += self.chosen.eq(first & ~before)
+        with m.If(self.served):
+            m.d.sync += later.eq(before)
+        return m
+
+
+class Axi(wiring.Component):
+    """The memory port.
+
+    Every client is a stream and works for a half of the machine. Reads of one reader, and bursts
+    of one writer, stay in order.
+
+    Members
+        m_axi: the port.
+        reads: by place in `READERS` a stream of `read_record`; data: the beats that come back,
+            streams of `read_beat`. A reader that does not take its beats keeps all others waiting.
+        writes: by place in `WRITERS` a stream of `write_record`; who has offered a burst's first
+            beat offers the others without waiting for anything else.
+        failing: a bit for each half. While it is high, nothing new is begun for the half, what
+            comes back for it is dropped, and a burst that it has begun to write is brought to its
+            end without writing anything. Its clients may be reset meanwhile; they are to be, as
+            what was dropped does not come again.
+        idle: a bit for each half: nothing that it has asked for or given is on its way.
+        settled: a bit for each writer: all that was taken from it before this cycle is in memory.
+        read_error, write_error: `CLIENT_ERROR`; several for a burst read are possible.
+        beats_read, beats_written: a bit for each client: a beat has passed.
+
+    **Timing**: in every cycle a read can be asked for, a beat come back, and a beat be written; the
+    next burst begins in the cycle after the last beat of the one before. Latency: a request and a
+    written beat 1 cycle, a beat that was read 1 cycle. No path from an input of the port to an
+    output of it. No multiplier.
+    """
+
+    def __init__(self, config: Config):
+        super().__init__(
+            {
+                "m_axi": Out(axi()),
+                "reads": In(stream.Signature(layout(read_record()))).array(len(READERS)),
+                "data": Out(stream.Signature(read_beat())).array(len(READERS)),
+                "writes": In(stream.Signature(layout(write_record()))).array(len(WRITERS)),
+                "failing": In(len(HALVES)),
+                "idle": Out(len(HALVES)),
+                "settled": Out(len(WRITERS)),
+                "read_error": Out(CLIENT_ERROR),
+                "write_error": Out(CLIENT_ERROR),
+                "beats_read": Out(len(READERS)),
+                "beats_written": Out(len(WRITERS)),
+            }
+        )
+        request = data.StructLayout({"client": ID_BITS, "burst": layout(read_record())})
+        beat = data.StructLayout({"data": DATA_BITS, "strobe": BEAT, "last": 1})
+        self.ar, self.aw, self.w = Register(request), Register(request), Register(beat)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.ar, m.submodules.aw, m.submodules.w = self.ar, self.aw, self.w
+        self._address(m, "ar", self.ar.o)
+        self._address(m, "aw", self.aw.o)
+        w = self.w.o
+        m.d.comb += [
+            self.m_axi.wdata.eq(w.payload.data),
+            self.m_axi.wstrb.eq(w.payload.strobe),
+            self.m_axi.wlast.eq(w.payload.last),
+            self.m_axi.wvalid.eq(w.valid),
+            w.ready.eq(self.m_axi.wready),
+        ]
+        returned = self._return(m)
+        reads_idle = self._ask(m, returned)
+        self._write(m, self._answers(m))
+        for half in HALVES:
+            settled = (self.settled | ~of_half(WRITERS, half)).all()
+            m.d.comb += self.idle[half].eq(reads_idle[half] & settled)
+        return m
+
+    def _address(self, m: Module, channel: str, request):
+        """An address channel of the port, from its register."""
+        wires = {
+            "id": request.payload.client,
+            "addr": request.payload.burst.beat << BEAT_BITS,
+            "len": request.payload.burst.length,
+            "valid": request.valid,
+        }
+        wires |= {name: value for name, (_, value) in FIXED.items()}
+        for name, value in wires.items():
+            m.d.comb += getattr(self.m_axi, channel + name).eq(value)
+        m.d.comb += request.ready.eq(getattr(self.m_axi, f"{channel}ready"))
+
+    def _failing(self, clients: dict[str, int]) -> Value:
+        """A bit for each client: its half's."""
+        return Cat(self.failing[half] for half in clients.values())
+
+    def _outstanding(self, m: Module, name: str, begins: Value, ends: Value) -> Signal:
+        """The count of what has begun and not ended."""
+        count = Signal(OUTSTANDING_BITS, name=name)
+        with m.If(begins ^ ends):
+            m.d.sync += count.eq(count + Mux(begins, 1, -1))
+        return count
+
+    def _return(self, m: Module) -> Value:
+        """Beats that come back; a bit for each half: it has the last one of a burst.
+
+        They pass a register that holds one beat: the port's `rready` depends on the reader whose
+        beat is there, not on the port's inputs.
+        """
+        m_axi = self.m_axi
+        full = Signal()
+        beat = Signal(read_beat(), reset_less=True)
+        client = Signal(ID_BITS, reset_less=True)
+        error = Signal(reset_less=True)
+        here, taken = Signal(len(READERS)), Signal(len(READERS))
+        ready = Cat(o.ready for o in self.data) | self._failing(READERS)
+        m.d.comb += [
+            here.eq(Mux(full, Const(1) << client, 0)),
+            taken.eq(here & ready),
+            m_axi.rready.eq(~full | taken.any()),
+            self.beats_read.eq(taken),
+            self.read_error.now.eq(taken.any() & error),
+            self.read_error.client.eq(client),
+        ]
+        for k, (o, half) in enumerate(zip(self.data, READERS.values(), strict=True)):
+            m.d.comb += [o.payload.eq(beat), o.valid.eq(here[k] & ~self.failing[half])]
+        with m.If(m_axi.rready):
+            m.d.sync += [
+                full.eq(m_axi.rvalid),
+                beat.beat.eq(m_axi.rdata),
+                beat.last.eq(m_axi.rlast),
+                client.eq(m_axi.rid),
+                error.eq(m_axi.rresp[ERROR]),
+            ]
+        return Cat((taken & of_half(READERS, half)).any() & beat.last for half in HALVES)
+
+    def _ask(self, m: Module, returned: Value) -> Value:
+        """Bursts to be read; a bit for each half: none of them is on its way."""
+        m.submodules.read_turns = turns = Turns(len(READERS))
+        full, idle = Signal(len(HALVES)), Signal(len(HALVES))
+        request, began = self.ar.i, Signal(len(READERS))
+        blocked = Cat(self.failing[half] | full[half] for half in READERS.values())
+        m.d.comb += [
+            turns.wants.eq(Cat(i.valid for i in self.reads) & ~blocked),
+            turns.served.eq(request.valid & request.ready),
+            request.valid.eq(turns.wants.any()),
+            request.payload.client.eq(number(turns.chosen)),
+            request.payload.burst.eq(selected(turns.chosen, [i.payload for i in self.reads])),
+            began.eq(Mux(request.ready, turns.chosen, 0)),
+        ]
+        for k, i in enumerate(self.reads):
+            m.d.comb += i.ready.eq(began[k])
+        for half in HALVES:
+            begins = (began & of_half(READERS, half)).any()
+            count = self._outstanding(m, f"reads{half}", begins, returned[half])
+            m.d.comb += [full[half].eq(count.all()), idle[half].eq(count == 0)]
+        return idle
+
+    def _answers(self, m: Module) -> Value:
+        """Answers to bursts written; a bit for each writer."""
+        m_axi = self.m_axi
+        full, error = Signal(), Signal()
+        client = Signal(ID_BITS, reset_less=True)
+        m.d.sync += [full.eq(m_axi.bvalid), client.eq(m_axi.bid), error.eq(m_axi.bresp[ERROR])]
+        m.d.comb += [
+            m_axi.bready.eq(1),
+            self.write_error.now.eq(full & error),
+            self.write_error.client.eq(client),
+        ]
+        return Cat(full & (client == k) for k in range(len(WRITERS)))
+
+    def _write(self, m: Module, answered: Value):
+        """Bursts to be written: a writer has the port for its burst."""
+        m.submodules.write_turns = turns = Turns(len(WRITERS))
+        count = len(WRITERS)
+        valid, failing = Cat(i.valid for i in self.writes), self._failing(WRITERS)
+        inside, left = Signal(), Signal(LENGTH_BITS)  # of a burst; beats of it that are to come
+        owner, current, full, began = (
+            Signal(count, name=name) for name in ("owner", "current", "full", "began")
+        )
+        address, beat = self.aw.i, self.w.i
+        given = Signal(layout(write_record()))
+        abandoned, takes = Signal(), Signal()
+        m.d.comb += [
+            turns.wants.eq(valid & ~failing & ~full),
+            turns.served.eq(~inside & takes),
+            current.eq(Mux(inside, owner, turns.chosen)),
+            given.eq(selected(current, [i.payload for i in self.writes])),
+            abandoned.eq(inside & (owner & failing).any()),
+            address.valid.eq(~inside & turns.wants.any() & beat.ready),
+            address.payload.client.eq(number(turns.chosen)),
+            address.payload.burst.beat.eq(given.beat),
+            address.payload.burst.length.eq(given.length),
+            beat.payload.data.eq(Cat(given.low, given.high)),
+            beat.payload.strobe.eq(Mux(abandoned, 0, given.strobe)),
+            beat.payload.last.eq(Mux(inside, left == 1, given.length == 0)),
+        ]
+        # A burst's first beat goes to both registers or to none.
+        m.d.comb += [
+            beat.valid.eq(
+                Mux(inside, abandoned | (owner & valid).any(), turns.wants.any() & address.ready)
+            ),
+            takes.eq(beat.valid & beat.ready),
+            began.eq(Mux(turns.served, turns.chosen, 0)),
+            self.beats_written.eq(Mux(takes, current, 0)),
+        ]
+        with m.If(takes):
+            m.d.sync += [
+                inside.eq(~beat.payload.last),
+                left.eq(Mux(inside, left - 1, given.length)),
+                owner.eq(current),
+            ]
+        for k, i in enumerate(self.writes):
+            m.d.comb += i.ready.eq(self.beats_written[k] & ~abandoned)
+            bursts = self._outstanding(m, f"bursts{k}", began[k], answered[k])
+            m.d.comb += [full[k].eq(bursts.all()), self.settled[k].eq(bursts == 0)]

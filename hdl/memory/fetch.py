@@ -1,0 +1,87 @@
+"""Reads ranges of memory into a queue."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, LENGTH_BITS, read_record
+
+
+class Fetch(wiring.Component):
+    """Ranges of beats in, the beats out, in order.
+
+    A burst is asked for when the queue has room for all of it besides what is there and on its
+    way, so that beats that come back never wait. Bursts end at multiples of `BURST_BEATS`.
+
+    Members
+        i: stream of ranges: first beat, count of beats (from 1 on).
+        reads, data: to and from the memory port (`hdl.memory.axi`).
+        o: stream of beats.
+
+    **Timing**: a burst every 2 cycles, asked for 2 cycles after its range or the burst before was
+    taken; a beat a cycle, latency 2 through the queue. Its memory has `depth` rows; one that holds
+    fewer beats than come during the memory's latency slows the reading. No multiplier.
+    """
+
+    def __init__(self, depth: int, count_bits: int):
+        if depth < BURST_BEATS:
+            raise ValueError(f"a queue of {depth} beats, below a burst of {BURST_BEATS}")
+        self.range = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "count": count_bits})
+        self.depth, self.queue = depth, Queue(DATA_BITS, depth, memory=True)
+        super().__init__(
+            {
+                "i": In(stream.Signature(self.range)),
+                "reads": Out(stream.Signature(layout(read_record()))),
+                "data": In(stream.Signature(read_beat())),
+                "o": Out(stream.Signature(DATA_BITS)),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.queue = queue = self.queue
+        connect(m, queue.o, flipped(self.o))
+        m.d.comb += [
+            queue.i.valid.eq(self.data.valid),
+            queue.i.payload.eq(self.data.payload.beat),
+            self.data.ready.eq(1),  # there is room
+        ]
+        # What is left of the range; the burst that is to be asked for.
+        rest, more = Signal(self.range, reset_less=True), Signal()
+        burst, sized = Signal(layout(read_record()), reset_less=True), Signal()
+        beats = Signal(range(BURST_BEATS + 1), reset_less=True)
+        place = rest.beat[: exact_log2(BURST_BEATS)]
+        to_boundary = Signal.like(beats)
+        ends = rest.count <= to_boundary
+        m.d.comb += [
+            to_boundary.eq(BURST_BEATS - place),
+            self.i.ready.eq(~more),
+            self.reads.payload.eq(burst),
+        ]
+        asked, taken = Signal(), Signal()
+        m.d.comb += [
+            asked.eq(self.reads.valid & self.reads.ready),
+            taken.eq(self.o.valid & self.o.ready),
+        ]
+        with m.If(~more):
+            m.d.sync += [rest.eq(self.i.payload), more.eq(self.i.valid)]
+        with m.Elif(~sized):
+            length = Mux(ends, rest.count[: len(beats)], to_boundary)
+            m.d.sync += [
+                burst.beat.eq(rest.beat),
+                burst.length.eq((length - 1)[:LENGTH_BITS]),
+                beats.eq(length),
+                rest.beat.eq(Cat(Const(0, len(place)), rest.beat[len(place) :] + 1)),
+                rest.count.eq(rest.count - to_boundary),
+                more.eq(~ends),
+            ]
+        m.d.sync += sized.eq(Mux(sized, ~asked, more))
+        # Beats in the queue or on their way to it.
+        used = Signal(range(self.depth + 1))
+        m.d.comb += self.reads.valid.eq(sized & (used + beats <= self.depth))
+        m.d.sync += used.eq(used + Mux(asked, beats, 0) - taken)
+        return m

@@ -1,0 +1,229 @@
+"""An array of processing elements that runs a microprogram on several items at once.
+
+Which step runs where and when, and which register holds which value, is `spec.schedule`'s; this
+file turns the plan into units, operand multiplexers, registers and the sequencer.
+"""
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+from amaranth.hdl import Cat, Const, Module, ShapeLike, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
+from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
+from splatcore.hdl.arithmetic.unary import Reciprocal, ReciprocalRoot
+from splatcore.spec.config import Config
+from splatcore.spec.microprogram import Program
+from splatcore.spec.schedule import Place, latencies, pes, schedule
+
+
+def codes(config: Config, names: tuple[str, ...]) -> data.StructLayout:
+    """A float of `Config.arithmetic` for each name."""
+    return data.StructLayout({name: config.arithmetic.width for name in names})
+
+
+def select(phase: Signal, sources: Mapping[int, Value]) -> Value:
+    """The source of the phase whose bit is set; 0 or any source in phases that have none."""
+    phases: dict[int, list[int]] = {}  # of sources that are one and the same
+    for number, source in sources.items():
+        phases.setdefault(id(source), []).append(number)
+    if len(phases) == 1:
+        return next(iter(sources.values()))
+    value = Const(0)
+    for numbers in phases.values():
+        source = sources[numbers[0]]
+        value |= source & Cat(phase[n] for n in numbers).any().replicate(len(source))
+    return value
+
+
+class Array(wiring.Component):
+    """Runs a program of `spec.microprogram` on a stream of items.
+
+    A field that is first read in a later round can enter then (`late`), so that it need not travel
+    along: `carried` says which item is in which round.
+
+    Parameters
+        late: field → the round at whose beginning it enters.
+        carried: shape of what goes with each item unchanged.
+        held: `i.payload` stays while an item is inside, and so only one is inside at a time; then
+            it is read from there.
+        stalls: whether `o` may be not ready. An array that never stalls needs no enables.
+
+    Members
+        i: stream of {fields: the program's fields that are not late, carried}.
+        late: the late fields, each sampled in the last phase of the round before its own.
+        constants: the program's constants; may change while no item is inside.
+        o: stream of {outputs, carried}, in the same order.
+        phase: one bit for each cycle of a round, that of the present one set.
+        rounds: what is in each round: {valid, carried}.
+
+    **Timing**: an item every `plan.interval` cycles, taken in the last phase of a round; its
+    outputs come `plan.length` + 1 cycles later. While `o` is not taken everything stands still.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        program: Program,
+        *,
+        late: Mapping[str, int] | None = None,
+        carried: ShapeLike | None = None,
+        held: bool = False,
+        stalls: bool = True,
+    ):
+        self.config, self.program, self.held, self.stalls = config, program, held, stalls
+        self.plan = schedule(config, program)
+        self.entry = {name: 0 for name in program.fields} | dict(late or {})
+        early = tuple(name for name in program.fields if not self.entry[name])
+        extra = {} if carried is None else {"carried": carried}
+        self.inside = data.StructLayout({"valid": 1, **extra})
+        self.round_count = self.plan.length // self.plan.interval + 1
+        ports = {
+            "i": In(stream.Signature(data.StructLayout({"fields": codes(config, early), **extra}))),
+            "late": In(codes(config, tuple(late or ()))),
+            "constants": In(codes(config, program.constants)),
+            "o": Out(stream.Signature(
+                data.StructLayout({"outputs": codes(config, program.outputs), **extra})
+            )),
+            "phase": Out(self.plan.interval, init=1),
+            "rounds": Out(data.ArrayLayout(self.inside, self.round_count)),
+        }  # fmt: skip
+        if not late:
+            del ports["late"]
+        super().__init__(ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        format = self.config.arithmetic
+        self.one = Const(int(format.encode(1.0)), format.width)
+        # −0 + −0 = −0 and −0 + x = x; a format without −0 reads it as 0
+        self.nothing = Const(1 << (format.width - 1), format.width)
+        self.known = {name: self.constants[name] for name in self.program.constants}
+        self.enable = Signal() if self.stalls else Const(1)
+        self.last = self.phase[-1]
+        self._sequence(m)
+        self._fields(m)
+        self._units(m)
+        self._registers(m)
+        self._operands(m)
+        m.d.comb += [
+            self.o.payload.outputs[name].eq(self._source(name, self.plan.length))
+            for name in self.program.outputs
+        ]
+        return m
+
+    def _sequence(self, m: Module):
+        """Phases, and the items on their way: one round on at the end of each."""
+        inside = [Signal(self.inside, name=f"round_{k}") for k in range(self.round_count)]
+        m.d.comb += [
+            self.rounds.eq(Cat(inside)),
+            self.o.valid.eq(inside[-1].valid & self.phase[self.plan.length % self.plan.interval]),
+            self.i.ready.eq(self.enable & self.last),
+        ]
+        if self.stalls:
+            m.d.comb += self.enable.eq(~self.o.valid | self.o.ready)
+        with m.If(self.enable):
+            m.d.sync += self.phase.eq(self.phase.rotate_left(1))
+            with m.If(self.last):
+                m.d.sync += [inside[0].valid.eq(self.i.valid)]
+                m.d.sync += [b.eq(a) for a, b in pairwise(inside)]
+        if "carried" in self.inside.members:
+            m.d.comb += self.o.payload.carried.eq(inside[-1].carried)
+            with m.If(self.enable & self.last):
+                m.d.sync += inside[0].carried.eq(self.i.payload.carried)
+
+    def _fields(self, m: Module):
+        """Registers of the fields, for each from the round in which it enters to its last use."""
+        self.places: dict[tuple[str, int], Value] = {}
+        last_use = {name: self.plan.length for name in self.program.outputs}
+        for place in self.plan.places:
+            for name in place.step.operands:
+                last_use[name] = max(last_use.get(name, 0), place.time)
+        for name, entry in self.entry.items():
+            source = self.late[name] if entry else self.i.payload.fields[name]
+            for number in range(entry, last_use[name] // self.plan.interval + 1):
+                if not self.held:
+                    source = self._moved(m, f"{name}_{number}", source)
+                self.places[name, number] = source
+
+    def _moved(self, m: Module, name: str, source: Value) -> Signal:
+        """A field's register in a round."""
+        register = Signal(source.shape(), name=name, reset_less=True)
+        with m.If(self.enable & self.last):
+            m.d.sync += register.eq(source)
+        return register
+
+    def _units(self, m: Module):
+        """The PEs, and one unit of each other kind that the program needs."""
+        config = self.config
+        delay = latencies(config)
+        self.units = {
+            ("pe", number): MultiplyAdd(config.arithmetic, delay["pe"])
+            for number in range(pes(config, self.program))
+        }
+        others = {
+            "reciprocal": lambda: Reciprocal(config.arithmetic, delay["reciprocal"]),
+            "root": lambda: ReciprocalRoot(config.arithmetic, delay["root"]),
+            "clamp": lambda: Clamp(config.arithmetic),
+            "maximum": lambda: Maximum(config.arithmetic),
+        }
+        used = {step.unit for step in self.program.steps}
+        self.units |= {(kind, 0): make() for kind, make in others.items() if kind in used}
+        for (kind, number), unit in self.units.items():
+            m.submodules[f"{kind}{number}" if kind == "pe" else kind] = unit
+            m.d.comb += unit.enable.eq(self.enable)
+
+    def _registers(self, m: Module):
+        """The banks: every wait takes its value over in one phase of each round."""
+        takes: dict[tuple, dict[int, object]] = {}
+        for wait in self.plan.waits:
+            phase = wait.begin % self.plan.interval
+            takes.setdefault((wait.bank, wait.register), {})[phase] = wait
+        self.banks = {}
+        for key in takes:
+            (unit, number), register = key
+            name = f"{unit}{number}_wait{register}"
+            self.banks[key] = Signal(self.config.arithmetic.width, name=name, reset_less=True)
+        for key, waits in takes.items():
+            sources = {p: self._source(wait.value, wait.begin) for p, wait in waits.items()}
+            now = Cat(self.phase[p] for p in waits).any()
+            with m.If(self.enable & now):
+                m.d.sync += self.banks[key].eq(select(self.phase, sources))
+
+    def _operands(self, m: Module):
+        """The units' operands: one source for each phase."""
+        operands: dict[tuple, dict[str, dict[int, Value]]] = {}
+        for place in self.plan.places:
+            key = (place.step.unit, place.number)
+            for port, source in self._sources(place).items():
+                ports = operands.setdefault(key, {}).setdefault(port, {})
+                ports[place.time % self.plan.interval] = source
+        for key, ports in operands.items():
+            for port, sources in ports.items():
+                m.d.comb += getattr(self.units[key], port).eq(select(self.phase, sources))
+
+    def _sources(self, place: Place) -> dict[str, Value]:
+        """A step's operands by port; an absent factor is 1, an absent summand a zero."""
+        step = place.step
+        a = self._source(step.a, place.time)
+        sources = {"a": a ^ (1 << (len(a) - 1)) if step.negate else a}
+        if step.b:
+            sources["b"] = self._source(step.b, place.time)
+        if step.unit == "pe":
+            sources.setdefault("b", self.one)
+            sources["c"] = self._source(step.c, place.time) if step.c else self.nothing
+        return sources
+
+    def _source(self, name: str, time: int) -> Value:
+        """Where a value is to be read at a time of its item."""
+        if name in self.program.constants:
+            return self.known[name]
+        if name in self.program.fields:
+            return self.places[name, time // self.plan.interval]
+        place = next(place for place in self.plan.places if place.step.name == name)
+        if time == place.time + dict(self.plan.latencies)[place.step.unit]:
+            return self.units[place.step.unit, place.number].o
+        wait = next(w for w in self.plan.waits if w.value == name and w.begin < time <= w.end)
+        return self.banks[wait.bank, wait.register]

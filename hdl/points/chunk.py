@@ -1,0 +1,168 @@
+"""Stage 0's front: what all points of a chunk share, and whether any of them can matter."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.arithmetic.convert import Convert, FromFixed
+from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.points.array import Array, codes
+from splatcore.spec.config import Config
+from splatcore.spec.frame import CAMERA
+from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
+from splatcore.spec.microprogram import program
+from splatcore.spec.point import AWAY, EXPONENT, GAUSSIAN_BITS, NUMBER_BITS, chunk_record
+from splatcore.spec.programs import CORNERS
+
+AXES = "xyz"
+
+CONVERT_LATENCY = 4
+"""Cycles from grid steps to a float."""
+
+
+class Chunk(wiring.Component):
+    """Chunk headers in, chunks that may hold something visible out; the others are skipped.
+
+    A chunk is skipped if the bounds of its points are behind the near plane or beyond the guard
+    band (`spec.programs.CHUNK`): none of its points will be read. Absolute positions have no
+    bounds; there nothing is skipped.
+
+    Members
+        i: stream of `CHUNK_HEADER`, in the order of the model.
+        gaussians: how many the model has, at least 1; with the last chunk a frame ends and the
+            next header is taken for that of chunk 0.
+        camera, position_exponent, near_plane, constants: registers of the frame.
+        o: stream of `chunk_record`.
+        taken: a header is through, kept or skipped.
+
+    **Timing**: one PE; a header every `plan.length` + 15 cycles (38 in `DEFAULT`, while the points
+    of a full chunk take 1024). One at a time, so its numbers need not be carried along.
+    """
+
+    def __init__(self, config: Config):
+        self.config, self.program = config, program("chunk")
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(CHUNK_HEADER))),
+                "gaussians": In(GAUSSIAN_BITS),
+                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
+                "position_exponent": In(signed_shape(EXPONENT)),
+                "near_plane": In(config.arithmetic.width),
+                "constants": In(codes(config, self.program.constants)),
+                "o": Out(stream.Signature(layout(chunk_record(config)))),
+                "taken": Out(1),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.array = self.array = Array(self.config, self.program, held=True)
+        self.number = Signal(NUMBER_BITS)
+        self._run(m, *self._converted(m))
+        self._give(m)
+        return m
+
+    def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
+        """The chunk's two ends along each world axis as floats, one after the other through one
+        converter; and whether they are there.
+        """
+        header, format = self.i.payload, self.config.arithmetic
+        scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
+        m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
+        way = Signal(signed_shape(AWAY))
+        step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
+        converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
+        origin, camera, span = (
+            Signal(signed_shape(AWAY)),
+            Signal(signed_shape(AWAY)),
+            Signal(AWAY.width),
+        )
+        with m.Switch(step):
+            for k in range(2 * len(AXES)):
+                axis = k % len(AXES)
+                with m.Case(k):
+                    m.d.comb += origin.eq(header.origin[axis].as_signed())
+                    m.d.comb += camera.eq(self.camera[axis])
+                    if k >= len(AXES):
+                        # The largest offset with this extent is below the next one's smallest.
+                        end = (header.extent[axis] + 1) << EXTENT_SHIFT
+                        m.d.comb += span.eq(end << header.shift[axis])
+        m.d.sync += way.eq(origin + span - camera)
+        m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
+        m.d.comb += convert.scale.eq(self.position_exponent)
+        values = [
+            Signal(format.width, name=f"{end}_{axis}", reset_less=True)
+            for end in ("low", "high")
+            for axis in AXES
+        ]
+        with m.If(~converted & self.i.valid):
+            m.d.sync += step.eq(step + 1)
+            m.d.sync += [a.eq(b) for a, b in zip(values, [*values[1:], convert.o], strict=True)]
+        with m.If(self.taken):
+            m.d.sync += step.eq(0)
+        return converted, values[: len(AXES)], values[len(AXES) :]
+
+    def _run(self, m: Module, converted: Value, low: list, high: list):
+        """The header's numbers go through the array once."""
+        fields, inside = self.array.i.payload.fields, Signal()
+        m.submodules.reach = reach = Convert(REACH, self.config.arithmetic, 0)
+        m.d.comb += [
+            reach.i.eq(self.i.payload.reach),
+            reach.enable.eq(1),
+            fields.chunk_reach.eq(reach.o),
+            self.array.i.valid.eq(converted & ~inside),
+        ]
+        for name, (constant, side) in CORNERS.items():
+            falls, axis = self.constants[constant][-1], int(name[-1])
+            least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])
+            m.d.comb += fields[name].eq(least if side == "least" else most)
+        with m.If(self.array.i.valid & self.array.i.ready):
+            m.d.sync += inside.eq(1)
+        with m.If(self.taken):
+            m.d.sync += inside.eq(0)
+        m.d.comb += self.array.constants.eq(self.constants)
+
+    def _give(self, m: Module):
+        """Decide, and hand the chunk over."""
+        found, payload = self.array.o.payload.outputs, self.o.payload
+        kept = self._kept(m, found)
+        last = self.number == (self.gaussians - 1)[CHUNK.bit_length() - 1 :]
+        whole = self.number != self.gaussians[CHUNK.bit_length() - 1 :]
+        count = Mux(whole, CHUNK, self.gaussians[: CHUNK.bit_length() - 1])
+        m.d.comb += [
+            self.o.valid.eq(self.array.o.valid & kept),
+            self.array.o.ready.eq(self.o.ready | ~kept),
+            self.taken.eq(self.array.o.valid & self.array.o.ready),
+            self.i.ready.eq(self.taken),
+            payload.culling.count.eq(count),
+            payload.projecting.number.eq(self.number),
+        ]
+        for part in payload.shape().members:
+            fields = payload[part]
+            for name in fields.shape().members:
+                if name in self.program.outputs:
+                    m.d.comb += fields[name].eq(found[name])
+                elif name in self.program.fields:
+                    m.d.comb += fields[name].eq(self.array.i.payload.fields[name])
+        if self.config.position == "chunk":
+            for name in ("origin", "shift", "octant_end"):
+                m.d.comb += payload.culling[name].eq(self.i.payload[name])
+        with m.If(self.taken):
+            m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
+
+    def _kept(self, m: Module, found: data.View) -> Value:
+        """Whether a point within the bounds can be in front and in the guard band."""
+        if self.config.position != "chunk" or self.config.culling == "none":
+            return Value.cast(1)
+        pairs = {"front": (self.near_plane, found.z_high)}
+        for axis in "xy" if self.config.culling == "all" else "":
+            far, high = found[f"far_{axis}"], found[f"{axis}_high"]
+            pairs[f"{axis}_low"] = (found[f"{axis}_low"], far)
+            pairs[f"{axis}_high"] = (high ^ (1 << (len(high) - 1)), far)
+        holds = []
+        for name, (less, more) in pairs.items():
+            m.submodules[f"compare_{name}"] = compare = Compare(self.config.arithmetic, 0)
+            m.d.comb += [compare.a.eq(less), compare.b.eq(more), compare.enable.eq(1)]
+            holds.append(compare.less if name == "front" else compare.less | compare.equal)
+        return Cat(holds).all()

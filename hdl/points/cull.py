@@ -1,0 +1,91 @@
+"""Stage 0: the depth of each point, culled at the near plane."""
+
+from amaranth.hdl import Const, Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.points.array import Array, codes
+from splatcore.hdl.points.position import AXES, BEAT, Position
+from splatcore.spec.config import Config
+from splatcore.spec.frame import CAMERA
+from splatcore.spec.microprogram import culling
+from splatcore.spec.point import EXPONENT, PLACE_BITS, culling_record, point_record
+
+
+class Cull(wiring.Component):
+    """Points of the chunks that are kept in, points in front of the near plane out.
+
+    Members
+        chunks: stream of `culling_record`, taken with the chunk's last point.
+        positions: stream of memory beats (`hdl.points.position`).
+        camera, position_exponent, near_plane, constants: registers of the frame.
+        o: stream of `point_record` with z.
+        taken: a point has been read.
+
+    **Timing**: one PE, a point every 4 cycles, latency about 30.
+    """
+
+    def __init__(self, config: Config):
+        self.config, self.program = config, culling(config.depth_interval)
+        super().__init__(
+            {
+                "chunks": In(stream.Signature(layout(culling_record(config)))),
+                "positions": In(stream.Signature(BEAT)),
+                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
+                "position_exponent": In(signed_shape(EXPONENT)),
+                "near_plane": In(config.arithmetic.width),
+                "constants": In(codes(config, self.program.constants)),
+                "o": Out(stream.Signature(layout(point_record(config, "z")))),
+                "taken": Out(1),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        carried = data.StructLayout({"place": PLACE_BITS, "last": 1})
+        m.submodules.position = position = Position(self.config)
+        m.submodules.array = array = Array(self.config, self.program, carried=carried)
+        m.submodules.compare = compare = Compare(self.config.arithmetic, 0)
+
+        place, chunk = Signal(PLACE_BITS), self.chunks.payload
+        last = place + 1 == chunk.count
+        m.d.comb += [
+            position.i.valid.eq(self.positions.valid),
+            position.i.payload.eq(self.positions.payload),
+            self.positions.ready.eq(position.i.ready),
+            position.chunk.eq(chunk),
+            position.camera.eq(self.camera),
+            position.position_exponent.eq(self.position_exponent),
+            position.chunk_valid.eq(self.chunks.valid),
+            position.next_chunk.eq(self.taken & last),
+            self.chunks.ready.eq(self.taken & last),
+            array.i.valid.eq(position.o.valid),
+            position.o.ready.eq(array.i.ready),
+            self.taken.eq(array.i.valid & array.i.ready),
+            array.i.payload.carried.place.eq(place),
+            array.i.payload.carried.last.eq(last),
+            array.constants.eq(self.constants),
+        ]
+        for name in self.program.fields:
+            source = position.o.payload if name in AXES else chunk
+            m.d.comb += array.i.payload.fields[name].eq(source[name])
+        with m.If(self.taken):
+            m.d.sync += place.eq(Mux(last, 0, place + 1))
+
+        found, through = array.o.payload.outputs, array.o.payload.carried
+        kept = Const(1, 1) if self.config.culling == "none" else compare.less
+        passes = kept | through.last
+        m.d.comb += [
+            compare.enable.eq(1),
+            compare.a.eq(self.near_plane),
+            compare.b.eq(found.farthest if self.config.depth_interval else found.z),
+            self.o.valid.eq(array.o.valid & passes),
+            array.o.ready.eq(self.o.ready | ~passes),
+            self.o.payload.kept.eq(kept),
+            self.o.payload.place.eq(through.place),
+            self.o.payload.last.eq(through.last),
+        ]
+        m.d.comb += [self.o.payload[name].eq(found[name]) for name in ("z", *AXES)]
+        return m

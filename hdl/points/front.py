@@ -1,0 +1,43 @@
+"""Stage 1's end where nothing was culled: splats in front of the near plane."""
+
+from amaranth.hdl import Module
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.lib.record import layout
+from splatcore.spec.config import Config
+from splatcore.spec.point import splat_record
+
+
+class Front(wiring.Component):
+    """Splats in, those out whose centres are in front.
+
+    With culling (`Config.culling`) they all are, and a machine has no such part.
+
+    Members
+        i, o: streams of `splat_record`.
+        near_plane: register of the frame.
+
+    **Timing**: combinational; a splat a cycle.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        splats = stream.Signature(layout(splat_record(config)))
+        super().__init__(
+            {"i": In(splats), "near_plane": In(config.arithmetic.width), "o": Out(splats)}
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.compare = compare = Compare(self.config.arithmetic, 0)
+        m.d.comb += [
+            compare.a.eq(self.near_plane),
+            compare.b.eq(self.i.payload.z),
+            compare.enable.eq(1),
+            self.o.payload.eq(self.i.payload),
+            self.o.valid.eq(self.i.valid & compare.less),
+            self.i.ready.eq(self.o.ready | ~compare.less),
+        ]
+        return m

@@ -1,0 +1,158 @@
+"""The parts of a packed model in memory as the streams that stages 0 and 1 take."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Register
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.memory.fetch import Fetch
+from splatcore.hdl.points.load import EXPONENTS, Load
+from splatcore.spec.axi import (
+    BEAT,
+    BEAT_ADDRESS_BITS,
+    BURST_BEATS,
+    DATA_BITS,
+    range_record,
+    read_record,
+)
+from splatcore.spec.config import Config
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER, model_format
+from splatcore.spec.point import FETCH, GAUSSIAN_BITS, NUMBER_BITS
+
+READING = ("model", "positions", "attributes")
+"""Its readers of `spec.axi.READERS`, in their order."""
+
+BEATS_WAITING = 2 * BURST_BEATS
+"""Beats of chunk headers and of positions that may wait: two bursts of each."""
+
+HEADER_BEATS = CHUNK_HEADER.size // BEAT
+
+COUNT_BITS = NUMBER_BITS + 1 + (HEADER_BEATS - 1).bit_length()
+"""Width of how many beats all chunk headers have."""
+
+
+class Model(wiring.Component):
+    """Reads a model: header and codebooks, all chunk headers, and of the rest what is wanted.
+
+    Members
+        start, model, write, gaussians, sh, exponents, loaded, error: those of `hdl.points.load`.
+        run: once loaded: begin with the chunk headers.
+        headers: stream of `CHUNK_HEADER`. fetch: stream of `FETCH`; positions: these chunks'
+            beats. wanted: stream of Gaussians' numbers; attributes: theirs.
+        given: all chunk headers have been taken.
+        reads, data: to and from memory, for each of `READING`.
+
+    **Timing**: a chunk header in two cycles; bursts of positions end at multiples of 16 beats;
+    attributes are read one by one, as many at a time as are wanted.
+    """
+
+    def __init__(self, config: Config):
+        self.config, self.load = config, Load(config)
+        load = self.load.signature.members
+        self.told = ("write", "gaussians", "sh", "loaded", "error", *EXPONENTS)
+        super().__init__(
+            {name: load[name] for name in ("start", "model", *self.told)}
+            | {
+                "run": In(1),
+                "headers": Out(stream.Signature(layout(CHUNK_HEADER))),
+                "fetch": In(stream.Signature(layout(FETCH))),
+                "positions": Out(stream.Signature(DATA_BITS)),
+                "wanted": In(stream.Signature(GAUSSIAN_BITS)),
+                "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
+                "given": Out(1),
+                "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+                "data": In(stream.Signature(read_beat())).array(len(READING)),
+            }
+        )
+        self.chunks = Signal(NUMBER_BITS + 1)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.load = load = self.load
+        outside = flipped(self)
+        m.d.comb += [load.start.eq(self.start), load.model.eq(self.model)]
+        connect(m, outside.write, load.write)
+        m.d.comb += [getattr(self, k).eq(getattr(load, k)) for k in self.told if k != "write"]
+        m.d.sync += self.chunks.eq((self.gaussians + CHUNK - 1) >> CHUNK.bit_length() - 1)
+        self._headers(m)
+        self._positions(m)
+        self._attributes(m)
+        return m
+
+    def _reader(self, m: Module, name: str, count_bits: int) -> Fetch:
+        """What reads ranges for a reader."""
+        number = READING.index(name)
+        m.submodules[name] = fetch = Fetch(BEATS_WAITING, count_bits)
+        connect(m, fetch.reads, flipped(self.reads[number]))
+        connect(m, flipped(self.data[number]), fetch.data)
+        return fetch
+
+    def _headers(self, m: Module):
+        """The header and the codebooks first; then chunk headers, each of two beats."""
+        fetch, load = self._reader(m, "model", COUNT_BITS), self.load
+        asks, left = Signal(), Signal(NUMBER_BITS + 1)
+        upper, low = Signal(), Signal(DATA_BITS, reset_less=True)
+        running = Signal()
+        m.d.comb += [
+            fetch.i.valid.eq(asks | load.ranges.valid),
+            fetch.i.payload.beat.eq(
+                Mux(asks, self.model + HEADER.size // BEAT, load.ranges.payload.beat)
+            ),
+            fetch.i.payload.count.eq(
+                Mux(asks, self.chunks * HEADER_BEATS, load.ranges.payload.count)
+            ),
+            load.ranges.ready.eq(fetch.i.ready & ~asks),
+            load.beats.payload.eq(fetch.o.payload),
+            load.beats.valid.eq(fetch.o.valid & ~running),
+            self.headers.payload.eq(Cat(low, fetch.o.payload)),
+            self.headers.valid.eq(fetch.o.valid & running & upper),
+            fetch.o.ready.eq(Mux(running, ~upper | self.headers.ready, load.beats.ready)),
+            self.given.eq(running & ~left.any()),
+        ]
+        with m.If(self.run):
+            m.d.sync += [asks.eq(self.chunks.any()), running.eq(1), left.eq(self.chunks)]
+        with m.If(asks & fetch.i.ready):
+            m.d.sync += asks.eq(0)
+        with m.If(self.start):
+            m.d.sync += running.eq(0)
+        with m.If(running & fetch.o.valid & fetch.o.ready):
+            m.d.sync += [upper.eq(~upper), low.eq(fetch.o.payload)]
+            with m.If(upper):
+                m.d.sync += left.eq(left - 1)
+
+    def _positions(self, m: Module):
+        """Each chunk that is fetched is a range of beats."""
+        width = model_format(self.config, self.config.sh_degree).position_record.width
+        stride = CHUNK * width // DATA_BITS
+        shape = range_record(stride.bit_length())
+        fetch = self._reader(m, "positions", stride.bit_length())
+        m.submodules.ranges = ranges = Register(layout(shape))
+        chunk, asked = self.fetch.payload, ranges.i.payload
+        offset = sum(chunk.number << k for k in range(stride.bit_length()) if stride >> k & 1)
+        m.d.comb += [
+            asked.beat.eq(self.load.positions + offset),
+            asked.count.eq((chunk.count * width + DATA_BITS - 1) // DATA_BITS),
+            ranges.i.valid.eq(self.fetch.valid),
+            self.fetch.ready.eq(ranges.i.ready),
+        ]
+        connect(m, ranges.o, fetch.i)
+        connect(m, fetch.o, flipped(self).positions)
+
+    def _attributes(self, m: Module):
+        """A beat for each Gaussian that is wanted; its slot has room for it."""
+        number = READING.index("attributes")
+        read, came = self.reads[number], self.data[number]
+        m.submodules.attributes = wanted = Register(layout(read_record()))
+        m.d.comb += [
+            wanted.i.valid.eq(self.wanted.valid),
+            wanted.i.payload.beat.eq(
+                (self.load.attributes + self.wanted.payload)[:BEAT_ADDRESS_BITS]
+            ),
+            self.wanted.ready.eq(wanted.i.ready),
+            self.attributes.valid.eq(came.valid),
+            self.attributes.payload.eq(came.payload.beat),
+            came.ready.eq(self.attributes.ready),
+        ]
+        connect(m, wanted.o, flipped(read))

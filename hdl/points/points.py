@@ -1,0 +1,172 @@
+"""The point half of the machine, composed: chunk headers to splats."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Fork, Queue
+from splatcore.hdl.points.array import codes
+from splatcore.hdl.points.chunk import Chunk
+from splatcore.hdl.points.cull import Cull
+from splatcore.hdl.points.front import Front
+from splatcore.hdl.points.guard_band import Place
+from splatcore.hdl.points.project import Project
+from splatcore.spec.config import Config
+from splatcore.spec.counters import COUNTER_BITS, POINTS
+from splatcore.spec.microprogram import constants
+from splatcore.spec.point import FETCH, chunk_record
+
+COUNTED = tuple(POINTS)
+
+CHUNKS_WAITING = 2
+"""Chunks that may wait before each part: the next one is ready when a chunk is through."""
+
+CHUNKS_INSIDE = 4 * CHUNKS_WAITING
+"""More chunks than can be between the first part and the last: no queue holds more than
+`CHUNKS_WAITING`, and the fork one."""
+
+
+class Points(wiring.Component):
+    """Stages 0 and 1: chunk headers, positions and attributes in, splats out.
+
+    Members
+        headers: stream of chunk headers, those of the whole model for each frame.
+        fetch: stream of the chunks whose positions are to be read; positions: stream of these.
+        wanted: stream of the Gaussians whose attributes are to be read; attributes: these.
+        write: the codebook memory's words, before the frame.
+        gaussians, camera, position_exponent, near_plane, constants, sh, colour_exponent,
+            sh_exponent: registers of the model and the frame.
+        splats: stream of `splat_record`, in the model's order.
+        idle: no chunk and no splat is inside: with the last header taken, the frame is through.
+        counters, clear: events of `COUNTED`; the last three are rounds of the projection's array
+            that began with a Gaussian, without one, and with none because splats were not taken.
+
+    **Timing**: a point every 4 cycles (`hdl.points.cull`) and a splat every 11
+    (`hdl.points.project`).
+    """
+
+    def __init__(self, config: Config):
+        self.chunk, self.cull = Chunk(config), Cull(config)
+        self.place, self.project = Place(config), Project(config)
+        self.config = config
+        chunk, project = self.chunk.signature.members, self.project.signature.members
+        super().__init__(
+            {
+                "headers": chunk["i"],
+                "fetch": Out(stream.Signature(layout(FETCH))),
+                "positions": self.cull.signature.members["positions"],
+                "wanted": project["wanted"],
+                "attributes": project["attributes"],
+                "near_plane": In(config.arithmetic.width),
+                "constants": In(codes(config, constants(config))),
+                "splats": project["o"],
+                "idle": Out(1),
+                "clear": In(1),
+                "counters": Out(data.StructLayout(dict.fromkeys(COUNTED, COUNTER_BITS))),
+            }
+            | {name: chunk[name] for name in ("gaussians", "camera", "position_exponent")}
+            | {name: project[name] for name in self.project.tables}
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for name in ("chunk", "cull", "place", "project"):
+            m.submodules[name] = getattr(self, name)
+        outside = flipped(self)
+        connect(m, outside.headers, self.chunk.i)
+        connect(m, outside.positions, self.cull.positions)
+        connect(m, outside.wanted, self.project.wanted)
+        connect(m, outside.attributes, self.project.attributes)
+        self._splats(m, outside.splats)
+        connect(m, self.cull.o, self.place.i)
+        connect(m, self.place.o, self.project.i)
+        self._chunks(m)
+        self._registers(m)
+        self._idle(m)
+        self._count(m)
+        return m
+
+    def _chunks(self, m: Module):
+        """A chunk goes to the reader of its points and to all parts that handle them."""
+        parts = {"culling": self.cull, "placing": self.place, "projecting": self.project}
+        record = chunk_record(self.config)
+        m.submodules.fork = fork = Fork(layout(record), len(parts) + 1)
+        connect(m, self.chunk.o, fork.i)
+        for (name, part), o in zip(parts.items(), fork.o, strict=False):
+            queue = Queue(layout(record[name]), CHUNKS_WAITING)
+            m.submodules[f"{name}_chunks"] = queue
+            m.d.comb += [
+                queue.i.payload.eq(o.payload[name]),
+                queue.i.valid.eq(o.valid),
+                o.ready.eq(queue.i.ready),
+            ]
+            connect(m, queue.o, part.chunks)
+        last = fork.o[len(parts)]
+        m.d.comb += [
+            self.fetch.payload.number.eq(last.payload.projecting.number),
+            self.fetch.payload.count.eq(last.payload.culling.count),
+            self.fetch.valid.eq(last.valid),
+            last.ready.eq(self.fetch.ready),
+        ]
+
+    def _splats(self, m: Module, splats):
+        """Splats to the outside; where nothing was culled, those in front."""
+        if self.config.culling != "none":
+            connect(m, splats, self.project.o)
+            return
+        m.submodules.front = front = Front(self.config)
+        m.d.comb += front.near_plane.eq(self.near_plane)
+        connect(m, self.project.o, front.i)
+        connect(m, front.o, splats)
+
+    def _registers(self, m: Module):
+        """Registers of the frame, to whom they concern."""
+        for part in (self.chunk, self.cull, self.place, self.project):
+            for name in part.constants.shape().members:
+                m.d.comb += part.constants[name].eq(self.constants[name])
+        for part in (self.chunk, self.cull, self.place):
+            m.d.comb += part.near_plane.eq(self.near_plane)
+        m.d.comb += self.chunk.gaussians.eq(self.gaussians)
+        for part in (self.chunk, self.cull):
+            m.d.comb += part.camera.eq(self.camera)
+            m.d.comb += part.position_exponent.eq(self.position_exponent)
+        for name in self.project.tables:
+            if name == "write":
+                connect(m, flipped(self).write, self.project.write)
+            else:
+                m.d.comb += getattr(self.project, name).eq(getattr(self, name))
+
+    def _idle(self, m: Module):
+        """Chunks from their first part to their last, and splats from their slot to the outside."""
+        first, last, project = self.chunk.o, self.project.chunks, self.project
+        most = self.config.projection_slots + project.splats_inside
+        chunks, splats = Signal(range(CHUNKS_INSIDE + 1)), Signal(range(most + 1))
+        for count, comes, goes in (
+            (chunks, first.valid & first.ready, last.valid & last.ready),
+            (
+                splats,
+                project.wanted.valid & project.wanted.ready,
+                project.o.valid & project.o.ready,
+            ),
+        ):
+            with m.If(comes != goes):
+                m.d.sync += count.eq(Mux(comes, count + 1, count - 1))
+        m.d.comb += self.idle.eq(~(chunks.any() | splats.any()))
+
+    def _count(self, m: Module):
+        m.submodules.counters = counters = Counters(COUNTED)
+        o, wanted = self.cull.o, self.project.wanted
+        events = {
+            "chunks": self.chunk.taken,
+            "skipped": self.chunk.taken & ~self.chunk.o.valid,
+            "points": self.cull.taken,
+            "front": o.valid & o.ready & o.payload.kept,
+            "inside": wanted.valid & wanted.ready,
+            "projected": self.project.entered,
+            "starved": self.project.starved,
+            "blocked": self.project.blocked,
+        }
+        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
+        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]

@@ -1,0 +1,192 @@
+"""Stored positions, as they lie in memory, to rays: ways from the camera in world axes."""
+
+from amaranth.hdl import Array as Choice
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed
+from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.lib.stream import Pipe
+from splatcore.hdl.points.array import codes
+from splatcore.spec.config import Config
+from splatcore.spec.frame import CAMERA
+from splatcore.spec.memory import (
+    ABSOLUTE,
+    ABSOLUTE_EXPONENT,
+    ATTRIBUTE_BITS,
+    EXPONENT_MAX,
+    OCTANTS,
+    model_format,
+)
+from splatcore.spec.number import Fixed
+from splatcore.spec.point import AWAY, EXPONENT, PLACE_BITS, culling_record
+
+BEAT = ATTRIBUTE_BITS
+"""Bits of a memory beat."""
+
+WORD = 16
+"""Bits by which a beat is shifted into the gearbox."""
+
+CONVERT_LATENCY = 4
+"""Cycles from grid steps to a float."""
+
+AXES = ("ray_x", "ray_y", "ray_z")
+
+GRID = Fixed(ABSOLUTE.bias + 1, -ABSOLUTE_EXPONENT, signed=True)
+"""Absolute positions on their grid."""
+
+
+class Position(wiring.Component):
+    """Beats of stored positions in, a ray for each point out.
+
+    The gearbox cuts the stream of beats into coordinates. Those of a chunk lack their top bits:
+    they are in the order of octants, so the bits follow from where the header says an octant ends.
+    A point's way from the camera is exact on the grid and rounded once.
+
+    Members
+        i: stream of beats; a chunk begins at a new one, and of its last one the rest is dropped.
+        chunk: the chunk that the points belong to, `chunk_valid` when there is one.
+        next_chunk: the chunk is through; from the next cycle on `chunk` is the next one.
+        camera, position_exponent: registers of the frame.
+        o: stream of rays (floats in scene units).
+
+    **Timing**: a point every 4 cycles, but for one more cycle at each octant's end; latency
+    `CONVERT_LATENCY` + 7 from a chunk's first beat.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.width = model_format(config, config.sh_degree).position_record["x"].width
+        super().__init__(
+            {
+                "i": In(stream.Signature(BEAT)),
+                "chunk": In(layout(culling_record(config))),
+                "chunk_valid": In(1),
+                "next_chunk": In(1),
+                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
+                "position_exponent": In(signed_shape(EXPONENT)),
+                "o": Out(stream.Signature(codes(config, AXES))),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.pipe = self.pipe = Pipe(CONVERT_LATENCY + 1)
+        self.axis = Signal(range(len(AXES)))
+        self.place, self.done = Signal(PLACE_BITS), Signal()
+        self.ready = Signal()  # a coordinate may leave the gearbox
+        coordinate = self._gearbox(m)
+        if self.config.position == "chunk":
+            point = self._offset(m, coordinate)
+        else:
+            m.submodules.decode = decode = ToFixed(ABSOLUTE, GRID, 0)
+            m.d.comb += [decode.i.eq(coordinate), decode.enable.eq(1), self.ready.eq(1)]
+            point = decode.o.as_signed()
+        self._convert(m, point)
+        self._count(m)
+        self._collect(m)
+        return m
+
+    def _gearbox(self, m: Module) -> Value:
+        """The next coordinate; `pipe.i` says when it is there and taken.
+
+        A beat is taken as early as can be, but with the last point only when a coordinate lacks
+        bits: none is read beyond a chunk's end.
+        """
+        beat, words = Signal(BEAT, reset_less=True), Signal(range(BEAT // WORD + 1))
+        bits, level = Signal(2 * WORD - 1), Signal(range(2 * WORD))
+        active, left, rest = Signal(), Signal.like(level), Signal.like(bits)
+        enough, last = level >= self.width, self.place + 1 == self.chunk.count
+        m.d.comb += [
+            active.eq(self.chunk_valid & ~self.done),
+            self.pipe.i.valid.eq(active & enough & self.ready),
+            self.i.ready.eq(active & (words == 0) & (~enough | ~last)),
+            left.eq(level),
+            rest.eq(bits),
+        ]
+        taken = self.pipe.i.valid & self.pipe.i.ready
+        with m.If(taken):
+            m.d.comb += [left.eq(level - self.width), rest.eq(bits >> self.width)]
+        m.d.sync += [level.eq(left), bits.eq(rest)]
+        with m.If((words != 0) & (left < WORD)):
+            # What is above the level is zero: it was shifted in so.
+            m.d.sync += [
+                bits.eq(rest | (beat[:WORD] << left[: (WORD - 1).bit_length()])),
+                level.eq(left + WORD),
+                beat.eq(beat >> WORD),
+                words.eq(words - 1),
+            ]
+        with m.If(self.i.valid & self.i.ready):
+            m.d.sync += [beat.eq(self.i.payload), words.eq(BEAT // WORD)]
+        with m.If(self.next_chunk):
+            m.d.sync += [words.eq(0), level.eq(0), bits.eq(0)]
+        return bits[: self.width]
+
+    def _offset(self, m: Module, coordinate: Value) -> Value:
+        """The coordinate on the model's grid: top bit by the octant, shifted, from the origin."""
+        octant, ends = Signal(range(OCTANTS)), Choice(self.chunk.octant_end)
+        at_end = (octant != OCTANTS - 1) & (self.place == ends[octant]) & (self.axis == 0)
+        m.d.comb += self.ready.eq(~at_end)
+        with m.If(self.next_chunk):
+            m.d.sync += octant.eq(0)
+        with m.Elif(self.chunk_valid & ~self.done & at_end):
+            m.d.sync += octant.eq(octant + 1)
+        chunk = self.chunk
+        # An expression: some simulators evaluate a case only when one of its operands changes.
+        top, shift, origin = self._of_axis(
+            *(Cat(octant[k], chunk.shift[k], chunk.origin[k]) for k in range(len(AXES))),
+            widths=(1, len(chunk.shift[0]), len(chunk.origin[0])),
+        )
+        return origin.as_signed() + (Cat(coordinate, top) << shift)
+
+    def _of_axis(self, *values: Value, widths: tuple[int, ...]) -> list[Value]:
+        """Of values for each axis that of the present one, cut into parts."""
+        x, y, z = values
+        chosen, parts = Mux(self.axis == 0, x, Mux(self.axis == 1, y, z)), []
+        for width in widths:
+            parts.append(chosen[:width])
+            chosen = chosen[width:]
+        return parts
+
+    def _convert(self, m: Module, point: Value):
+        """From a coordinate on the grid to the way from the camera, as a float in scene units."""
+        scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
+        format = self.config.arithmetic
+        m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
+        [camera] = self._of_axis(*self.camera, widths=(CAMERA.width,))
+        way = Signal(signed_shape(AWAY), reset_less=True)
+        with m.If(self.pipe.enable):
+            m.d.sync += way.eq(point - camera.as_signed())
+        m.d.comb += [
+            self.convert.i.eq(way),
+            self.convert.scale.eq(self.position_exponent),
+            self.convert.enable.eq(self.pipe.enable),
+        ]
+
+    def _count(self, m: Module):
+        """Coordinates and points of the chunk."""
+        with m.If(self.pipe.i.valid & self.pipe.i.ready):
+            m.d.sync += self.axis.eq(self.axis + 1)
+            with m.If(self.axis == len(AXES) - 1):
+                m.d.sync += [self.axis.eq(0), self.place.eq(self.place + 1)]
+                m.d.sync += self.done.eq(self.place + 1 == self.chunk.count)
+        with m.If(self.next_chunk):
+            m.d.sync += [self.place.eq(0), self.done.eq(0)]
+
+    def _collect(self, m: Module):
+        """Three floats make a ray: two wait for the third."""
+        first, second = (
+            Signal(self.config.arithmetic.width, name=name, reset_less=True) for name in AXES[:2]
+        )
+        have = Signal(range(len(AXES)))
+        whole = have == len(AXES) - 1
+        m.d.comb += [
+            self.o.valid.eq(whole & self.pipe.o.valid),
+            self.pipe.o.ready.eq(~whole | self.o.ready),
+            self.o.payload.eq(Cat(first, second, self.convert.o)),
+        ]
+        with m.If(self.pipe.o.valid & self.pipe.o.ready):
+            m.d.sync += have.eq(Mux(whole, 0, have + 1))
+            with m.If(~whole):
+                m.d.sync += [first.eq(second), second.eq(self.convert.o)]

@@ -1,0 +1,197 @@
+"""The machine's first half: a model in memory to features and groups' lists in memory."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.binning.bin import Bin
+from splatcore.hdl.binning.binned import WRITING, Binned
+from splatcore.hdl.lib.record import frame_layout, layout
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.points.model_reader import READING, Model
+from splatcore.hdl.points.points import Points
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, BEAT_BITS, read_record, write_record
+from splatcore.spec.binning import PAGE_BITS
+from splatcore.spec.config import Config
+from splatcore.spec.frame import fixed_constants
+from splatcore.spec.registers import ALIGNED, CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
+from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT
+
+AREA = data.StructLayout(dict.fromkeys(("groups", "lists", "features"), BEAT_ADDRESS_BITS))
+"""Where the parts of a work area begin, in beats."""
+
+ERROR = data.StructLayout({"now": 1, "code": CODE_BITS, "detail": DETAIL_BITS})
+"""What goes wrong, in the cycle in which it is noticed."""
+
+
+class Preprocess(wiring.Component):
+    """Stages 0 and 1 and binning with their memory side, for one frame after the other.
+
+    Members
+        start: begin a frame. frame: its registers, which stay until `done`.
+        area: the work area to be written.
+        reads, data: to and from memory for `hdl.points.model_reader`; writes: for
+            `hdl.binning.binned`.
+        settled: all that was written is in memory.
+        done: the work area is complete, until `taken`.
+        needed: list pages that the last frame took.
+        error: the frame cannot be made; nothing more happens until reset.
+        counters: those of `hdl.points.points` and `hdl.binning.bin`.
+
+    **Timing**: that of its slowest part, a Gaussian in 11 cycles, if memory keeps up.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.model, self.points = Model(config), Points(config)
+        self.bin, self.binned = Bin(config), Binned(config)
+        super().__init__(
+            {
+                "start": In(1),
+                "frame": In(frame_layout(config)),
+                "area": In(AREA),
+                "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+                "data": In(stream.Signature(read_beat())).array(len(READING)),
+                "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+                "settled": In(1),
+                "done": Out(1),
+                "taken": In(1),
+                "needed": Out(PAGE_BITS),
+                "error": Out(ERROR),
+                "counters": Out(
+                    data.StructLayout(
+                        {
+                            "points": self.points.counters.shape(),
+                            "bin": self.bin.counters.shape(),
+                        }
+                    )
+                ),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for name in ("model", "points", "bin", "binned"):
+            m.submodules[name] = getattr(self, name)
+        model, points, bin = self.model, self.points, self.bin
+        for number in range(len(READING)):
+            connect(m, model.reads[number], flipped(self.reads[number]))
+            connect(m, flipped(self.data[number]), model.data[number])
+        for number in range(len(WRITING)):
+            connect(m, self.binned.writes[number], flipped(self.writes[number]))
+        for source, target in (
+            (model.headers, points.headers),
+            (points.fetch, model.fetch),
+            (model.positions, points.positions),
+            (points.wanted, model.wanted),
+            (model.attributes, points.attributes),
+            (model.write, points.write),
+            (points.splats, bin.i),
+            (bin.features, self.binned.features),
+            (bin.bursts, self.binned.bursts),
+            (bin.groups, self.binned.groups),
+        ):
+            connect(m, source, target)
+        self._registers(m)
+        self._control(m)
+        return m
+
+    def _registers(self, m: Module):
+        """Registers of the frame and of the model, to whom they concern."""
+        frame, points, config = self.frame, self.points, self.config
+        fixed = fixed_constants(config)
+        for name in points.constants.shape().members:
+            code = (
+                Const(int(config.arithmetic.encode(fixed[name])), config.arithmetic.width)
+                if name in fixed
+                else frame[f"constant_{name}"]
+            )
+            m.d.comb += points.constants[name].eq(code)
+        for k, axis in enumerate("xyz"):
+            low, high = frame[f"camera_{axis}_low"], frame[f"camera_{axis}_high"]
+            m.d.comb += points.camera[k].eq(Cat(low, high))
+        for name in ("gaussians", "position_exponent", *points.project.tables):
+            if name != "write":
+                m.d.comb += getattr(points, name).eq(getattr(self.model, name))
+        m.d.comb += [
+            self.model.model.eq(frame.model[BEAT_BITS:]),
+            points.near_plane.eq(frame.near_plane),
+            self.bin.near_code.eq(frame.near_plane),
+            self.bin.width.eq(frame.width),
+            self.bin.height.eq(frame.height),
+            self.bin.pages.eq(frame.lists_pages),
+            self.binned.features_max.eq(frame.features_max),
+            *(getattr(self.binned, f"{part}_at").eq(self.area[part]) for part in WRITING),
+            self.counters.points.eq(points.counters),
+            self.counters.bin.eq(self.bin.counters),
+        ]
+
+    def _control(self, m: Module):
+        """A frame from its start to the end of its work area."""
+        model, points, bin, binned = self.model, self.points, self.bin, self.binned
+        wrong, detail = self._size()
+        unaligned, register = self._unaligned()
+        for part in (points, bin, binned):
+            m.d.comb += part.clear.eq(self.start)
+        with m.FSM():
+            with m.State("IDLE"), m.If(self.start):
+                m.next = "SIZE"
+            with m.State("SIZE"):
+                m.d.comb += model.start.eq(~wrong & ~unaligned)
+                m.next = "LOAD"
+                with m.If(wrong):
+                    self._fail(m, ErrorCode.SIZE, detail)
+                with m.Elif(unaligned):
+                    self._fail(m, ErrorCode.ALIGNMENT, register)
+            with m.State("LOAD"):
+                with m.If(model.error != ErrorCode.NONE):
+                    self._fail(m, model.error)
+                with m.Elif(model.loaded):
+                    m.next = "CHUNKS"
+            with m.State("CHUNKS"):
+                m.d.comb += model.run.eq(1)
+                m.next = "POINTS"
+            with m.State("POINTS"), m.If(model.given & points.idle):
+                m.next = "FINISH"
+            with m.State("FINISH"):
+                m.d.comb += bin.finish.eq(1)
+                with m.If(bin.done):
+                    m.d.sync += self.needed.eq(bin.needed)
+                    m.next = "SETTLE"
+            with m.State("SETTLE"):
+                m.d.comb += binned.finish.eq(1)
+                with m.If(binned.empty & self.settled):
+                    m.next = "DONE"
+                    with m.If(binned.exceeded):
+                        self._fail(m, ErrorCode.FEATURES)
+                    with m.Elif(self.needed > self.frame.lists_pages):
+                        self._fail(m, ErrorCode.PAGES)
+            with m.State("DONE"):
+                m.d.comb += self.done.eq(1)
+                with m.If(self.taken):
+                    m.next = "IDLE"
+            with m.State("FAILED"):
+                pass
+
+    def _fail(self, m: Module, code, detail=0):
+        """Say what is wrong, and wait for the reset."""
+        m.d.comb += [self.error.now.eq(1), self.error.code.eq(code), self.error.detail.eq(detail)]
+        m.next = "FAILED"
+
+    def _unaligned(self) -> tuple[Value, Value]:
+        """Whether an address is not aligned, and its register: the last one that is not."""
+        names = [register.name for register in frame_registers(self.config)]
+        found, wrong = Const(0, DETAIL_BITS), Const(0, 1)
+        for name, bytes_ in ALIGNED.items():
+            odd = self.frame[name.lower()][: exact_log2(bytes_)].any()
+            found, wrong = Mux(odd, names.index(name), found), wrong | odd
+        return wrong, found
+
+    def _size(self) -> tuple[Value, Value]:
+        """Whether width, height or stride cannot be, and which of them: 0, 1, 2."""
+        frame, config = self.frame, self.config
+        width = (frame.width == 0) | (frame.width > config.width_max)
+        height = (frame.height == 0) | (frame.height > config.height_max)
+        stride = (frame.stride < frame.width * PIXEL) | (frame.stride % STRIDE_ALIGNMENT != 0)
+        return width | height | stride, Mux(width, 0, Mux(height, 1, 2))

@@ -1,0 +1,189 @@
+"""Stage 3, last step: the lanes that blend a splat into a block, and the memory of its pixels."""
+
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.raster.evaluate import power_layout
+from splatcore.spec.config import Config
+from splatcore.spec.convention import BLOCK
+from splatcore.spec.raster import (
+    COLOURS,
+    HALVING_BITS,
+    SUM_INTEGER,
+    colours,
+    power_table,
+    transmittance_min,
+)
+from splatcore.spec.record import Record
+
+PIXELS = BLOCK**2
+
+
+class Blend(wiring.Component):
+    """Blends, pixel by pixel: T and the colour in, weights out of T·alpha, T and the colour back.
+
+    A pixel whose T would fall below the least one ends: from then on it stays as it is. A block
+    that is touched for the first time in a group begins with T of almost 1 and no colour. Weights
+    are differences of T cut to few bits: what one weight lacks the next one has, and all together
+    are what has been taken from T.
+
+    Parameters
+        blocks: how many the memories hold. pixels: of a block; fewer are good for measurements.
+
+    Members
+        valid, block: a block is to be blended: its number in the memory.
+        powers: alpha of its pixels. colour: the splat's.
+        inside: pixels within the image; the others have ended from the start.
+        rest: instead, all that is left of T is blended with the colour.
+        give: instead, the block is given out and forgotten.
+        busy: `block` is not to be blended now.
+        ended: all pixels of block `ended_block` have ended, at the moment.
+        o: 8-bit colours of a block that is given out, when `given` is high.
+
+    **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has four
+    multipliers. The memories have a write port and a read port of a block's pixels each.
+    """
+
+    BUSY = 3
+    LATENCY = 3
+    """Cycles from a block to its colours at `o`."""
+
+    def __init__(self, config: Config, blocks: int, pixels: int = PIXELS):
+        self.config, self.blocks, self.pixels = config, blocks, pixels
+        self.number = range(blocks)
+        self.colour_shape = layout(Record("colour", colours(config)))
+        super().__init__(
+            {
+                "valid": In(1),
+                "block": In(self.number),
+                "powers": In(data.ArrayLayout(power_layout(config), self.pixels)),
+                "colour": In(self.colour_shape),
+                "inside": In(self.pixels),
+                "rest": In(1),
+                "give": In(1),
+                "busy": Out(1),
+                "ended": Out(1),
+                "ended_block": Out(self.number),
+                "given": Out(1),
+                "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        self.touched = Signal(self.blocks)
+        self._look_up(m)
+        self._multiply(m)
+        self._subtract(m)
+        self._add(m)
+        return m
+
+    def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
+        """Registers of a stage, some for each lane, and whether there is something in them."""
+        shared = {"block": self.number, "colour": self.colour_shape}
+        shared |= {"fresh": 1, "rest": 1, "give": 1}
+        lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
+        stage = Signal(data.StructLayout({"lanes": lanes} | shared), name=name, reset_less=True)
+        there = Signal(name=f"{name}_valid")
+        m.d.sync += there.eq(valid)
+        m.d.sync += [stage[field].eq(getattr(source, field)) for field in shared]
+        return there, stage
+
+    def _look_up(self, m: Module):
+        """Read T; alpha's mantissas from the table."""
+        config = self.config
+        pixels = data.ArrayLayout(config.transmittance + 1, self.pixels)
+        memory = Memory(shape=pixels, depth=self.blocks, init=[])
+        m.submodules.transmittances = memory
+        self.stored, self.kept = memory.read_port(), memory.write_port()
+        now = self.valid & ~self.busy
+        m.d.comb += [self.stored.en.eq(now), self.stored.addr.eq(self.block)]
+        self.fresh = ~self.touched.bit_select(self.block, 1)
+        table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
+        lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1, "inside": 1}
+        self.read = self._stage(m, "read", lane, now, self)
+        for pixel, lane in enumerate(self.read[1].lanes):
+            power = self.powers[pixel]
+            m.d.sync += [
+                lane.mantissa.eq(table[power.step]),
+                lane.halvings.eq(power.halvings),
+                lane.seen.eq(power.seen),
+                lane.inside.eq(self.inside[pixel]),
+            ]
+
+    def _multiply(self, m: Module):
+        """T · mantissa."""
+        config, (valid, read) = self.config, self.read
+        with m.If(valid):
+            m.d.sync += self.touched.bit_select(read.block, 1).eq(~read.give)
+        lane = {"product": config.transmittance + config.power_mantissa, "halvings": HALVING_BITS}
+        lane |= {"rest": config.transmittance, "ended": 1, "seen": 1}
+        self.product = self._stage(m, "product", lane, valid, read)
+        full = (1 << config.transmittance) - 1
+        for pixel, (lane, to) in enumerate(zip(read.lanes, self.product[1].lanes, strict=True)):
+            stored = self.stored.data[pixel]
+            rest = Mux(read.fresh, full, stored[: config.transmittance])
+            m.d.sync += [
+                to.product.eq(rest * lane.mantissa),
+                to.rest.eq(rest),
+                to.ended.eq(Mux(read.fresh, ~lane.inside, stored[-1])),
+                to.halvings.eq(lane.halvings),
+                to.seen.eq(lane.seen),
+            ]
+
+    def _subtract(self, m: Module):
+        """T without what the splat takes; T is written back."""
+        config, (valid, before) = self.config, self.product
+        self.taken = self._stage(m, "taken", {"weight": config.weight}, valid, before)
+        coarser, ended = config.transmittance - config.weight, Signal(self.pixels)
+        for pixel, (lane, to) in enumerate(zip(before.lanes, self.taken[1].lanes, strict=True)):
+            taken = Signal(config.transmittance, name=f"taken_{pixel}")
+            rest = Signal(config.transmittance + 1, name=f"rest_{pixel}")
+            blends, after = Signal(name=f"blends_{pixel}"), Signal.like(lane.rest)
+            m.d.comb += [
+                taken.eq((lane.product >> config.power_mantissa) >> lane.halvings),
+                rest.eq(lane.rest - taken),
+                blends.eq(lane.seen & ~lane.ended & (rest >= transmittance_min(config))),
+                ended[pixel].eq(lane.ended | (lane.seen & ~blends)),
+                after.eq(Mux(blends, rest[:-1], lane.rest)),
+                self.kept.data[pixel].eq(Cat(after, ended[pixel])),
+            ]
+            less = Mux(before.rest, 0, after[coarser:])
+            m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
+        blended = valid & ~before.rest & ~before.give
+        m.d.comb += [
+            self.kept.en.eq(blended),
+            self.kept.addr.eq(before.block),
+            self.ended.eq(blended & ended.all()),
+            self.ended_block.eq(before.block),
+        ]
+        read_valid, read = self.read
+        m.d.comb += self.busy.eq(
+            (read_valid & (read.block == self.block)) | (valid & (before.block == self.block))
+        )
+
+    def _add(self, m: Module):
+        """The sums with weight · colour, rounded to their steps; 8-bit colours out of them."""
+        config, (valid, now) = self.config, self.taken
+        product = config.weight + config.colour_fraction - config.sum_fraction
+        pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))
+        memory = Memory(shape=data.ArrayLayout(pixel_sums, self.pixels), depth=self.blocks, init=[])
+        m.submodules.sums = memory
+        sums, write = memory.read_port(), memory.write_port()
+        m.d.comb += [
+            sums.en.eq(self.product[0]),
+            sums.addr.eq(self.product[1].block),
+            write.en.eq(valid & ~now.give),
+            write.addr.eq(now.block),
+            self.given.eq(valid & now.give),
+        ]
+        for pixel, lane in enumerate(now.lanes):
+            for channel, name in enumerate(COLOURS):
+                stored = Mux(now.fresh, 0, sums.data[pixel][channel])
+                part = (lane.weight * now.colour[name] + (1 << product - 1)) >> product
+                m.d.comb += write.data[pixel][channel].eq(stored + part)
+                byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
+                m.d.comb += self.o[pixel][channel].eq(Mux(byte[8:].any(), 255, byte[:8]))

@@ -1,0 +1,132 @@
+"""Stage 3, fifth step: log2(alpha) of a block's pixels."""
+
+from itertools import islice, product
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.latency import Pipeline
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.raster.mark import times
+from splatcore.spec.config import Config
+from splatcore.spec.convention import BLOCK
+from splatcore.spec.raster import (
+    BLOCKS,
+    EXPONENT_INTEGER,
+    HALVING_BITS,
+    STEPS,
+    exponent_min,
+    owned,
+    quadratic_record,
+)
+
+CUTS = ("multiples", "block", "lines", "exponents")
+"""Registers stand behind what these names say."""
+
+
+def power_layout(config: Config) -> data.StructLayout:
+    """A pixel's alpha, 2^(−halvings − 1 + (step + 1/2) / steps): whether it is at least 1/255."""
+    return data.StructLayout({"step": config.power_fraction, "halvings": HALVING_BITS, "seen": 1})
+
+
+class Evaluate(wiring.Component):
+    """E at the 16 pixels of one of the blocks that a rasterizer owns.
+
+    Parameters
+        pixels: how many of them, from the first row on; fewer are good for measurements.
+
+    Members
+        quadratic: E around the tile. number: which of the rasterizer's blocks of a tile, one bit.
+        enable: the pipeline moves.
+        powers: `power_layout` of the pixels row by row, `LATENCY` enabled cycles later.
+
+    **Timing**: a block a cycle; no multiplier.
+    """
+
+    LATENCY = len(CUTS)
+
+    def __init__(self, config: Config, rasterizer: int, pixels: int = BLOCK**2):
+        self.config, self.blocks, self.pixels = config, owned(config, rasterizer), pixels
+        super().__init__(
+            {
+                "quadratic": In(layout(quadratic_record(config))),
+                "number": In(len(self.blocks)),
+                "enable": In(1),
+                "powers": Out(data.ArrayLayout(power_layout(config), pixels)),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        pipeline = Pipeline(m, self.enable, dict.fromkeys(CUTS, 1))
+        coarser = self.config.exponent_fraction + 2 - self.config.pixel_fraction
+        # A pixel's E is above −147 in a block that is reached, so what is above may wrap.
+        width = EXPONENT_INTEGER + self.config.pixel_fraction
+        unsigned = ("cxx", "cyy")
+        finer = [
+            self.quadratic[name] if name in unsigned else self.quadratic[name].as_signed()
+            for name in ("e", "gx", "gy", "cxx", "cxy", "cyy")
+        ]
+        multiples = self._multiples(*finer)
+        *multiples, e, gx, gy, cxx, cxy, cyy = pipeline.cut("multiples", *multiples, *finer)
+        x, y, xx, xy, yy, x_slope, xy_slope, y_slope, yx_slope = multiples
+        base = e + ((x + y) << 1) - ((xx + yy - xy) << 2)
+        slope_x = gx - (x_slope << 2) + (xy_slope << 1)
+        slope_y = gy - (y_slope << 2) + (yx_slope << 1)
+        values = (base << 2, slope_x << 1, slope_y << 1, cxx, cxy, cyy)
+        base, along_x, along_y, xx, xy, yy = pipeline.cut("block", *(v >> coarser for v in values))
+        columns = [base + (times(along_x, a) - times(xx, a * a)) for a in STEPS]
+        rows = [times(along_y, b) - times(yy, b * b) for b in STEPS]
+        columns, rows = ([line[:width].as_signed() for line in lines] for lines in (columns, rows))
+        *lines, xy = pipeline.cut("lines", *columns, *rows, xy)
+        columns, rows = lines[:BLOCK], lines[BLOCK:]
+        powers = []
+        places = product(zip(rows, STEPS, strict=True), zip(columns, STEPS, strict=True))
+        for (row, b), (column, a) in islice(places, self.pixels):
+            exponent = (column + row + times(xy, a * b))[:width].as_signed()
+            powers.append(self._power(m, exponent))
+        m.d.comb += self.powers.eq(Cat(*pipeline.cut("exponents", *powers)))
+        return m
+
+    def _multiples(self, e, gx, gy, cxx, cxy, cyy) -> list[Value]:
+        """Products with the block's p and q, as `spec.raster` names them."""
+        steps = [(STEPS[block % BLOCKS], STEPS[block // BLOCKS]) for block in self.blocks]
+        return [
+            self._choose(value, [factor(p, q) for p, q in steps])
+            for value, factor in (
+                (gx, lambda p, q: p), (gy, lambda p, q: q),
+                (cxx, lambda p, q: p * p), (cxy, lambda p, q: p * q), (cyy, lambda p, q: q * q),
+                (cxx, lambda p, q: p), (cxy, lambda p, q: q),
+                (cyy, lambda p, q: q), (cxy, lambda p, q: p),
+            )
+        ]  # fmt: skip
+
+    def _choose(self, value: Value, factors: list[int]) -> Value:
+        """value · the factor of the block at hand."""
+        chosen = value
+        sizes = [abs(factor) for factor in factors]
+        for size in (3, 9):
+            if size in sizes:
+                now = Cat(self.number[k] for k, s in enumerate(sizes) if s == size).any()
+                chosen = Mux(now, times(value, size), chosen)
+        negative = [self.number[k] for k, factor in enumerate(factors) if factor < 0]
+        return Mux(Cat(negative).any(), -chosen, chosen) if negative else chosen
+
+    def _power(self, m: Module, exponent: Value) -> Value:
+        """`power_layout` of E: what is 0 or more by rounding counts as just below."""
+        config = self.config
+        power = Signal(power_layout(config))
+        step = config.pixel_fraction - config.power_fraction
+        top = step + config.power_fraction
+        positive = ~exponent[-1]
+        below = Mux(positive, -1, exponent[step:])
+        m.d.comb += [
+            power.step.eq(below[: config.power_fraction]),
+            power.halvings.eq(
+                ~below[config.power_fraction : config.power_fraction + len(power.halvings)]
+            ),
+            power.seen.eq(exponent >= exponent_min(config.pixel_fraction)),
+        ]
+        assert top + len(power.halvings) < len(exponent)
+        return power

@@ -1,0 +1,121 @@
+"""Features of sorted splats, from memory."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue, Register
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
+from splatcore.spec.config import Config
+from splatcore.spec.group import feature_record, sorted_record
+from splatcore.spec.raster import featured_record
+from splatcore.spec.work import FEATURE
+
+FEATURES_WAITING = 32
+"""Features that may be on their way or wait: what hides memory's latency."""
+
+ENDS_WAITING = 8
+"""Groups' ends among them."""
+
+
+class Features(wiring.Component):
+    """Sorted splats in; the same with their features out, in the same order.
+
+    A splat is fetched once for all tiles of a group, unless it is known that none of its tiles has
+    a live pixel any more.
+
+    Members
+        i: stream of `sorted_record`; o: stream of `featured_record`.
+        features_at: where the features lie, in beats.
+        live: tiles of the group at `o` that have live pixels. stop: none of the group at `i`, which
+            is the same, has any; what comes of it is dropped.
+        reads, data: to and from memory.
+
+    **Timing**: a splat in two cycles, `FEATURES_WAITING` on their way.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(sorted_record(config)))),
+                "o": Out(stream.Signature(layout(featured_record(config)))),
+                "features_at": In(BEAT_ADDRESS_BITS),
+                "live": In(config.group**2),
+                "stop": Out(1),
+                "reads": Out(stream.Signature(layout(read_record()))),
+                "data": In(stream.Signature(read_beat())),
+            }
+        )
+        self.known = Signal()  # `live` is about the group at `i`
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        order = data.StructLayout({"mask": self.config.group**2, "end": 1})
+        depth = FEATURES_WAITING + ENDS_WAITING
+        m.submodules.order = waiting = Queue(order, depth, memory=True)
+        m.submodules.features = features = Queue(
+            layout(feature_record(self.config)), FEATURES_WAITING, memory=True
+        )
+        reserved = Signal(range(FEATURES_WAITING + 1))  # features on their way or waiting
+        ends = Signal(range(depth + 1))  # groups' ends inside
+        taken = self._ask(m, waiting.i, reserved)
+        self._collect(m, features.i)
+        given = self._give(m, waiting.o, features.o)
+        i, o = self.i, self.o
+        for count, comes, goes in (
+            (reserved, taken, given),
+            (ends, i.valid & i.ready & i.payload.end, o.valid & o.ready & o.payload.end),
+        ):
+            with m.If(comes != goes):
+                m.d.sync += count.eq(Mux(comes, count + 1, count - 1))
+        m.d.comb += [self.known.eq(~ends.any()), self.stop.eq(self.known & ~self.live.any())]
+        return m
+
+    def _ask(self, m: Module, order: stream.Interface, reserved: Signal) -> Signal:
+        """A splat's feature is asked for when there is room for it; whether one is."""
+        m.submodules.reads = register = Register(layout(read_record()))
+        connect(m, register.o, flipped(self.reads))
+        i, read, taken = self.i, register.i, Signal()
+        room = (reserved != FEATURES_WAITING) & order.ready
+        drops = self.known & ~(i.payload.mask & self.live).any() & ~i.payload.end
+        m.d.comb += [
+            read.valid.eq(i.valid & ~i.payload.end & room & ~drops),
+            read.payload.beat.eq(self.features_at + i.payload.splat * (FEATURE // BEAT)),
+            read.payload.length.eq(FEATURE // BEAT - 1),
+            taken.eq(read.valid & read.ready),
+            order.payload.mask.eq(i.payload.mask),
+            order.payload.end.eq(i.payload.end),
+            order.valid.eq(taken | (i.valid & i.payload.end)),
+            i.ready.eq(Mux(i.payload.end, order.ready, drops | (room & read.ready))),
+        ]
+        return taken
+
+    def _collect(self, m: Module, features: stream.Interface):
+        """Two beats make a feature; there is always room."""
+        low = Signal(DATA_BITS, reset_less=True)
+        beat = self.data.payload
+        m.d.comb += [
+            self.data.ready.eq(1),
+            features.valid.eq(self.data.valid & beat.last),
+            features.payload.eq(Cat(low, beat.beat)),
+        ]
+        with m.If(self.data.valid):
+            m.d.sync += low.eq(beat.beat)
+
+    def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
+        """Splats with their features; whether one leaves."""
+        o, given = self.o, Signal()
+        end = order.payload.end
+        m.d.comb += [
+            o.valid.eq(order.valid & (end | features.valid)),
+            o.payload.splat.eq(Mux(end, 0, features.payload)),
+            o.payload.mask.eq(order.payload.mask),
+            o.payload.end.eq(end),
+            order.ready.eq(o.ready & (end | features.valid)),
+            features.ready.eq(o.ready & order.valid & ~end),
+            given.eq(features.valid & features.ready),
+        ]
+        return given

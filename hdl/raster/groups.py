@@ -1,0 +1,145 @@
+"""The groups of an image, one after the other: where they are, and where their lists begin."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Fork, Queue
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.memory.unpack import unpacked
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
+from splatcore.spec.binning import group_record, groups_max
+from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
+from splatcore.spec.group import COUNT_BITS
+from splatcore.spec.raster import place_record, written_record
+from splatcore.spec.record import Record
+from splatcore.spec.sort import count_record, half_entries
+from splatcore.spec.work import SLOT
+
+TAKERS = {"counts": 2, "lists": 2, "places": 8, "pixels": 8}
+"""Parts that are told of groups → how many may wait before it: the later ones are behind."""
+
+
+def known_record(config: Config) -> Record:
+    """What is known of a group."""
+    return Record("known", {"group": group_record(), "place": place_record(config)})
+
+
+class Groups(wiring.Component):
+    """Reads the groups' table and tells each group to all parts that handle it.
+
+    Members
+        start: a frame begins. width, height: of its image, pixels; groups_at: where its table is,
+            in beats; scratch_entries: how long a list may be that does not fit on chip.
+        counts: stream of `count_record` for sorting. lists: stream of `group_record` for reading
+            the entries. places: stream of `place_record` for rasterizing. These three only tell
+            of groups that have entries. pixels: stream of `written_record` for writing.
+        too_long: there is a list that is too long; its group does not come.
+        reads, data: to and from memory.
+
+    **Timing**: a group a cycle.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        super().__init__(
+            {
+                "start": In(1),
+                "width": In(range(config.width_max + 1)),
+                "height": In(range(config.height_max + 1)),
+                "groups_at": In(BEAT_ADDRESS_BITS),
+                "scratch_entries": In(COUNT_BITS),
+                "counts": Out(stream.Signature(layout(count_record()))),
+                "lists": Out(stream.Signature(layout(group_record()))),
+                "places": Out(stream.Signature(layout(place_record(config)))),
+                "pixels": Out(stream.Signature(layout(written_record(config)))),
+                "too_long": Out(1),
+                "reads": Out(stream.Signature(layout(read_record()))),
+                "data": In(stream.Signature(read_beat())),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        rows, columns = self._grid(m)
+        slots = self._table(m, rows * columns)
+        known = layout(known_record(self.config))
+        m.submodules.fork = fork = Fork(known, len(TAKERS))
+        row, column = Signal.like(rows), Signal.like(columns)
+        group = fork.i.payload.group
+        m.d.comb += [
+            group.eq(slots.payload),
+            fork.i.payload.place.row.eq(row),
+            fork.i.payload.place.column.eq(column),
+            self.too_long.eq(
+                slots.valid
+                & (group.count > half_entries(self.config))
+                & (group.count > self.scratch_entries)
+            ),
+            fork.i.valid.eq(slots.valid & ~self.too_long),
+            slots.ready.eq(fork.i.ready & ~self.too_long),
+        ]
+        last = column + 1 == columns
+        with m.If(fork.i.valid & fork.i.ready):
+            m.d.sync += [column.eq(Mux(last, 0, column + 1)), row.eq(row + last)]
+        with m.If(self.start):
+            m.d.sync += [column.eq(0), row.eq(0)]
+        self._give(m, fork)
+        return m
+
+    def _grid(self, m: Module) -> tuple[Signal, Signal]:
+        """Rows and columns of groups."""
+        side = TILE * self.config.group
+        rows = Signal(range(self.config.height_max // side + 2))
+        columns = Signal(range(self.config.width_max // side + 2))
+        m.d.sync += [
+            rows.eq((self.height + side - 1) // side),
+            columns.eq((self.width + side - 1) // side),
+        ]
+        return rows, columns
+
+    def _table(self, m: Module, count) -> stream.Interface:
+        """The table's slots; it is asked for when the number of groups is known."""
+        bits = groups_max(self.config).bit_length()
+        fetch, unpack = unpacked(m, self, BURST_BEATS, bits, bits)
+        groups, waits = Signal(bits), Signal(3)
+        asks, tells = Signal(), Signal()
+        m.d.sync += [groups.eq(count), waits.eq(Cat(self.start, waits))]
+        a_beat = DATA_BITS // 8 // SLOT
+        m.d.comb += [
+            fetch.i.valid.eq(asks),
+            fetch.i.payload.beat.eq(self.groups_at),
+            fetch.i.payload.count.eq((groups + a_beat - 1) // a_beat),
+            unpack.counts.valid.eq(tells),
+            unpack.counts.payload.eq(groups),
+        ]
+        for wish, taken in ((asks, fetch.i.ready), (tells, unpack.counts.ready)):
+            with m.If(waits[-1]):
+                m.d.sync += wish.eq(1)
+            with m.Elif(taken):
+                m.d.sync += wish.eq(0)
+        return unpack.o
+
+    def _give(self, m: Module, fork: Fork):
+        """To each part at its own pace."""
+        for (name, depth), known in zip(TAKERS.items(), fork.o, strict=True):
+            target = getattr(self, name)
+            m.submodules[name] = queue = Queue(target.payload.shape(), depth)
+            group, place = known.payload.group, known.payload.place
+            empty = ~group.count.any()
+            skipped = empty & (name != "pixels")
+            m.d.comb += [
+                queue.i.valid.eq(known.valid & ~skipped),
+                known.ready.eq(queue.i.ready | skipped),
+                queue.i.payload.eq(
+                    {
+                        "counts": group.count,
+                        "lists": group.as_value(),
+                        "places": place.as_value(),
+                        "pixels": Cat(place, empty),
+                    }[name]
+                ),
+            ]
+            connect(m, queue.o, flipped(target))

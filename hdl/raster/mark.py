@@ -1,0 +1,90 @@
+"""Stage 3, fourth step: which blocks of a tile a splat may reach."""
+
+from amaranth.hdl import Cat, Module, Mux, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.latency import Pipeline
+from splatcore.hdl.lib.record import layout
+from splatcore.spec.config import Config
+from splatcore.spec.raster import COLOURS, STEPS, around_record, mark_min, marked_record
+
+CUTS = ("lines", "planes", "marked")
+"""Registers stand behind what these names say."""
+
+CARRIED = ("quadratic", "tile", "end", *COLOURS)
+
+
+def times(value: Value, factor: int) -> Value:
+    """A signed value · 1, 3, 9 or the negative of these, by shifts and sums."""
+    for _ in range({1: 0, 3: 1, 9: 2}[abs(factor)]):
+        value = value + (value << 1)
+    return value if factor > 0 else -value
+
+
+def magnitude(value: Value) -> Value:
+    return Mux(value[-1], -value, value)
+
+
+class Mark(wiring.Component):
+    """Marks the blocks in which E can be as high as alpha 1/255 asks for.
+
+    A block is left out if the plane that touches E at the block's centre is too low in all of the
+    block (E is concave, so it is nowhere above that plane), or if the splat's box does not reach
+    it. The first test is sharp for large splats, the second for small ones.
+
+    Members
+        i: `around_record`.
+        enable: the pipeline moves.
+        o: `marked_record`, `LATENCY` enabled cycles later.
+
+    **Timing**: a pair a cycle; no multiplier.
+    """
+
+    LATENCY = len(CUTS)
+
+    def __init__(self, config: Config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(layout(around_record(config))),
+                "enable": In(1),
+                "o": Out(layout(marked_record(config))),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        i = self.i
+        pipeline = Pipeline(m, self.enable, dict.fromkeys(CUTS, 1))
+        e, gx, gy, cxy = (i.quadratic[name].as_signed() for name in ("e", "gx", "gy", "cxy"))
+        cxx, cyy = i.quadratic.cxx, i.quadratic.cyy
+        carried = [i[name] for name in CARRIED]
+        near = Cat(i.columns & (row & ~i.far).replicate(len(STEPS)) for row in i.rows)
+        lines = [e + ((times(gy, q) << 1) - (times(cyy, q * q) << 2)) for q in STEPS]
+        slopes_x = [gx + (times(cxy, q) << 1) for q in STEPS]
+        slopes_y = [gy - (times(cyy, q) << 2) for q in STEPS]
+        near, *rest = pipeline.cut("lines", near, *lines, *slopes_x, *slopes_y, *carried)
+        lines, slopes_x, slopes_y, carried = rest[:4], rest[4:8], rest[8:12], rest[12:]
+
+        quadratic = carried[0]
+        cxx, cxy = quadratic.cxx, quadratic.cxy.as_signed()
+        lowest = mark_min(self.config)
+        above, steep = [], []
+        for line, slope_x, slope_y in zip(lines, slopes_x, slopes_y, strict=True):
+            for p in STEPS:
+                centre = line + ((times(slope_x, p) << 1) - (times(cxx, p * p) << 2))
+                x, y = slope_x - (times(cxx, p) << 2), slope_y + (times(cxy, p) << 1)
+                above.append((centre - lowest) << 1)
+                steep.append(magnitude(x) + magnitude(y))
+        near, *rest = pipeline.cut("planes", near, *above, *steep, *carried)
+        above, steep, carried = rest[:16], rest[16:32], rest[32:]
+
+        reached = [~(a + times(b, 3))[-1] for a, b in zip(above, steep, strict=True)]
+        blocks, *carried = pipeline.cut("marked", near & Cat(reached), *carried)
+        o = self.o
+        m.d.comb += [
+            o.blocks.eq(blocks),
+            *(o[name].eq(value) for name, value in zip(CARRIED, carried, strict=True)),
+        ]
+        return m

@@ -1,0 +1,186 @@
+"""Stage 3: sorted splats of groups to 8-bit pixels."""
+
+from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
+from splatcore.hdl.raster.expand import Expand
+from splatcore.hdl.raster.mark import Mark
+from splatcore.hdl.raster.prepare import Prepare
+from splatcore.hdl.raster.rasterizer import Rasterizer
+from splatcore.hdl.raster.setup import Setup
+from splatcore.spec.config import Config
+from splatcore.spec.counters import COUNTER_BITS, RASTERIZER, raster
+from splatcore.spec.raster import (
+    COLOURS,
+    GROUP_BITS,
+    colours,
+    featured_record,
+    pixels_record,
+    place_record,
+)
+from splatcore.spec.record import Record
+
+SPLATS_WAITING = 16
+"""Splats that may wait before stage 3: while others have many tiles, dead ones are left out."""
+
+
+def counted(config: Config) -> tuple[str, ...]:
+    """Names of the counters."""
+    return tuple(raster(config))
+
+
+class Raster(wiring.Component):
+    """Blends each group's splats in the order in which they come.
+
+    Members
+        i: stream of `featured_record`: a group's splats front to back, then its end.
+        places: stream of `place_record`: where the groups are, in their order.
+        width, height: of the image, pixels. background: a colour (`spec.group.colour_format`).
+        live: tiles of the group at `i` that have live pixels; splats of others are not needed.
+        o: streams of `pixels_record`, one for each rasterizer: blocks within the image, group after
+            group, each once.
+        splats, rasterizers: the queue of splats, and the rasterizers (for tests).
+        counters, clear: events of `counted`: splats taken; those without a live tile; pairs of a
+            splat and a tile; pairs without a marked block; cycles in which a pair waited.
+
+    **Timing**: a pair a cycle; for the rest see `hdl.raster.rasterizer`.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.dropped = Signal()
+        self.splats = Queue(layout(featured_record(config)), SPLATS_WAITING, memory=True)
+        self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
+        places = In(stream.Signature(layout(place_record(config))))
+        pixels = Out(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(featured_record(config)))),
+                "places": places,
+                "width": In(range(config.width_max + 1)),
+                "height": In(range(config.height_max + 1)),
+                "background": In(layout(Record("colour", colours(config)))),
+                "live": Out(config.group**2),
+                "o": pixels,
+                "clear": In(1),
+                "counters": Out(data.StructLayout(dict.fromkeys(counted(config), COUNTER_BITS))),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        config = self.config
+        m.submodules.prepare = self.prepare = Prepare(config)
+        m.submodules.expand = self.expand = Expand(config)
+        m.submodules.places = places = Fork(layout(place_record(config)), config.rasterizers + 1)
+        connect(m, self.prepare.o, self.expand.i)
+        connect(m, flipped(self).places, places.i)
+        self._register(m, "expand_place", places.o[-1], self.expand.places)
+        for number, part in enumerate(self.rasterizers):
+            m.submodules[f"rasterizer{number}"] = part
+            self._register(m, f"place{number}", places.o[number], part.places)
+            m.d.comb += [
+                part.width.eq(self.width),
+                part.height.eq(self.height),
+                part.background.eq(self.background),
+            ]
+            connect(m, part.o, flipped(self.o[number]))
+        self._admit(m)
+        o = self.expand.o
+        ends = o.valid & o.ready & o.payload.end
+        m.d.comb += self.expand.live.eq(self._live(m, "expanded", ends))
+        self._mark(m)
+        self._count(m)
+        return m
+
+    def _register(self, m: Module, name: str, source, target):
+        """A stream through a register, so that each taker of a group's place has its own pace."""
+        m.submodules[name] = register = Register(layout(place_record(self.config)))
+        connect(m, source, register.i)
+        connect(m, register.o, target)
+
+    def _mark(self, m: Module):
+        """Pairs through setup and marking; each rasterizer gets those with blocks of its own."""
+        config = self.config
+        m.submodules.setup, m.submodules.mark = setup, mark = Setup(config), Mark(config)
+        m.submodules.pipe = self.pipe = pipe = Pipe(Setup.LATENCY + Mark.LATENCY)
+        m.d.comb += [
+            pipe.i.valid.eq(self.expand.o.valid),
+            self.expand.o.ready.eq(pipe.i.ready),
+            setup.i.eq(self.expand.o.payload),
+            mark.i.eq(setup.o),
+            setup.enable.eq(pipe.enable),
+            mark.enable.eq(pipe.enable),
+        ]
+        self.marked, self.reached = mark.o, Signal(len(mark.o.blocks))
+        self.arrived = Signal(GROUP_BITS)  # number of the group whose pairs arrive
+        with m.If(pipe.o.valid & pipe.o.ready & mark.o.end):
+            m.d.sync += self.arrived.eq(self.arrived + 1)
+        takers = []
+        for part in self.rasterizers:
+            o = part.i.payload
+            live = part.live[mark.o.tile] | ~self._at(part, self.arrived).replicate(len(part.own))
+            blocks = Cat(mark.o.blocks[block] for block in part.own) & live
+            m.d.comb += [
+                o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *COLOURS)
+            ]
+            m.d.comb += o.blocks.eq(blocks)
+            takers.append((part, blocks.any() | mark.o.end))
+        m.d.comb += [
+            pipe.o.ready.eq(Cat(part.i.ready | ~wants for part, wants in takers).all()),
+            self.reached.eq(Cat(wants for _, wants in takers)),
+        ]
+        for part, wants in takers:
+            m.d.comb += part.i.valid.eq(pipe.o.valid & pipe.o.ready & wants)
+
+    def _at(self, part: Rasterizer, group: Signal):
+        """Whether a rasterizer is at a group, so that its live blocks are the group's."""
+        return part.started & (part.group == group)
+
+    def _admit(self, m: Module):
+        """Splats wait in a queue, unless none of their tiles has a live pixel."""
+        i = self.i.payload
+        m.submodules.splats = queue = self.splats
+        live = self._live(m, "entering", self.i.valid & self.i.ready & i.end)
+        m.d.comb += [
+            self.live.eq(live),
+            self.dropped.eq(self.i.valid & ~i.end & ~(i.mask & live).any()),
+            queue.i.payload.eq(i),
+            queue.i.valid.eq(self.i.valid & ~self.dropped),
+            self.i.ready.eq(queue.i.ready | self.dropped),
+        ]
+        connect(m, queue.o, self.prepare.i)
+
+    def _live(self, m: Module, name: str, ends: Value) -> Signal:
+        """Tiles with live pixels, for all that is known of the group that is passing a place.
+
+        ends: a group's end passes there.
+        """
+        group, live = Signal(GROUP_BITS, name=name), Signal(self.config.group**2)
+        with m.If(ends):
+            m.d.sync += group.eq(group + 1)
+        behind = ~Cat(self._at(part, group) for part in self.rasterizers).all()
+        for tile in range(self.config.group**2):
+            blocks = Cat(part.live[tile] for part in self.rasterizers)
+            m.d.comb += live[tile].eq(blocks.any() | behind)
+        return live
+
+    def _count(self, m: Module):
+        m.submodules.counters = counters = Counters(counted(self.config))
+        o, i = self.expand.o, self.i
+        arrives = self.pipe.o.valid & self.pipe.o.ready & ~self.marked.end
+        events = {
+            "splats": i.valid & i.ready & ~i.payload.end,
+            "dropped": self.dropped & self.i.ready,
+            "pairs": o.valid & o.ready & ~o.payload.end,
+            "empty": arrives & ~self.reached.any(),
+            "blocked": o.valid & ~o.ready,
+        }
+        for number, part in enumerate(self.rasterizers):
+            events |= {f"{name}{number}": getattr(part, name) for name in RASTERIZER}
+        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
+        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]

@@ -1,0 +1,220 @@
+"""One rasterizer: the blocks that it owns in every tile of a group, from pairs to 8-bit pixels."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.latency import Pipeline
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.raster.blend import Blend
+from splatcore.hdl.raster.evaluate import Evaluate
+from splatcore.hdl.raster.expand import encoded, lowest
+from splatcore.spec.config import Config
+from splatcore.spec.convention import BLOCK, TILE
+from splatcore.spec.raster import (
+    BLOCKS,
+    COLOURS,
+    GROUP_BITS,
+    colours,
+    marked_record,
+    owned,
+    pixels_record,
+    place_record,
+)
+from splatcore.spec.record import Record
+
+PAIRS_WAITING = 32
+"""Pairs that may wait before a rasterizer: others may have more to do with the same splats."""
+
+OUTPUT_SPARE = 16
+"""Blocks on their way when the queue of finished ones may no longer be added to."""
+
+
+class Rasterizer(wiring.Component):
+    """Evaluates and blends one marked block a cycle; gives a group's pixels out at its end.
+
+    Members
+        i: stream of `marked_record` with this rasterizer's blocks, or a group's end.
+        places: stream of `place_record`, one for each group.
+        width, height: of the image, pixels. background: a colour.
+        started, group: a group is being rasterized, and its number modulo 2^GROUP_BITS.
+        live: blocks of each of the group's tiles that have live pixels.
+        o: stream of `pixels_record`: the group's blocks within the image.
+        blended, waited: a block enters the lanes; none does although the group has not ended.
+        pairs, finished: the queues of pairs and of blocks to be given out (for tests).
+
+    **Timing**: a marked block a cycle, but for those in which no pixel reaches alpha 1/255 and for
+    blocks that come again within `Blend.BUSY` cycles; and for each group a cycle for every block.
+    """
+
+    def __init__(self, config: Config, number: int):
+        self.config, self.number, self.own = config, number, owned(config, number)
+        self.tiles = config.group**2
+        self.blocks = self.tiles * len(self.own)
+        pair, pixels = marked_record(config, len(self.own)), pixels_record(config)
+        self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
+        self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(pair))),
+                "places": In(stream.Signature(layout(place_record(config)))),
+                "width": In(range(config.width_max + 1)),
+                "height": In(range(config.height_max + 1)),
+                "background": In(layout(Record("colour", colours(config)))),
+                "started": Out(1),
+                "group": Out(GROUP_BITS, init=-1),
+                "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
+                "o": Out(stream.Signature(layout(pixels))),
+                "blended": Out(1),
+                "waited": Out(1),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.pairs = self.pairs
+        m.submodules.evaluate = self.evaluate = Evaluate(self.config, self.number)
+        m.submodules.blend = self.blend = Blend(self.config, self.blocks)
+        connect(m, flipped(self).i, self.pairs.i)
+        self.place = Signal(layout(place_record(self.config)))
+        self.moves = Signal()  # whether the blocks before the lanes move on
+        self.on_the_way = Signal(1 + Evaluate.LATENCY)  # where there are blocks before the lanes
+        self._begin(m)
+        self._issue(m)
+        self._lanes(m)
+        self._give(m)
+        return m
+
+    def _inside(self, number: Value, size: Value, step: int) -> Value:
+        """For a group's first pixels, columns, rows …: which of them are within the image."""
+        side = TILE * self.config.group
+        rest = (size - number * side).as_signed()
+        return Cat(rest > k * step for k in range(side // step))
+
+    def _begin(self, m: Module):
+        """A group begins when its place is known and the last one's blocks are in the lanes."""
+        place = self.places.payload
+        m.d.comb += self.places.ready.eq(~self.started & ~self.on_the_way.any())
+        columns = self._inside(place.column, self.width, BLOCK)
+        rows = self._inside(place.row, self.height, BLOCK)
+        with m.If(self.places.valid & self.places.ready):
+            m.d.sync += [self.started.eq(1), self.place.eq(place), self.group.eq(self.group + 1)]
+            for tile in range(self.tiles):
+                row, column = divmod(tile, self.config.group)
+                inside = [
+                    columns[column * BLOCKS + block % BLOCKS] & rows[row * BLOCKS + block // BLOCKS]
+                    for block in self.own
+                ]
+                m.d.sync += self.live[tile].eq(Cat(inside))
+        with m.Elif(self.blend.ended):
+            m.d.sync += self.live.as_value().bit_select(self.blend.ended_block, 1).eq(0)
+
+    def _issue(self, m: Module):
+        """The next block: of the pair at hand; or at the group's end one after the other, to be
+        given out, after a first time in which they get what is seen of the background, if any.
+        """
+        pair, own = self.pairs.o.payload, len(self.own)
+        done, count = Signal(own), Signal(range(self.blocks))
+        left, now = Signal(own), Signal(own)
+        there = self.started & self.pairs.o.valid
+        room = Signal()
+        self.issued, self.tile = Signal(), Signal(range(self.tiles))
+        self.chosen, self.final, giving = Signal(own), Signal(), Signal()
+        last = count == self.blocks - 1
+        self.give = pair.end & (giving | ~self.background.as_value().any())
+        bits = (own - 1).bit_length()
+        counted = Cat((count[:bits] if bits else 0) == k for k in range(own))
+        m.d.comb += [
+            left.eq(pair.blocks & ~done),
+            now.eq(lowest(left)),
+            self.final.eq(pair.end),
+            self.chosen.eq(Mux(pair.end, counted, now)),
+            self.tile.eq(Mux(pair.end, count >> bits, pair.tile)),
+            self.issued.eq(there & (~pair.end | room)),
+            self.pairs.o.ready.eq(
+                self.moves & self.issued & Mux(pair.end, last & self.give, left == now)
+            ),
+            self.waited.eq(self.started & ~(there & pair.end)),
+        ]
+        with m.If(self.moves & self.issued):
+            with m.If(pair.end):
+                m.d.sync += count.eq(Mux(last, 0, count + 1))
+                with m.If(last):
+                    m.d.sync += [giving.eq(~self.give), self.started.eq(~self.give)]
+            with m.Elif(left == now):
+                m.d.sync += done.eq(0)
+            with m.Else():
+                m.d.sync += done.eq(done | now)
+        self.room = room
+
+    def _lanes(self, m: Module):
+        """From E around a tile to the lanes."""
+        pair, evaluate, blend = self.pairs.o.payload, self.evaluate, self.blend
+        cuts = ("issued", *(f"evaluate{k}" for k in range(evaluate.LATENCY)))
+        pipeline = Pipeline(m, self.moves, dict.fromkeys(cuts, 1))
+        quadratic, chosen, *rest = pipeline.cut(
+            "issued", pair.quadratic, self.chosen, self.tile, self.final, self.give,
+            *(pair[name] for name in COLOURS),
+        )  # fmt: skip
+        m.d.comb += [
+            evaluate.quadratic.eq(quadratic),
+            evaluate.number.eq(chosen),
+            evaluate.enable.eq(self.moves),
+        ]
+        for cut in cuts[1:]:
+            chosen, *rest = pipeline.cut(cut, chosen, *rest)
+        tile, final, give, *colour = rest
+        valid = self.on_the_way
+        with m.If(self.moves):
+            m.d.sync += valid.eq(Cat(self.issued, valid))
+        seen = Cat(power.seen for power in evaluate.powers).any()
+        m.d.comb += [
+            blend.valid.eq(valid[-1] & (final | seen)),
+            blend.block.eq(tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile),
+            blend.powers.eq(evaluate.powers),
+            blend.colour.eq(Mux(final, self.background, Cat(colour))),
+            blend.rest.eq(final),
+            blend.give.eq(give),
+            self.moves.eq(~blend.valid | ~blend.busy),
+            self.blended.eq(blend.valid & ~blend.busy & ~final),
+        ]
+        self._edges(m, tile, chosen)
+
+    def _edges(self, m: Module, tile: Value, chosen: Value):
+        """Where a block is in the image, and which of its pixels are within."""
+        side = self.config.group
+        columns = Mux(chosen[0], self.own[0] % BLOCKS, 0)
+        rows = Mux(chosen[0], self.own[0] // BLOCKS, 0)
+        for k, block in enumerate(self.own[1:], 1):
+            columns |= Mux(chosen[k], block % BLOCKS, 0)
+            rows |= Mux(chosen[k], block // BLOCKS, 0)
+        tile_bits = (side - 1).bit_length()
+        tile_column, tile_row = tile[:tile_bits], tile[tile_bits:]
+        if side == 1:
+            tile_column = tile_row = 0
+        self.column = (self.place.column * side + tile_column) * BLOCKS + columns
+        self.row = (self.place.row * side + tile_row) * BLOCKS + rows
+        across = [self.column * BLOCK + k < self.width for k in range(BLOCK)]
+        down = [self.row * BLOCK + k < self.height for k in range(BLOCK)]
+        m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))
+
+    def _give(self, m: Module):
+        """Finished blocks, but those outside the image, wait in a queue for all of a group."""
+        m.submodules.finished = queue = self.finished
+        connect(m, queue.o, flipped(self).o)
+        record = self.o.payload
+        column, row, inside = self.column, self.row, self.blend.inside[0]
+        widths = len(record.column), len(record.row)
+        place = Cat(column[: widths[0]], row[: widths[1]], inside)
+        for k in range(self.blend.LATENCY):
+            register = Signal(len(place), name=f"place_{k}", reset_less=True)
+            m.d.sync += register.eq(place)
+            place = register
+        m.d.comb += [
+            self.room.eq(queue.level <= self.blocks),
+            queue.i.valid.eq(self.blend.given & place[-1]),
+            queue.i.payload.column.eq(place[: widths[0]]),
+            queue.i.payload.row.eq(place[widths[0] : -1]),
+            queue.i.payload.pixels.eq(self.blend.o),
+        ]

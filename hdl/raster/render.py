@@ -1,0 +1,154 @@
+"""The machine's second half: groups' lists and features in memory to pixels in memory."""
+
+from amaranth.hdl import Module
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.points.preprocess import AREA, ERROR
+from splatcore.hdl.raster.features import Features
+from splatcore.hdl.raster.groups import Groups
+from splatcore.hdl.raster.list_reader import Entries
+from splatcore.hdl.raster.pixels import Pixels
+from splatcore.hdl.raster.raster import Raster
+from splatcore.hdl.sorting.scratch import Scratch
+from splatcore.hdl.sorting.sort import Sort
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, BEAT_BITS, read_record, write_record
+from splatcore.spec.config import Config
+from splatcore.spec.group import COUNT_BITS
+from splatcore.spec.raster import colours
+from splatcore.spec.record import Record
+from splatcore.spec.registers import ErrorCode
+from splatcore.spec.work import STRIDE_BITS
+
+READING = ("groups", "lists", "scratch", "features")
+WRITING = ("scratch", "pixels")
+"""Its readers and writers of `spec.axi`, in their order."""
+
+
+def job_layout(config: Config) -> data.StructLayout:
+    """What this half needs to know of a frame: addresses and distances in beats."""
+    return data.StructLayout(
+        {
+            "width": range(config.width_max + 1),
+            "height": range(config.height_max + 1),
+            "background": layout(Record("colour", colours(config))),
+            "area": AREA,
+            "scratch": BEAT_ADDRESS_BITS,
+            "scratch_area": BEAT_ADDRESS_BITS,
+            "scratch_entries": COUNT_BITS,
+            "pixels": BEAT_ADDRESS_BITS,
+            "stride": STRIDE_BITS - BEAT_BITS,
+        }
+    )
+
+
+class Render(wiring.Component):
+    """Stages 2 and 3 with their memory side, for one frame after the other.
+
+    Members
+        start: begin a frame. job: what it is, until `done`.
+        reads, data, writes: to and from memory, for each of `READING` and `WRITING`.
+        settled: for each of `WRITING`: all that was written is in memory.
+        done: the frame's pixels are in memory.
+        error: the frame cannot be rendered; nothing more happens until reset.
+        counters: those of `hdl.sorting.sort` and `hdl.raster.raster`.
+
+    **Timing**: that of its slowest part, if memory keeps up; some hundred cycles more before the
+    first pair and after the last.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.groups, self.lists, self.sort = Groups(config), Entries(config), Sort(config)
+        self.scratch, self.features = Scratch(config), Features(config)
+        self.raster, self.pixels = Raster(config), Pixels(config)
+        parts = {"sort": self.sort, "raster": self.raster}
+        counters = {name: part.counters.shape() for name, part in parts.items()}
+        super().__init__(
+            {
+                "start": In(1),
+                "job": In(job_layout(config)),
+                "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+                "data": In(stream.Signature(read_beat())).array(len(READING)),
+                "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+                "settled": In(len(WRITING)),
+                "done": Out(1),
+                "error": Out(ERROR),
+                "counters": Out(data.StructLayout(counters)),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for name in ("groups", "lists", "sort", "scratch", "features", "raster", "pixels"):
+            m.submodules[name] = getattr(self, name)
+        for number, name in enumerate(READING):
+            connect(m, getattr(self, name).reads, flipped(self.reads[number]))
+            connect(m, flipped(self.data[number]), getattr(self, name).data)
+        for number, name in enumerate(WRITING):
+            connect(m, getattr(self, name).writes, flipped(self.writes[number]))
+        groups, sort, raster = self.groups, self.sort, self.raster
+        for source, target in (
+            (groups.counts, sort.groups),
+            (groups.lists, self.lists.i),
+            (groups.places, raster.places),
+            (groups.pixels, self.pixels.places),
+            (self.lists.o, sort.entries),
+            (sort.spill, self.scratch.spill),
+            (sort.wanted, self.scratch.wanted),
+            (self.scratch.back, sort.back),
+            (sort.o, self.features.i),
+            (self.features.o, raster.i),
+            *zip(raster.o, self.pixels.i, strict=True),
+        ):
+            connect(m, source, target)
+        m.d.comb += [self.features.live.eq(raster.live), sort.stop.eq(self.features.stop)]
+        self._job(m)
+        self._control(m)
+        return m
+
+    def _job(self, m: Module):
+        """What the frame is, to whom it concerns."""
+        job = self.job
+        for part in (self.groups, self.raster, self.pixels):
+            m.d.comb += [part.width.eq(job.width), part.height.eq(job.height)]
+        m.d.comb += [
+            self.groups.groups_at.eq(job.area.groups),
+            self.groups.scratch_entries.eq(job.scratch_entries),
+            self.lists.lists_at.eq(job.area.lists),
+            self.features.features_at.eq(job.area.features),
+            self.scratch.scratch_at.eq(job.scratch),
+            self.scratch.area_beats.eq(job.scratch_area),
+            self.scratch.settled.eq(self.settled[WRITING.index("scratch")]),
+            self.raster.background.eq(job.background),
+            self.pixels.background.eq(job.background),
+            self.pixels.pixels_at.eq(job.pixels),
+            self.pixels.stride_beats.eq(job.stride),
+            self.counters.sort.eq(self.sort.counters),
+            self.counters.raster.eq(self.raster.counters),
+        ]
+
+    def _control(self, m: Module):
+        """A frame from its start to its last pixel."""
+        for part in (self.sort, self.raster):
+            m.d.comb += part.clear.eq(self.start)
+        for part in (self.groups, self.pixels):
+            m.d.comb += part.start.eq(self.start)
+        with m.FSM():
+            with m.State("IDLE"), m.If(self.start):
+                m.next = "GROUPS"
+            with m.State("GROUPS"):
+                with m.If(self.groups.too_long):
+                    m.d.comb += [self.error.now.eq(1), self.error.code.eq(ErrorCode.SCRATCH)]
+                    m.d.comb += self.error.detail.eq(0)
+                    m.next = "FAILED"
+                with m.Elif(self.pixels.through):
+                    m.next = "SETTLE"
+            with m.State("SETTLE"):
+                m.d.comb += self.done.eq(self.settled.all())
+                with m.If(self.done):
+                    m.next = "IDLE"
+            with m.State("FAILED"):
+                pass

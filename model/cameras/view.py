@@ -1,0 +1,195 @@
+"""A camera for a scene file that comes without cameras."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatcore.spec.camera import Camera, look_at
+from splatcore.spec.convention import NEAR_PLANE
+from splatcore.spec.scene import Gaussians
+
+FIELD_OF_VIEW = np.radians(55.0)
+"""Angle across the longer side of the image."""
+
+ELEVATION = np.radians(17.0)
+"""Angle at which the camera looks down on its target."""
+
+OPAQUE = 0.3
+"""Opacity from which a Gaussian counts as something to look at, if a tenth of them reach it."""
+
+SHELL_RATIO = 4.0
+"""Gaussians beyond this many median distances from the middle are sky or floaters."""
+
+ROUNDS = 10
+"""How often middle and median distance are taken again from what is left."""
+
+CORE = (8.0, 92.0)
+"""Percentiles along x and z that bound the core of a scene."""
+
+CORE_TALL = (2.0, 98.0)
+"""Percentiles along y: what stands on a wide ground has few of the Gaussians."""
+
+FILL = 0.85
+"""Share of the image's half sides that the core takes up."""
+
+NEAREST = 3 * NEAR_PLANE
+"""Least distance of the camera from its target, scene units."""
+
+DIRECTIONS = 24
+"""Compass directions that are tried."""
+
+CLOSER = {1.0: 0.0, 0.7: 0.35, 0.5: 0.55}
+"""Shares of the distance that are tried, each with its handicap against an open view."""
+
+EDGEWISE = 0.5
+"""Handicap, times what is missing from the greatest breadth, of directions that see a narrow
+side."""
+
+DETOUR = 0.1
+"""Handicap of seeing the scene from half a turn away from −z."""
+
+INSIDE = 0.75
+"""Share of the core's sides within which matter is what one came to see; a room's walls are
+outside."""
+
+WALLS = 0.25
+"""Handicap of a direction in which matter before the inside hides it, seen from full distance."""
+
+SAMPLE = 100_000
+"""Gaussians that are looked at, evenly picked; more would not change the view."""
+
+
+@dataclass(frozen=True, eq=False)
+class Core:
+    """What a scene is about: a box, and the Gaussians in it and about it that count."""
+
+    middle: np.ndarray  # [3] centre of the box, scene units
+    half: np.ndarray  # [3] its half sides
+    index: np.ndarray  # [N] which Gaussians count
+    point: np.ndarray  # [N, 3] where they are, relative to `middle`
+    area: np.ndarray  # [N] square units that each stands for
+
+    def framing_distance(self, width: int, height: int, focal: float) -> float:
+        """From where the core fills an image of these pixels, `focal` too: scene units."""
+        half = self.half
+        wide = 1.15 * half[[0, 2]].max() * 2 * focal / width
+        tall = half[1] * np.cos(ELEVATION) + half[[0, 2]].max() * np.sin(ELEVATION)
+        distance = max(wide, tall * 2 * focal / height) / FILL + half[[0, 2]].min() / 2
+        return max(distance, NEAREST)
+
+
+def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
+    """A camera that shows what the scene is about; y points down.
+
+    Rule: only finite Gaussians of opacity ≥ 0.3 count (the more opaque half if fewer than a tenth
+    are). What lies more than 4 median distances from their coordinate-wise median is dropped and
+    both are taken again until nothing changes: sky shells and floaters go. The box between the 8th
+    and 92nd percentile (2nd and 98th along y) is the core. The camera looks at its centre from 17°
+    above, from where the core fills the image, 0.6 units at least. Of 24 compass directions, that
+    distance and two shorter ones, it takes the view with the fewest handicaps: matter outside the
+    core before it; walls, which hide the inside of the core; a narrow side of the core; a shorter
+    distance; a detour from −z. A scene in which nothing counts is seen as if it were a point at the
+    origin.
+    """
+    core = core_of(gaussians)
+    focal = max(width, height) / (2 * np.tan(FIELD_OF_VIEW / 2))
+    distance = core.framing_distance(width, height, focal)
+    eye = _open_viewpoint(core.point, core.area, core.half, distance)
+    return look_at(core.middle + eye, core.middle, width, height, focal, name="sensible")
+
+
+def core_of(gaussians: Gaussians) -> Core:
+    """The core as `sensible_view` has it; at the origin and empty if nothing counts."""
+    index, area = _solid(gaussians)
+    index, area = _without_shell(gaussians.position, index, area)
+    position = gaussians.position[index]
+    low, high = np.zeros((2, 3))
+    if len(position):
+        low, high = np.percentile(position, CORE, axis=0)
+        low[1], high[1] = np.percentile(position[:, 1], CORE_TALL)
+    middle = (low + high) / 2
+    body = 3 * np.sqrt(np.median(area) / (2 * np.pi)) if len(area) else 0.0
+    half = np.maximum((high - low) / 2, body)
+    return Core(middle, half, index, position - middle, area)
+
+
+def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
+    """The Gaussians [N] that count, by index, and the area [N] each stands for (2π·product of
+    the two larger axes, times opacity, times how many it was picked from)."""
+    finite = np.isfinite(gaussians.position).all(axis=1) & np.isfinite(gaussians.opacity)
+    finite &= np.isfinite(gaussians.factor).all(axis=(1, 2))
+    index = np.flatnonzero(finite)
+    opacity = gaussians.opacity[index]
+    if len(index):
+        bound = OPAQUE if np.mean(opacity >= OPAQUE) >= 0.1 else np.median(opacity)
+        index = index[opacity >= bound]
+    step = max(-(-len(index) // SAMPLE), 1)
+    index = index[::step]
+    axes = np.linalg.svd(gaussians.factor[index], compute_uv=False)  # [N, 3], largest first
+    area = 2 * np.pi * gaussians.opacity[index] * axes[:, 0] * axes[:, 1]
+    return index, area * step
+
+
+def _without_shell(
+    position: np.ndarray, index: np.ndarray, area: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of `index` within SHELL_RATIO median distances of their median, taken to rest."""
+    for _ in range(ROUNDS if len(index) else 0):
+        place = position[index]
+        away = np.linalg.norm(place - np.median(place, axis=0), axis=1)
+        near = away <= SHELL_RATIO * np.median(away)
+        if near.all():
+            break
+        index, area = index[near], area[near]
+    return index, area
+
+
+def _open_viewpoint(
+    point: np.ndarray, area: np.ndarray, half: np.ndarray, distance: float
+) -> np.ndarray:
+    """Where to stand [3] relative to the target: the best of all directions and distances.
+
+    `point` [N, 3] is relative to the target, `half` [3] the core's half sides.
+    """
+    azimuth = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS  # 0 is −z
+    sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)  # the image's x, in (x, z)
+    core = point[(np.abs(point) <= half).all(axis=1)][:, [0, 2]]
+    breadth = np.std(core @ sideways.T, axis=0) if len(core) else np.ones(DIRECTIONS)
+    missing = 1 - breadth / max(breadth.max(), np.finfo(float).tiny)
+    level = np.cos(ELEVATION)
+    down = np.full(DIRECTIONS, -np.sin(ELEVATION))
+    ways = np.stack([level * np.sin(azimuth), down, -level * np.cos(azimuth)], axis=1)
+    hidden = [
+        WALLS * round(blocked(point, area, INSIDE * half, distance * w, 1.0), 1) for w in ways
+    ]
+    best, choice = np.inf, None
+    for share, handicap in CLOSER.items():
+        for step, way in enumerate(ways):
+            eye = max(share * distance, NEAREST) * way
+            detour = 2 * min(step, DIRECTIONS - step) / DIRECTIONS
+            score = round(blocked(point, area, half, eye, 0.8), 1) + handicap + hidden[step]
+            score += EDGEWISE * missing[step] + DETOUR * detour
+            if score < best:
+                best, choice = score, eye
+    return choice
+
+
+def blocked(
+    point: np.ndarray, area: np.ndarray, half: np.ndarray, eye: np.ndarray, until: float
+) -> float:
+    """Share of the view that matter outside the box ±`half` [3] hides, 0 … 1.
+
+    The view is a cone from `eye` [3] to the share `until` of the way to the target.
+    """
+    distance = np.linalg.norm(eye)
+    if not distance:
+        return 0.0  # one stands at the target
+    way = -eye / distance
+    from_eye = point - eye
+    depth = from_eye @ way
+    aside = np.linalg.norm(from_eye - depth[:, None] * way, axis=1)
+    outside = (np.abs(point) > half).any(axis=1)
+    between = outside & (depth > -0.05 * distance) & (depth < until * distance)
+    between &= aside < 0.04 * distance + 0.15 * np.abs(depth)
+    spread = np.pi * (0.04 * distance + 0.15 * np.abs(depth[between])) ** 2
+    return float(-np.expm1(-np.sum(area[between] / spread)))

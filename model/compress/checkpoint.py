@@ -1,0 +1,134 @@
+"""What a compression has done so far: a folder of steps from which it goes on where it ended.
+
+`steps.json` says what is computed (the key) and lists the steps; each has a file of its own beside
+it: a scene (.npz with the fields of `Scene` as float32) or a packed model (.splatcore).
+"""
+
+import json
+import os
+import re
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import get_type_hints
+
+import numpy as np
+
+from splatcore.model.formats.file import (
+    checked,
+    field,
+    input_error,
+    parse_json,
+    read_bytes,
+    reading,
+)
+from splatcore.model.formats.packed import read_model
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Scene, sh_count
+
+STEPS = "steps.json"
+KINDS = ("original", "prune", "distill", "quantize")
+ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
+
+
+def ply_bytes(count: int, degree: int) -> int:
+    """Size of the original 3DGS's PLY: float32, all attributes, normals among them."""
+    names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2".split()
+    names += [f"rot_{k}" for k in range(4)]
+    names += [f"f_rest_{k}" for k in range(3 * sh_count(degree) - 3)]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {count}", "end_header"]
+    lines += ["property float " + name for name in names]
+    return sum(len(line) + 1 for line in lines) + 4 * count * len(names)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a step left. bytes: as PLY (`ply_bytes`) or as packed model; seconds: that it took."""
+
+    name: str  # "original", "prune 0.4", "prune 0.4 (2)", "distill 1", "quantize"
+    kind: str  # one of KINDS
+    gaussians: int
+    sh_degree: int
+    bytes: int
+    seconds: float
+    loss: float | None  # of the last fine-tuning, if there was one
+    file: str = ""  # beside steps.json; `Checkpoints.save` names it
+
+
+class Checkpoints:
+    """The steps in a folder, of one computation: `key` says which (scene, options)."""
+
+    def __init__(self, folder: Path, key: str):
+        """InputError if the folder holds another computation's steps; none is ever removed."""
+        self.folder, self.key = Path(folder), key
+        self.steps: tuple[Step, ...] = ()
+        path = self.folder / STEPS
+        if path.exists():
+            table = checked(parse_json(read_bytes(path), path), dict, path)
+            if field(table, "key", str, path) != key:
+                why = "holds another compression's steps; choose another folder or remove it"
+                raise input_error(self.folder, why)
+            found = enumerate(field(table, "steps", list, path))
+            self.steps = tuple(_step(entry, f"{path}: step {k}") for k, entry in found)
+
+    @property
+    def last(self) -> Step | None:
+        return self.steps[-1] if self.steps else None
+
+    def find(self, name: str) -> Step | None:
+        """The step of that name, if there is one."""
+        return next((step for step in self.steps if step.name == name), None)
+
+    def has(self, name: str) -> bool:
+        return self.find(name) is not None
+
+    def save(self, step: Step, scene: Scene | None = None, model: PackedModel | None = None):
+        """Keep a step with its scene (float32: go on from `scene(step)`, as who comes back later
+        must) or its model; returns it with its file's name."""
+        if self.has(step.name) or (scene is None) == (model is None):
+            raise ValueError(f"step {step.name!r} is there already, or has no scene or model")
+        name = re.sub(r"[^\w.]+", "-", step.name).strip("-")
+        suffix = ".npz" if model is None else ".splatcore"
+        step = replace(step, file=f"{len(self.steps):02}-{name}{suffix}")
+        steps = [asdict(each) for each in (*self.steps, step)]
+        text = json.dumps({"key": self.key, "steps": steps}, indent=1, allow_nan=False)
+        with reading(self.folder, "cannot be written"), np.errstate(over="ignore"):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            part = self.folder / f".part{suffix}"
+            if model is None:
+                arrays = {array: getattr(scene, array).astype(np.float32) for array in ARRAYS}
+                np.savez(part, name=scene.name, **arrays)
+            else:
+                model.image.tofile(part)
+            os.replace(part, self.folder / step.file)
+            part.write_text(text + "\n")
+            os.replace(part, self.folder / STEPS)
+        self.steps += (step,)
+        return step
+
+    def scene(self, step: Step) -> Scene:
+        """The scene that a step left; InputError names its file if that is not whole."""
+        path = self.folder / step.file
+        with reading(path, "is not a step's scene"), np.load(path, allow_pickle=False) as arrays:
+            name = str(arrays["name"])
+            scene = replace(Scene(*(arrays[array] for array in ARRAYS), str(path)), name=name)
+            if (len(scene), scene.sh_degree) != (step.gaussians, step.sh_degree):
+                raise input_error(path, f"is not the scene of step {step.name!r}")
+        return scene
+
+    def model(self, step: Step) -> PackedModel:
+        """The packed model that a step left; InputErrors as of `scene`."""
+        model = read_model(self.folder / step.file)
+        if len(model) != step.gaussians:
+            raise input_error(model.name, f"is not the model of step {step.name!r}")
+        return model
+
+
+def _step(entry: object, where: str) -> Step:
+    """A step of steps.json."""
+    entry, kinds = checked(entry, dict, where), get_type_hints(Step)
+    kinds.pop("loss")
+    values = {name: field(entry, name, kind, where) for name, kind in kinds.items()}
+    if values["kind"] not in KINDS or not re.fullmatch(r"[\w][\w.-]*", values["file"]):
+        raise input_error(where, f"'kind' {values['kind']!r} or 'file' {values['file']!r} is wrong")
+    loss = None if entry.get("loss") is None else field(entry, "loss", float, where)
+    return Step(**values, loss=loss)

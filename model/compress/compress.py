@@ -1,0 +1,313 @@
+"""Compression, step by step: prune and fine-tune, distil, quantise, pack.
+
+Each step is kept in a folder (`model.compress.checkpoint`), from which the next run goes on.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from splatcore.model.compress.checkpoint import Checkpoints, Step
+from splatcore.model.compress.distill import degrees, distill
+from splatcore.model.compress.prune import (
+    count_for_ratio,
+    original_bytes,
+    prune,
+    scaled_schedule,
+    sound,
+)
+from splatcore.model.compress.quantize import REFRESH, Quantised, quantised
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.significance import significance
+from splatcore.model.formats.photographs import Target
+from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.finetune import Tell, as_tensor, difference, finetune
+from splatcore.model.gradients.trainable import (
+    REFINING,
+    device,
+    extent_of,
+    optimizers,
+    scaled,
+    scene_of,
+    tensors_of,
+)
+from splatcore.model.pack.pack import pack
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import ModelFormat, model_format
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Gaussians, Scene
+
+LOOKED_AT = 16
+"""Views that decide whether harmonics are worth having."""
+
+WORTH = 1.02
+"""Harmonics are left out where the mean error without them is at most this times that with them:
+as many bytes then go into finer colours, and stage 1 has less to do."""
+
+WEIGHED_BY = 48
+"""Views that decide about significance, where there are more to learn from."""
+
+ASIDE = 7
+"""One view of so many is kept aside when a loss is to be kept (`max_drop`)."""
+
+PRUNING_SHARE = 0.6
+"""Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
+
+RATE_MIN = 0.05
+"""Pruning rates below are not tried."""
+
+
+def compress(
+    scene: Scene,
+    targets: Sequence[Target],
+    recipe: Recipe,
+    checkpoints: Checkpoints,
+    config: Config = DEFAULT,
+    tell: Tell = lambda what, done, total, loss: None,
+    original: int | None = None,
+) -> Step:
+    """Compress a scene to a packed model; returns the last step, "quantize".
+
+    The scene learns from `targets`: photographs, or its own pictures. What `checkpoints` holds
+    already is not done again. `original` are the bytes that ratios are counted from (default: the
+    scene's as a PLY). InputError if nothing of the scene can be seen, if the ratio or the drop
+    cannot be reached, and where the loss is NaN; earlier steps stay.
+    """
+    scene = sound(scene)
+    original = original or original_bytes(scene)
+    work = Compression(tuple(targets), recipe, checkpoints, config, tell)
+    try:
+        start = work.kept("original", "original", lambda: (scene, None))
+        if recipe.max_drop is not None:
+            return work.within_drop(start, recipe.max_drop)
+        rates = recipe.schedule
+        if recipe.target_ratio is not None:
+            count = count_for_ratio(original, recipe.target_ratio, work.largest_format(scene))
+            rates = scaled_schedule(rates, len(scene), count)
+        start = work.before_pruning(start)
+        for rate in rates:
+            start = work.pruned(start, rate)
+        return work.packed(start)[0]
+    except InputError as error:
+        kept = f"; what came before is in {checkpoints.folder}" if checkpoints.steps else ""
+        raise InputError(f"{scene.name}: {error}{kept}") from None
+
+
+@dataclass(eq=False)
+class Compression:
+    """The steps of one compression, each kept when it is done."""
+
+    targets: tuple[Target, ...]
+    recipe: Recipe
+    checkpoints: Checkpoints
+    config: Config
+    tell: Tell
+    cameras: list[Camera] = field(init=False)
+    extent: float = field(init=False)  # of the cameras, scene units
+    rates: dict[str, float] = field(init=False)  # learning rates of fine-tuning
+    names: list[str] = field(default_factory=list)
+    weighed: tuple[Scene, np.ndarray] | None = None
+
+    def __post_init__(self):
+        if not self.targets:
+            raise InputError("there is no picture to learn from")
+        self.cameras = [target.camera for target in self.targets]
+        self.extent = extent_of(self.cameras)
+        self.rates = scaled(REFINING, self.recipe.rate)
+
+    def name(self, text: str) -> str:
+        """The name of a step; the second of the same name is "… (2)"."""
+        name = self.next_name(text)
+        self.names.append(text)
+        return name
+
+    def next_name(self, text: str) -> str:
+        """What `name` will make of it."""
+        count = self.names.count(text) + 1
+        return text if count == 1 else f"{text} ({count})"
+
+    def kept(self, name: str, kind: str, make: Callable[[], tuple[Scene, float | None]]) -> Scene:
+        """The scene of a step: the one that is kept, else what `make` makes, with its loss."""
+        name = self.name(name)
+        step = self.checkpoints.find(name)
+        if step is None:
+            begin = time.monotonic()
+            scene, loss = make()
+            step = Step(
+                name, kind, len(scene), scene.sh_degree, original_bytes(scene),
+                time.monotonic() - begin, loss,
+            )  # fmt: skip
+            step = self.checkpoints.save(step, scene=scene)
+        return self.checkpoints.scene(step)
+
+    def weights(self, scene: Scene, what: str) -> np.ndarray:
+        """Significance [N] over WEIGHED_BY training views; that of the last scene is remembered."""
+        if self.weighed and self.weighed[0] is scene:
+            return self.weighed[1]
+
+        def tell(done: int, total: int):
+            self.tell(f"{what}: looking", done, total, None)
+
+        found = significance(scene, self.cameras[:: -(-len(self.cameras) // WEIGHED_BY)], tell)
+        if not found.any():
+            raise InputError("none of the views shows a Gaussian")
+        self.weighed = scene, found
+        return found
+
+    def pruned(self, scene: Scene, rate: float) -> Scene:
+        """The scene after one pruning and fine-tuning."""
+        name = f"prune {rate:.3g}"
+
+        def make() -> tuple[Scene, float | None]:
+            smaller = prune(scene, self.weights(scene, name), rate)
+            tensors = tensors_of(smaller)
+            loss = finetune(
+                tensors, optimizers(tensors, self.extent, self.rates), self.targets,
+                self.recipe.steps, self.recipe.seed, self.tell, name,
+            )  # fmt: skip
+            return sound(scene_of(tensors, scene.name)), loss
+
+        return self.kept(name, "prune", make)
+
+    def distilled(self, scene: Scene, degree: int) -> Scene:
+        """The scene with harmonics up to `degree` only."""
+        name = f"distill {degree}"
+
+        def make() -> tuple[Scene, float | None]:
+            student, loss = distill(
+                scene, degree, self.cameras, self.extent, self.recipe.rate,
+                self.recipe.distill_steps, self.recipe.seed, self.tell, name,
+            )  # fmt: skip
+            return sound(scene_of(student, scene.name)), loss
+
+        return self.kept(name, "distill", make)
+
+    def lowered(self, scene: Scene) -> Scene:
+        """The scene with no more harmonics than the model will have at most."""
+        wanted = self.recipe.sh_degree
+        last = min(self.config.sh_degree, 1 if wanted is None else wanted)
+        for degree in degrees(scene, last):
+            scene = self.distilled(scene, degree)
+        return scene
+
+    def before_pruning(self, scene: Scene) -> Scene:
+        """What pruning begins with."""
+        return self.lowered(scene) if self.recipe.order == "distill-first" else scene
+
+    def packed(self, scene: Scene) -> tuple[Step, PackedModel]:
+        """Quantise and pack a pruned scene whose harmonics go first, where they have not."""
+        scene, wanted = self.lowered(scene), self.recipe.sh_degree
+        if wanted is None and scene.sh_degree == 1 and self.goes_without(scene):
+            scene = self.distilled(scene, 0)
+        name = self.name("quantize")
+        step = self.checkpoints.find(name)
+        if step is None:
+            begin = time.monotonic()
+            model, loss = self.quantised(scene, name)
+            step = Step(
+                name, "quantize", len(model), model.format.sh_degree, len(model.image),
+                time.monotonic() - begin, loss,
+            )  # fmt: skip
+            step = self.checkpoints.save(step, model=model)
+        return step, self.checkpoints.model(step)
+
+    def quantised(self, scene: Scene, name: str) -> tuple[PackedModel, float | None]:
+        """The packed model after fine-tuning under its numbers."""
+        self.tell(f"{name}: codebooks", 0, 1, None)
+        work = quantised(scene, self.weights(scene, name), self.config, self.recipe.seed)
+        leaves, rates = work.leaves()
+        rates = scaled(rates, self.recipe.rate)
+
+        def tell(what: str, done: int, total: int, loss: float | None):
+            if done % REFRESH == 0:
+                work.refresh()
+            self.tell(what, done, total, loss)
+
+        loss = finetune(
+            work.tensors, optimizers(leaves, self.extent, self.rates | rates), self.targets,
+            self.recipe.quantize_steps, self.recipe.seed, tell, name, work.rendered,
+        )  # fmt: skip
+        final, codebooks = work.finish(scene.name)
+        return pack(final, self.config, final.sh_degree, codebooks=codebooks)[0], loss
+
+    @torch.no_grad()
+    def error(self, parameters: tuple[torch.Tensor, ...], targets: Sequence[Target]) -> float:
+        """Mean absolute error of the pictures of what `parameters` stand for."""
+        errors = []
+        for target in targets:
+            picture = render(*parameters, target.camera).image
+            errors.append(float(difference(picture, as_tensor(target.image, picture))))
+        return float(np.mean(errors))
+
+    def largest_format(self, scene: Scene) -> ModelFormat:
+        """Of the formats that the scene's model may have, the one with the larger codebooks."""
+        wanted = self.recipe.sh_degree
+        highest = min(scene.sh_degree, self.config.sh_degree, 1 if wanted is None else wanted)
+        degrees = {highest, 0} if wanted is None else {highest}
+        formats = [model_format(self.config, degree) for degree in degrees]
+        return max(formats, key=lambda format: format.layout(0).end)
+
+    def goes_without(self, scene: Scene) -> bool:
+        """Whether a scene of degree 1 loses its harmonics; what was decided once stands."""
+        steps, done = self.checkpoints.steps, self.checkpoints.find(self.next_name("quantize"))
+        before = steps[steps.index(done) - 1] if done else steps[-1]
+        if before.kind == "distill" and before.sh_degree == 0:
+            return True
+        return not done and not self.worth_harmonics(scene)
+
+    def worth_harmonics(self, scene: Scene) -> bool:
+        """Whether a model with harmonics, as k-means gives it, is better than one without."""
+        weight = self.weights(scene, "are harmonics worth it")
+        targets = self.targets[:: max(len(self.targets) // LOOKED_AT, 1)]
+
+        def found(work: Quantised) -> float:
+            return self.error(work.rendered(work.tensors), targets)
+
+        flat = quantised(scene.with_sh_degree(0), weight, self.config, self.recipe.seed)
+        full = quantised(scene, weight, self.config, self.recipe.seed)
+        return found(flat) > WORTH * found(full)
+
+    def within_drop(self, scene: Scene, drop: float) -> Step:
+        """Prune as far as the views kept aside allow; then the most pruned scene whose packed
+        model loses at most `drop` dB on them."""
+        aside = self.targets[::ASIDE]
+        self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
+        if not self.targets:
+            raise InputError("--max-drop: needs at least 2 pictures, one of them to keep aside")
+        self.cameras, self.weighed = [target.camera for target in self.targets], None
+        best = decibels(scene, aside)
+        levels, rates = [self.before_pruning(scene)], list(self.recipe.schedule) or [0.4]
+        rate = rates[0]
+        while rate >= RATE_MIN and len(levels[-1]) > 1:
+            smaller = self.pruned(levels[-1], rate)
+            if decibels(smaller, aside) >= best - PRUNING_SHARE * drop:
+                levels.append(smaller)
+                rate = rates[min(len(levels) - 1, len(rates) - 1)]
+            else:
+                rate /= 2
+        for level in reversed(levels):
+            step, model = self.packed(level)
+            found = decibels(model.gaussians(), aside)
+            if found >= best - drop:
+                return step
+        lost = f"{best - found:.2f} dB are lost without pruning"
+        raise InputError(f"--max-drop: {drop:g} dB cannot be kept: {lost}")
+
+
+@torch.no_grad()
+def decibels(scene: Scene | Gaussians, targets: Sequence[Target]) -> float:
+    """PSNR in dB of the scene's pictures against the targets, over all their pixels."""
+    seen = scene.gaussians() if isinstance(scene, Scene) else scene
+    arrays = (seen.position, seen.factor, seen.opacity, seen.sh)
+    parameters = [torch.tensor(array, dtype=torch.float32, device=device()) for array in arrays]
+    squares, count = 0.0, 0
+    for target in targets:
+        picture = render(*parameters, target.camera).image
+        squares += float(((picture.clamp(0, 1) - as_tensor(target.image, picture)) ** 2).sum())
+        count += target.image.size
+    return float(-10 * np.log10(max(squares / count, np.finfo(float).tiny)))

@@ -1,0 +1,125 @@
+"""Distillation: fewer harmonics, taught by the scene that still has them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numba import njit, prange
+
+from splatcore.model.cameras.surround import perturbed
+from splatcore.model.compress.significance import view_weights
+from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.finetune import Tell, difference, optimise, views_in_turn
+from splatcore.model.gradients.rendering_points import basis_of
+from splatcore.model.gradients.trainable import (
+    REFINING,
+    Tensors,
+    optimizers,
+    rendered,
+    scaled,
+    tensors_of,
+)
+from splatcore.spec.camera import Camera
+from splatcore.spec.convention import COLOUR_OFFSET
+from splatcore.spec.scene import Scene, sh_count
+
+PERTURBED = 0.5
+"""Share of the steps on views beside the training views."""
+
+MOVE = 0.1
+"""How far beside, at most: of the extent of the cameras."""
+
+TURN = np.radians(5.0)
+"""How far turned, at most."""
+
+SHARE = 0.2
+"""Of fine-tuning's learning rates: least squares leave less to mend than pruning does."""
+
+PULL = 0.1
+"""Weight of the coefficients as they were in the least squares, over that of all cameras."""
+
+
+def distill(
+    scene: Scene,
+    degree: int,
+    cameras: Sequence[Camera],
+    extent: float,
+    rate: float,
+    steps: int,
+    seed: int,
+    tell: Tell,
+    what: str,
+) -> tuple[Tensors, float | None]:
+    """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
+
+    `extent` (scene units) and `rate`, a share of REFINING, set the learning rates.
+
+    It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
+    views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
+    should be.
+    """
+    with torch.no_grad():
+        teacher = [tensor.detach() for tensor in rendered(tensors_of(scene))]
+    student = tensors_of(projected(scene, degree, cameras))
+    rng = np.random.default_rng(seed)
+    views = views_in_turn(cameras, seed)
+
+    def loss_of(step: int) -> torch.Tensor:
+        camera = next(views)
+        if rng.random() < PERTURBED:
+            camera = perturbed(camera, MOVE * extent, TURN, rng)
+        with torch.no_grad():
+            wanted = render(*teacher, camera).image.clamp(0, 1)
+        return difference(render(*rendered(student), camera).image, wanted)
+
+    adams = optimizers(student, extent, scaled(REFINING, SHARE * rate))
+    loss = optimise(adams, steps, loss_of, tell, what)
+    return student, loss
+
+
+def projected(scene: Scene, degree: int, cameras: Sequence[Camera]) -> Scene:
+    """The scene with harmonics up to `degree` whose colours, as the cameras see each Gaussian, are
+    nearest to those it had.
+
+    Least squares for each Gaussian over the cameras, weighted by what it gives to their pictures.
+    Harmonics are orthogonal over all directions, so cutting them off is right only for what is seen
+    from everywhere; a few cameras leave much of a higher degree to the lower ones.
+    """
+    count = sh_count(degree)
+    matrix, wanted = np.zeros((len(scene), count, count)), np.zeros((len(scene), count, 3))
+    for camera, weight in zip(cameras, view_weights(scene, cameras), strict=True):
+        add_equations(scene.position, scene.sh, weight, camera.position, matrix, wanted)
+    total = np.maximum(matrix[:, 0, 0], np.finfo(np.float32).tiny)[:, None, None]
+    matrix = matrix / total + PULL * np.eye(count)
+    wanted = wanted / total + PULL * scene.sh[:, :count]
+    return replace(scene, sh=np.linalg.solve(matrix, wanted))
+
+
+@njit(parallel=True, cache=True)
+def add_equations(position, sh, weight, centre, matrix, wanted):
+    """Add a camera's normal equations: weight·B·Bᵀ to `matrix` [N, K, K] and weight·B·colour to
+    `wanted` [N, K, 3], B the lower harmonics in the camera's direction."""
+    count = matrix.shape[1]
+    for n in prange(len(position)):
+        if weight[n] <= 0:
+            continue
+        basis = np.empty(16)
+        x, y, z = position[n, 0] - centre[0], position[n, 1] - centre[1], position[n, 2] - centre[2]
+        length = np.sqrt(x * x + y * y + z * z)
+        basis_of(x / length, y / length, z / length, sh.shape[1], basis)
+        for channel in range(3):
+            colour = 0.0
+            for k in range(sh.shape[1]):
+                colour += basis[k] * sh[n, k, channel]
+            colour = max(colour, -COLOUR_OFFSET)
+            for k in range(count):
+                wanted[n, k, channel] += weight[n] * basis[k] * colour
+        for k in range(count):
+            for j in range(count):
+                matrix[n, k, j] += weight[n] * basis[k] * basis[j]
+
+
+def degrees(scene: Scene, last: int) -> range:
+    """The degrees that are left one after the other until `last`."""
+    return range(scene.sh_degree - 1, last - 1, -1)

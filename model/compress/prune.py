@@ -1,0 +1,180 @@
+"""Pruning: which Gaussians become one, and by which steps."""
+
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+from sklearn.neighbors import NearestNeighbors
+
+from splatcore.model.compress.checkpoint import ply_bytes
+from splatcore.model.pack.pack import keep
+from splatcore.spec.convention import ALPHA_MAX, COLOUR_OFFSET
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import ModelFormat
+from splatcore.spec.packed import SH_C0
+from splatcore.spec.scene import Scene
+
+NEIGHBOURS = 8
+"""Nearest Gaussians among which one looks for another to become one with."""
+
+COLOUR = 3.0
+"""What a squared difference of colours (0 … 1) costs, over a squared distance in sizes."""
+
+ALWAYS = 0.01
+"""What becoming one costs at least, in squared distances: two of the same place and colour are not
+for nothing."""
+
+ROUND = 0.15
+"""Share of the Gaussians that may go before all costs are taken anew."""
+
+
+def prune(scene: Scene, significance: np.ndarray, rate: float) -> Scene:
+    """The scene without the share `rate` of its Gaussians; the others keep their order.
+
+    What no view shows (significance 0) goes first and leaves nothing. Then pairs of neighbours
+    become one (`merge`), the cheapest first: with significances v and w, a pair costs v·w/(v + w)
+    times the square of its distance in sizes plus that of its difference in colour. What hardly
+    matters is cheap, and so is what its neighbour can stand for.
+    """
+    target = len(scene) - round(rate * len(scene))
+    unseen = np.flatnonzero(significance <= 0)[: len(scene) - target]
+    stays = np.ones(len(scene), bool)
+    stays[unseen] = False
+    scene, weight = scene[stays], np.asarray(significance, np.float64)[stays]
+    while len(scene) > target and (weight > 0).all():
+        most = min(len(scene) - target, max(round(ROUND * len(scene)), 1))
+        first, second = cheapest_pairs(scene, weight, most)
+        members = np.concatenate([first, second])
+        group = np.tile(np.arange(len(first)), 2)
+        one = merge(scene[members], weight[members], group, len(first))
+        weight[first] += weight[second]
+        stays = np.ones(len(scene), bool)
+        stays[second] = False
+        scene, weight = replaced(scene, first, one)[stays], weight[stays]
+    return scene
+
+
+def cheapest_pairs(scene: Scene, weight: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most `most` disjoint pairs, cheapest first; of each the one that weighs more is first."""
+    count = min(NEIGHBOURS, len(scene) - 1)
+    search = NearestNeighbors(n_neighbors=count + 1).fit(scene.position)
+    distance, near = (found[:, 1:] for found in search.kneighbors(scene.position))  # [N, count]
+    size = np.maximum(area(scene.scale), np.finfo(np.float32).tiny)
+    colour = np.clip(scene.sh[:, 0] * SH_C0 + COLOUR_OFFSET, 0, 1)
+    apart = distance**2 / (size[:, None] + size[near])
+    apart += COLOUR * ((colour[:, None] - colour[near]) ** 2).sum(axis=2) + ALWAYS
+    cost = apart * weight[:, None] * weight[near] / (weight[:, None] + weight[near])
+    best = cost.argmin(axis=1)
+    rows = np.arange(len(scene))
+    partner = near[rows, best]
+    order = np.argsort(cost[rows, best], kind="stable")
+    one, other = disjoint(order, partner, most)
+    heavier = weight[one] >= weight[other]
+    return np.where(heavier, one, other), np.where(heavier, other, one)
+
+
+@njit(cache=True)
+def disjoint(order, partner, most):
+    """The first pairs (n, partner[n]) in the order of n that share no member."""
+    used = np.zeros(len(partner), np.bool_)
+    one, other = np.empty(most, np.int64), np.empty(most, np.int64)
+    found = 0
+    for n in order:
+        if found == most:
+            break
+        if not used[n] and not used[partner[n]]:
+            used[n] = used[partner[n]] = True
+            one[found], other[found] = n, partner[n]
+            found += 1
+    return one[:found], other[:found]
+
+
+def replaced(scene: Scene, index: np.ndarray, by: Scene) -> Scene:
+    """The scene with Gaussians `index` exchanged for those of another."""
+    arrays = {}
+    for name in ("position", "scale", "quaternion", "opacity", "sh"):
+        arrays[name] = getattr(scene, name).copy()
+        arrays[name][index] = getattr(by, name)
+    return replace(scene, **arrays)
+
+
+def merge(scene: Scene, weight: np.ndarray, group: np.ndarray, count: int) -> Scene:
+    """One Gaussian for each of `count` groups; `group` [N] says which one a Gaussian belongs to.
+
+    Each has its group's moments, weighted by `weight` [N] > 0. Its opacity times area (of the two
+    larger axes) is that of the first member, times what the group weighs more than that: with
+    significance as weight, it gives the views what they all gave.
+    """
+    total = np.bincount(group, weight, count)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        flat = values.reshape(len(values), -1).T
+        sums = [np.bincount(group, weight * column, count) for column in flat]
+        return (np.stack(sums, axis=1) / total[:, None]).reshape(count, *values.shape[1:])
+
+    position = mean(scene.position)
+    factor, away = scene.gaussians().factor, scene.position - position[group]
+    spread = factor @ factor.swapaxes(1, 2) + away[:, :, None] * away[:, None]
+    variance, axes = np.linalg.eigh(mean(spread))
+    axes[np.linalg.det(axes) < 0, :, 0] *= -1
+    scale = np.sqrt(np.maximum(variance, 0))
+    quaternion = Rotation.from_matrix(axes).as_quat(scalar_first=True)
+    _, first = np.unique(group, return_index=True)
+    covered = scene.opacity[first] * area(scene.scale[first]) * total / weight[first]
+    room = np.maximum(area(scale), np.finfo(np.float64).tiny)
+    opacity = np.minimum(covered / room, ALPHA_MAX)
+    return Scene(position, scale, quaternion, opacity, mean(scene.sh), scene.name)
+
+
+def area(scale: np.ndarray) -> np.ndarray:
+    """Product [N] of the two larger axes of scales [N, 3]."""
+    ordered = np.sort(scale, axis=1)
+    return ordered[:, 1] * ordered[:, 2]
+
+
+def sound(scene: Scene) -> Scene:
+    """The scene without what is not finite or can never reach alpha 1/255."""
+    with np.errstate(invalid="ignore"):
+        finite, visible = keep(scene)
+    kept = scene[finite & visible]
+    if not len(kept):
+        raise InputError(
+            f"{scene.name}: no Gaussian can be seen: all are transparent or not finite"
+        )
+    return kept
+
+
+def count_for_ratio(original: int, ratio: float, format: ModelFormat) -> int:
+    """Gaussians of a packed model that is `ratio` times smaller than `original` bytes.
+
+    InputError if the codebooks alone are larger.
+    """
+    room = original / ratio - format.layout(0).end
+    low, high = 0, max(int(room), 0)
+    while low < high:  # the largest count whose model fits
+        middle = (low + high + 1) // 2
+        low, high = (
+            (middle, high) if format.layout(middle).end <= original / ratio else (low, middle - 1)
+        )
+    if low < 1:
+        room = f"{ratio:g} leaves {original / ratio:.0f} bytes"
+        least = format.layout(1).end
+        raise InputError(f"--target-ratio: {room}, and a packed model has {least} at least")
+    return low
+
+
+def scaled_schedule(schedule: tuple[float, ...], count: int, target: int) -> tuple[float, ...]:
+    """Rates in the proportions of `schedule` that leave `target` of `count` Gaussians.
+
+    The logarithms of what each step leaves are scaled by one factor. Empty if nothing has to go.
+    """
+    if target >= count:
+        return ()
+    left = np.log1p(-np.asarray(schedule or (0.4,), np.float64))
+    return tuple(float(rate) for rate in -np.expm1(left * np.log(target / count) / left.sum()))
+
+
+def original_bytes(scene: Scene) -> int:
+    """Size of the scene as a float32 PLY with all attributes of its degree."""
+    return ply_bytes(len(scene), scene.sh_degree)

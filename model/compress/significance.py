@@ -1,0 +1,46 @@
+"""How much each Gaussian matters: what it gives to the views, times a term of its volume.
+
+Source: Fan et al., "LightGaussian" (2024), section 3.2: the sum over views and pixels of
+opacity·T, and the volume normalised by the 90th percentile and damped by an exponent.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from splatcore.model.gradients.differentiable import blending_weights
+from splatcore.spec.camera import Camera
+from splatcore.spec.scene import Scene
+
+VOLUME_PERCENTILE = 90.0
+"""The volume from which on a larger one counts no more."""
+
+VOLUME_POWER = 0.1
+"""How much volume counts."""
+
+
+def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:
+    """For each camera Σ over its pixels of alpha·T, [N]."""
+    gaussians = scene.gaussians()
+    arrays = [
+        np.asarray(array, np.float32)
+        for array in (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
+    ]
+    for camera in cameras:
+        yield blending_weights(*arrays, camera)
+
+
+def significance(
+    scene: Scene, cameras: Sequence[Camera], tell: Callable[[int, int], None] | None = None
+) -> np.ndarray:
+    """[N]: Σ over views and pixels of alpha·T, times the volume term; 0 for what no view shows."""
+    total = np.zeros(len(scene))
+    for number, weight in enumerate(view_weights(scene, cameras)):
+        total += weight
+        if tell:
+            tell(number + 1, len(cameras))
+    volume = scene.scale.prod(axis=1)
+    large = np.percentile(volume, VOLUME_PERCENTILE) if len(volume) else 0.0
+    if large > 0:
+        total *= np.minimum(volume / large, 1) ** VOLUME_POWER
+    return total

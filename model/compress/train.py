@@ -1,0 +1,187 @@
+"""Training: a plain 3DGS scene from photographs and the points of structure from motion.
+
+Source: Kerbl et al. 2023; the densification is gsplat's default strategy. The schedule is theirs,
+with its ends in proportion to the number of steps.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from sklearn.neighbors import NearestNeighbors
+
+from splatcore.model.compress.prune import sound
+from splatcore.model.formats.file import input_error, reading
+from splatcore.model.formats.photographs import Target
+from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.finetune import SMOOTHING, Tell, as_tensor, views_in_turn
+from splatcore.model.gradients.similarity import photograph_loss
+from splatcore.model.gradients.trainable import (
+    extent_of,
+    factor_of,
+    optimizers,
+    scene_of,
+    tensors_of,
+)
+from splatcore.spec.convention import COLOUR_OFFSET, SH_DEGREE_MAX
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import SH_C0
+from splatcore.spec.scene import Scene, sh_count
+
+OPACITY = 0.1
+"""Of every Gaussian at the start."""
+
+NEIGHBOURS = 3
+"""Points whose mean distance is a Gaussian's standard deviation at the start."""
+
+REFINE_START, REFINE_EVERY = 500, 100
+REFINE_STOP = 0.5
+"""Step from which on Gaussians are split, cloned and removed, how often, and the share of the steps
+after which they are not."""
+
+DEGREE_STEPS = 1 / 30
+"""Share of the steps after which the next degree of harmonics joins in."""
+
+DECAY = 0.01
+"""What is left of the positions' learning rate in the end."""
+
+KEEP_EVERY = 500
+"""Steps between two states that are kept."""
+
+STATE = "training.pt"
+
+
+def initial_scene(position: np.ndarray, colour: np.ndarray) -> Scene:
+    """Round Gaussians at points [N, 3] of colours [N, 3] (uint8), as large as their distances."""
+    if len(position) <= NEIGHBOURS:
+        raise InputError(f"{len(position)} points are too few to begin with")
+    near = NearestNeighbors(n_neighbors=NEIGHBOURS + 1).fit(position)
+    distance = near.kneighbors(position)[0][:, 1:]
+    scale = np.sqrt((distance**2).mean(axis=1)).clip(1e-6)
+    sh = np.zeros((len(position), sh_count(SH_DEGREE_MAX), 3))
+    sh[:, 0] = (colour / 255 - COLOUR_OFFSET) / SH_C0
+    return Scene(
+        position, np.repeat(scale[:, None], 3, axis=1), np.eye(4)[[0] * len(position)],
+        np.full(len(position), OPACITY), sh,
+    )  # fmt: skip
+
+
+def train(
+    photographs: Sequence[Target],
+    points: tuple[np.ndarray, np.ndarray],
+    steps: int,
+    seed: int,
+    folder: Path,
+    tell: Tell,
+) -> Scene:
+    """A scene of SH degree 3 from photographs and points (positions [N, 3], colours [N, 3]).
+
+    Its state is kept in `folder` every 500 steps, from where another call goes on. InputError,
+    saying at which step, if the loss is NaN; the last state stays.
+    """
+    torch.manual_seed(seed)
+    extent = extent_of([target.camera for target in photographs])
+    training = Training(initial_scene(*points), extent, steps, seed)
+    path = Path(folder) / STATE
+    training.load(path)
+    views = views_in_turn(photographs, seed)
+    for _ in range(training.step):
+        next(views)
+    mean = None
+    while training.step < steps:
+        loss = training.advance(next(views))
+        if not np.isfinite(loss):
+            kept = f"; the last state is in {path}" if path.exists() else ""
+            raise InputError(f"training: the loss is {loss} at step {training.step + 1}{kept}")
+        mean = loss if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * loss
+        what = f"training, {len(training.tensors['means'])} Gaussians"
+        tell(what, training.step, steps, mean)
+        if training.step % KEEP_EVERY == 0:
+            training.save(path)
+    return sound(scene_of(training.tensors))
+
+
+class Training:
+    """A scene in training: its tensors, their optimizers, and gsplat's densification."""
+
+    def __init__(self, scene: Scene, extent: float, steps: int, seed: int):
+        from gsplat import DefaultStrategy
+
+        self.extent, self.steps, self.step = extent, steps, 0
+        self.key = f"{len(scene)} points, {steps} steps, seed {seed}"
+        self.tensors = {
+            name: torch.nn.Parameter(tensor.detach()) for name, tensor in tensors_of(scene).items()
+        }
+        self.optimizers = optimizers(self.tensors, extent)
+        self.strategy = DefaultStrategy(
+            refine_start_iter=REFINE_START,
+            refine_stop_iter=int(REFINE_STOP * steps),
+            refine_every=REFINE_EVERY,
+        )
+        self.state = self.strategy.initialize_state(scene_scale=extent)
+
+    def advance(self, target: Target) -> float:
+        """One step on a photograph; returns its loss and changes nothing if that is not finite."""
+        tensors = self.tensors
+        centre = tensors["means"].new_zeros((1, len(tensors["means"]), 2), requires_grad=True)
+        degree = min(int(self.step / max(DEGREE_STEPS * self.steps, 1)), SH_DEGREE_MAX)
+        sh = torch.cat([tensors["sh0"], tensors["shN"][:, : sh_count(degree) - 1]], dim=1)
+        found = render(
+            tensors["means"], factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh,
+            target.camera, centre[0],
+        )  # fmt: skip
+        loss = photograph_loss(found.image, as_tensor(target.image, found.image))
+        if not torch.isfinite(loss):
+            return float(loss.detach())
+        camera = target.camera
+        seen = torch.zeros((1, len(tensors["means"]), 2), device=centre.device)
+        seen[0, torch.as_tensor(found.visible)] = 1
+        info = {
+            "means2d": centre, "radii": seen, "gaussian_ids": None, "n_cameras": 1,
+            "width": camera.width, "height": camera.height,
+        }  # fmt: skip
+        loss.backward()
+        for name, optimizer in self.optimizers.items():
+            if tensors[name].grad is not None:
+                optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        for group in self.optimizers["means"].param_groups:
+            group["lr"] *= DECAY ** (1 / self.steps)
+        self.strategy.step_post_backward(
+            self.tensors, self.optimizers, self.state, self.step, info, packed=False
+        )
+        self.step += 1
+        return float(loss.detach())
+
+    def save(self, path: Path):
+        """Keep everything from which training goes on."""
+        part = path.with_suffix(".part")
+        with reading(path, "cannot be written"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            torch.save(
+                {
+                    "key": self.key, "step": self.step, "state": self.state,
+                    "tensors": {name: tensor.data for name, tensor in self.tensors.items()},
+                    "optimizers": {n: each.state_dict() for n, each in self.optimizers.items()},
+                    "random": torch.get_rng_state(),
+                },
+                part,
+            )  # fmt: skip
+            part.replace(path)
+
+    def load(self, path: Path):
+        """Go on from what is kept there, if there is anything; InputError if it is another's."""
+        if not path.exists():
+            return
+        with reading(path, "is not a state of training"):
+            kept = torch.load(path, weights_only=True)
+            if kept["key"] != self.key:
+                raise input_error(path, f"is of another training ({kept['key']})")
+            for name, tensor in kept["tensors"].items():
+                self.tensors[name] = torch.nn.Parameter(tensor)
+            self.optimizers = optimizers(self.tensors, self.extent)
+            for name, state in kept["optimizers"].items():
+                self.optimizers[name].load_state_dict(state)
+            self.step, self.state = kept["step"], kept["state"]
+            torch.set_rng_state(kept["random"])

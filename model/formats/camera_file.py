@@ -1,0 +1,202 @@
+"""Camera files: cameras.json of the original 3DGS, transforms.json of NeRF tools, COLMAP folders.
+
+Each becomes `Camera`s, with OpenCV axes and the transform from world to camera.
+"""
+
+import json
+import math
+import os
+
+import numpy as np
+
+from splatcore.model.formats.colmap import read_colmap
+from splatcore.model.formats.file import (
+    array_field,
+    checked,
+    field,
+    input_error,
+    parse_json,
+    read_bytes,
+)
+from splatcore.spec.camera import Camera
+from splatcore.spec.error import InputError
+
+ORTHONORMAL_TOLERANCE = 1e-2
+"""Largest entry of R·Rᵀ − 1 at which a matrix of a file still counts as a rotation."""
+
+DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+"""Coefficients of lens distortion in transforms.json; all must be 0."""
+
+PINHOLE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL")
+"""Values of "camera_model" that are pinholes if the distortion is 0."""
+
+Named = list[tuple[Camera, str]]
+"""Cameras, each with the file name of its image ("" if the file has none)."""
+
+
+def read_cameras(path: str | os.PathLike) -> list[Camera]:
+    """All cameras of a cameras.json, a transforms.json or a COLMAP folder (or its parent)."""
+    return [camera for camera, _ in read_named(path)]
+
+
+def read_camera(text: str) -> Camera:
+    """The camera that "FILE" (its first) or "FILE:ID" means.
+
+    ID is a camera's name or its image's, with or without folder and extension. A colon may also
+    be part of FILE: the longest FILE that exists is taken.
+    """
+    path, camera_id = text, None
+    while not os.path.exists(path) and ":" in path:
+        path = path.rpartition(":")[0]
+        camera_id = text[len(path) + 1 :]
+    if not os.path.exists(path):
+        raise input_error(text, "no such file")
+    named = read_named(path)
+    if camera_id is None:
+        return named[0][0]
+    for camera, _ in named:
+        if camera.name == camera_id:
+            return camera
+    for camera, image in named:
+        base = os.path.basename(image)
+        if camera_id in (image, base, os.path.splitext(base)[0]):
+            return camera
+    some = ", ".join(camera.name for camera, _ in named[:5]) + (", …" if len(named) > 5 else "")
+    raise input_error(path, f"no camera {camera_id!r}; there are {len(named)}: {some}")
+
+
+def read_named(path: str | os.PathLike) -> Named:
+    """Cameras of any of the formats, each with its image's file name as the file has it."""
+    if os.path.isdir(path):
+        return read_colmap(path)
+    value = parse_json(read_bytes(path), path)
+    named = _inria(value, path) if isinstance(value, list) else _transforms(value, path)
+    if not named:
+        raise input_error(path, "holds no cameras")
+    return named
+
+
+def _camera(intrinsics: tuple, pose: np.ndarray, name: str, where: str) -> Camera:
+    """A camera from (width, height, fx, fy, cx, cy) and the pose [3, 4], camera to world."""
+    rotation, position = pose[:, :3], pose[:, 3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if not (error <= ORTHONORMAL_TOLERANCE and np.linalg.det(rotation) > 0):
+            raise input_error(where, "rotation is no rotation matrix")
+        translation = -rotation.T @ position
+    try:
+        return Camera(*intrinsics, rotation.T, translation, name)
+    except InputError as error:
+        raise input_error(where, error) from error
+
+
+def _text(table: dict, name: str, where: str) -> str:
+    """An optional text of a JSON object."""
+    return field(table, name, str, where) if name in table else ""
+
+
+def _number(table: dict, name: str, default: float, where: str) -> float:
+    """An optional number of a JSON object."""
+    return field(table, name, float, where) if name in table else default
+
+
+def _inria(value: list, path: str | os.PathLike) -> Named:
+    """cameras.json as the original 3DGS writes it (`camera_to_JSON`): `position` is the camera's
+    centre, `rotation` camera to world, both with OpenCV axes; cx and cy are an addition.
+    """
+    named = []
+    for index, entry in enumerate(value):
+        where = f"{path}: camera {index}"
+        entry = checked(entry, dict, where)
+        width, height = (field(entry, side, int, where) for side in ("width", "height"))
+        intrinsics = (
+            width,
+            height,
+            field(entry, "fx", float, where),
+            field(entry, "fy", float, where),
+            _number(entry, "cx", width / 2, where),
+            _number(entry, "cy", height / 2, where),
+        )
+        rotation = array_field(entry, "rotation", (3, 3), where)
+        position = array_field(entry, "position", (3,), where)
+        name = entry.get("id", index)
+        if not isinstance(name, str):
+            name = str(checked(name, int, f"{where}: 'id'"))
+        pose = np.column_stack([rotation, position])
+        named.append((_camera(intrinsics, pose, name, where), _text(entry, "img_name", where)))
+    return named
+
+
+def _transforms(value: object, path: str | os.PathLike) -> Named:
+    """transforms.json of instant-ngp and nerfstudio: `transform_matrix` is camera to world with
+    OpenGL axes (y up, z back); intrinsics in pixels stand in the file or in each frame.
+    """
+    table = checked(value, dict, path)
+    named = []
+    for index, entry in enumerate(field(table, "frames", list, path)):
+        where = f"{path}: frame {index}"
+        frame = table | checked(entry, dict, where)
+        _check_undistorted(frame, where)
+        matrix = field(frame, "transform_matrix", list, where)
+        rows = 3 if len(matrix) == 3 else 4
+        pose = array_field(frame, "transform_matrix", (rows, 4), where)
+        if rows == 4 and np.abs(pose[3] - (0, 0, 0, 1)).max() > ORTHONORMAL_TOLERANCE:
+            raise input_error(where, "'transform_matrix' does not end with the row 0 0 0 1")
+        pose = pose[:3] * (1, -1, -1, 1)  # OpenGL axes to OpenCV axes
+        camera = _camera(_frame_intrinsics(frame, where), pose, str(index), where)
+        named.append((camera, _text(frame, "file_path", where)))
+    return named
+
+
+def _check_undistorted(frame: dict, where: str) -> None:
+    """Refuses a lens that is not a pinhole."""
+    model = _text(frame, "camera_model", where) or "PINHOLE"
+    if model not in PINHOLE_MODELS:
+        raise input_error(where, f"'camera_model' {model} is not supported")
+    if frame.get("is_fisheye", False) is not False:
+        raise input_error(where, "'is_fisheye' is set, fisheye lenses are not supported")
+    for name in DISTORTION:
+        if _number(frame, name, 0.0, where) != 0:
+            raise input_error(where, f"{name!r} is not 0, lens distortion is not supported")
+
+
+def _frame_intrinsics(frame: dict, where: str) -> tuple:
+    """(width, height, fx, fy, cx, cy); a focal length may be given by a field of view instead."""
+    width, height = (field(frame, side, int, where) for side in ("w", "h"))
+
+    def focal(name: str, angle_name: str, side: int) -> float | None:
+        if name in frame:
+            return field(frame, name, float, where)
+        if angle_name not in frame:
+            return None
+        angle = field(frame, angle_name, float, where)
+        if not 0 < angle < math.pi:
+            raise input_error(where, f"{angle_name!r} {angle} is not between 0 and π")
+        return side / (2 * math.tan(angle / 2))
+
+    fx = focal("fl_x", "camera_angle_x", width)
+    if fx is None:
+        raise input_error(where, "'fl_x' is missing")
+    fy = focal("fl_y", "camera_angle_y", height) or fx  # square pixels unless stated
+    cx, cy = _number(frame, "cx", width / 2, where), _number(frame, "cy", height / 2, where)
+    return width, height, fx, fy, cx, cy
+
+
+def cameras_json(cameras: list[Camera]) -> str:
+    """The text of a cameras.json with these cameras; `read_cameras` reads it back."""
+    entries = [
+        {
+            "id": camera.name,
+            "img_name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "position": camera.position.tolist(),
+            "rotation": camera.rotation.T.tolist(),
+            "fx": camera.fx,
+            "fy": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+        }
+        for camera in cameras
+    ]
+    return json.dumps(entries, indent=1)

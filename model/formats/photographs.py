@@ -1,0 +1,143 @@
+"""Photographs with the cameras that took them: what a scene is trained on or fine-tuned to."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from splatcore.model.formats.camera_file import read_named
+from splatcore.model.formats.colmap import colmap_folder
+from splatcore.model.formats.file import input_error, reading
+from splatcore.spec.camera import Camera
+
+ASPECT_TOLERANCE = 1.0
+"""Pixels by which a photograph's height may differ from what its camera's aspect ratio says."""
+
+EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".JPG", ".PNG")
+"""What may be missing at the end of a file name in a transforms.json."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What a camera should see."""
+
+    camera: Camera
+    image: np.ndarray  # uint8 [H, W, 3], of the camera's size
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Photographs:
+    """What could be read of a folder of photographs; `notes` are lines for the user."""
+
+    targets: tuple[Target, ...]  # by file name
+    missing: tuple[str, ...]  # paths of those that cameras name and that cannot be read
+    notes: tuple[str, ...]
+
+
+def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs:
+    """Photographs of a COLMAP folder (in `images` beside or above `sparse`) or a transforms.json.
+
+    `scale` (0 … 1) shrinks photograph and camera together. A photograph larger or smaller than its
+    camera says gets a camera of its size, if the aspect ratio is the same; else InputError names it
+    and both sizes. One that is not there is counted in `missing`; InputError if none is there. One
+    that two cameras name counts for the first of them. Pixels are taken as they are stored,
+    whatever the EXIF orientation says, as COLMAP does; what is transparent is shown over black.
+    """
+    if not 0 < scale <= 1:
+        raise input_error("scale", f"{scale:g} is not in 0 … 1")
+    path = _transforms_file(path)
+    folder = _image_folder(path)
+    targets, missing, resized = [], [], 0
+    named = {name: camera for camera, name in reversed(read_named(path))}
+    if "" in named:
+        raise input_error(path, "a camera has no photograph's name")
+    for name, camera in sorted(named.items()):
+        file = _photograph(folder, name)
+        try:
+            with Image.open(file) as image:
+                picture = _over_black(image)
+        except (OSError, SyntaxError, ValueError):
+            missing.append(str(file))
+            continue
+        camera = replace(camera, name=name)
+        if picture.size != (camera.width, camera.height):
+            camera, resized = _same_aspect(camera, picture, file), resized + 1
+        targets.append(_shrunk(camera, picture, name, scale))
+    if not targets:
+        why = f"none of its {len(missing)} photographs can be read" if missing else "has no images"
+        raise input_error(path, why)
+    notes = []
+    if missing:
+        some = ", ".join(missing[:3]) + (", …" if len(missing) > 3 else "")
+        notes.append(f"{len(missing)} photographs are missing or broken and left out: {some}")
+    if resized:
+        notes.append(f"{resized} photographs are of another size than their cameras say")
+    return Photographs(tuple(targets), tuple(missing), tuple(notes))
+
+
+def held_out(
+    targets: Sequence[Target], every: int = 7
+) -> tuple[tuple[Target, ...], tuple[Target, ...]]:
+    """Targets to learn from, and every `every`-th one, beginning with the first, to judge by."""
+    if every < 1:
+        raise input_error("every", f"{every} is below 1")
+    kept = tuple(target for number, target in enumerate(targets) if number % every)
+    return kept, tuple(targets[::every])
+
+
+def _transforms_file(path: str | os.PathLike) -> Path:
+    """The transforms.json in a folder that has one; else the path itself."""
+    inside = Path(path, "transforms.json")
+    return inside if inside.is_file() else Path(path)
+
+
+def _image_folder(path: Path) -> Path:
+    """Where the file names of the cameras begin."""
+    if path.is_file():
+        return path.parent
+    model = colmap_folder(path)
+    for folder in (model, *model.absolute().parents[:2]):
+        if (folder / "images").is_dir():
+            return folder / "images"
+    raise input_error(path, "there is no folder `images` beside its COLMAP model")
+
+
+def _photograph(folder: Path, name: str) -> Path:
+    """The file of that name, with the extension that it may lack."""
+    for extension in EXTENSIONS:
+        if (folder / (name + extension)).is_file():
+            return folder / (name + extension)
+    return folder / name
+
+
+def _over_black(image: Image.Image) -> Image.Image:
+    """RGB; what is transparent shows black, and 16 bits of grey become 8."""
+    if image.mode.startswith("I;16"):
+        image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
+    if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
+        image = image.convert("RGBA")
+        black = Image.new("RGBA", image.size, (0, 0, 0, 255))
+        image = Image.alpha_composite(black, image)
+    return image.convert("RGB")
+
+
+def _same_aspect(camera: Camera, picture: Image.Image, file: Path) -> Camera:
+    """The camera with the photograph's size; InputError if that is another view."""
+    width, height = picture.size
+    if abs(height - camera.height * width / camera.width) > ASPECT_TOLERANCE:
+        sizes = f"{width}x{height} and its camera {camera.width}x{camera.height}"
+        raise input_error(file, f"is {sizes}: not the same view")
+    with reading(file):
+        return camera.resized(width, height)
+
+
+def _shrunk(camera: Camera, picture: Image.Image, name: str, scale: float) -> Target:
+    """A target at `scale`. Each pixel is the mean of those it covers, as a sensor's would be."""
+    width, height = (max(round(side * scale), 1) for side in picture.size)
+    if (width, height) != picture.size:
+        picture = picture.resize((width, height), Image.Resampling.BOX)
+    return Target(camera.resized(width, height), np.array(picture, np.uint8), name)

@@ -1,0 +1,200 @@
+"""PLY scenes: the original layout of 3DGS in any property order, and PlayCanvas's compressed PLY.
+
+Sources: Kerbl et al. 2023 (`GaussianModel.save_ply`) and PlayCanvas's "Compressed PLY" format,
+which `gsply` decodes.
+"""
+
+import os
+
+import gsply
+import numpy as np
+from plyfile import PlyData, PlyElement
+
+from splatcore.model.formats.file import (
+    check_count,
+    exp,
+    file_size,
+    input_error,
+    read_bytes,
+    reading,
+    sigmoid,
+)
+from splatcore.spec.scene import Scene, sh_count
+
+HEADER_MAX = 1 << 16
+"""Bytes within which a header must end."""
+
+SCALE_MIN = float(np.finfo(np.float32).tiny)
+"""Scales below are written as this: its logarithm is finite."""
+
+OPACITY_MARGIN = 2.0**-24
+"""Opacities are written at least this far from 0 and 1: the logit is finite."""
+
+CHUNK = 256
+"""Gaussians that share bounds in a compressed PLY."""
+
+REST_DEGREE = {3 * (sh_count(degree) - 1): degree for degree in range(4)}
+"""Number of f_rest properties → SH degree."""
+
+_BOUNDS = [
+    f"{side}_{name}"
+    for names in ("x y z", "scale_x scale_y scale_z", "r g b")
+    for side in ("min", "max")
+    for name in names.split()
+]
+_PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
+
+
+def read_ply(path: str | os.PathLike) -> Scene:
+    """The scene of a PLY file: binary of either byte order or ASCII, plain or compressed."""
+    _check_header(path)
+    with reading(path):
+        ply = PlyData.read(os.fspath(path))
+    elements = {element.name: element.data for element in ply.elements}
+    if "vertex" not in elements:
+        raise input_error(path, "element 'vertex' is missing")
+    check_count(len(elements["vertex"]), path)
+    return _compressed(elements, path) if "chunk" in elements else _plain(elements["vertex"], path)
+
+
+def _check_header(path: str | os.PathLike) -> None:
+    """Refuses what plyfile would allocate for, or loop over, beyond what the file can hold."""
+    size = file_size(path)
+    text = read_bytes(path, HEADER_MAX).decode("latin-1")
+    if not text.startswith("ply"):
+        raise input_error(path, "does not start with 'ply'")
+    # The first line's end is the end of all of them: LF, CR LF or CR, as plyfile has it.
+    newline = "\r\n" if text[3:5] == "\r\n" else text[3:4]
+    header, end, _ = text.partition(f"{newline}end_header{newline}")
+    if newline not in ("\n", "\r", "\r\n") or not end:
+        raise input_error(path, f"header has no 'end_header' within {HEADER_MAX} bytes")
+    elements: list[list] = []  # [name, count, properties]
+    bytes_per_value = 1
+    for words in (line.split() for line in header.split(newline)):
+        if words[:2] == ["format", "ascii"]:
+            bytes_per_value = 2  # a digit and a separator
+        elif words[:1] == ["element"]:
+            with reading(path, f"header: {' '.join(words)[:80]!r} has no count"):
+                elements.append([words[1], int(words[2]), 0])
+        elif words[:1] == ["property"] and elements:
+            elements[-1][2] += 1
+            if words[1:2] == ["list"]:
+                raise input_error(path, f"element {elements[-1][0]!r} has list properties")
+    for name, count, properties in elements:
+        if properties == 0 or not 0 <= count * properties * bytes_per_value <= size + 1:
+            raise input_error(
+                path, f"element {name!r}: {count} × {properties} values in {size} bytes"
+            )
+
+
+def _columns(table: np.ndarray, names: list[str], where: object) -> np.ndarray:
+    """Named properties of a structured array [N] as float64 [N, len(names)]."""
+    for name in names:
+        if name not in table.dtype.names:
+            raise input_error(where, f"property {name!r} is missing")
+    return np.stack([np.asarray(table[name], np.float64) for name in names], axis=1)
+
+
+def _rest_names(table: np.ndarray, where: object) -> list[str]:
+    """The names f_rest_0 … of a structured array, as many as it has, in numeric order."""
+    count = sum(name.startswith("f_rest_") for name in table.dtype.names)
+    if count not in REST_DEGREE:
+        raise input_error(where, f"{count} properties 'f_rest_*', not 0, 9, 24 or 45")
+    return [f"f_rest_{i}" for i in range(count)]
+
+
+def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
+    """The scene of an uncompressed `vertex` element: logarithms of scales, logits of opacities."""
+    rest = _rest_names(vertex, path)
+    colour = _columns(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"], path)
+    sh = colour[:, None, :]
+    if rest:  # channel-major: f_rest_[channel·K + coefficient]
+        higher = _columns(vertex, rest, path).reshape(len(vertex), 3, -1)
+        sh = np.concatenate([sh, higher.transpose(0, 2, 1)], axis=1)
+    return Scene(
+        position=_columns(vertex, ["x", "y", "z"], path),
+        scale=exp(_columns(vertex, ["scale_0", "scale_1", "scale_2"], path)),
+        quaternion=_columns(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"], path),
+        opacity=sigmoid(_columns(vertex, ["opacity"], path)[:, 0]),
+        sh=sh,
+        name=os.fspath(path),
+    )
+
+
+def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Scene:
+    """The scene of a compressed PLY: its elements, checked, are rewritten in the one layout that
+    gsply decodes without checks of its own.
+    """
+    chunk, vertex = elements["chunk"], elements["vertex"]
+    chunks = -(-len(vertex) // CHUNK)
+    if len(chunk) != chunks:
+        raise input_error(path, f"element 'chunk' has {len(chunk)} rows, not {chunks}")
+    names = _BOUNDS
+    if "min_r" not in chunk.dtype.names:  # files of SuperSplat 1 have no bounds of colours
+        names = _BOUNDS[:12]
+    bounds = np.zeros((chunks, len(_BOUNDS)), "<f4")
+    bounds[:, 15:] = 1
+    bounds[:, : len(names)] = _columns(chunk, names, path)
+    packed = _integers(vertex, _PACKED, np.uint32, path)
+    sh = np.zeros((len(vertex), 0), np.uint8)
+    if "sh" in elements:
+        if len(elements["sh"]) != len(vertex):
+            raise input_error(path, f"element 'sh' has {len(elements['sh'])} rows")
+        sh = _integers(elements["sh"], _rest_names(elements["sh"], path), np.uint8, path)
+    with reading(path):
+        data = gsply.decompress_from_bytes(_layout(bounds, packed, sh))
+    higher = np.asarray(data.shN, np.float64).reshape(len(vertex), -1, 3)
+    return Scene(
+        position=data.means,
+        scale=exp(data.scales),
+        quaternion=data.quats,
+        opacity=sigmoid(data.opacities),
+        sh=np.concatenate([np.asarray(data.sh0, np.float64)[:, None, :], higher], axis=1),
+        name=os.fspath(path),
+    )
+
+
+def _integers(table: np.ndarray, names: list[str], kind: type, where: object) -> np.ndarray:
+    """Named properties of a structured array [N], all of the type `kind`, as [N, len(names)]."""
+    _columns(table[:0], names, where)
+    for name in names:
+        if table.dtype[name].newbyteorder("=") != np.dtype(kind):
+            raise input_error(where, f"property {name!r} is not {np.dtype(kind).name}")
+    columns = [np.asarray(table[name], kind) for name in names]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(table), 0), kind)
+
+
+def _layout(bounds: np.ndarray, packed: np.ndarray, sh: np.ndarray) -> bytes:
+    """The canonical compressed PLY of bounds [C, 18], packed [N, 4] and sh [N, 0 | 9 | 24 | 45]."""
+    lines = ["ply", "format binary_little_endian 1.0", f"element chunk {len(bounds)}"]
+    lines += [f"property float {name}" for name in _BOUNDS]
+    lines += [f"element vertex {len(packed)}"] + [f"property uint {name}" for name in _PACKED]
+    if sh.shape[1]:
+        lines += [f"element sh {len(sh)}"]
+        lines += [f"property uchar f_rest_{i}" for i in range(sh.shape[1])]
+    header = "\n".join([*lines, "end_header", ""]).encode()
+    return header + bounds.tobytes() + packed.astype("<u4").tobytes() + sh.tobytes()
+
+
+def write_ply(path: str | os.PathLike, scene: Scene) -> None:
+    """Writes the original layout of 3DGS: binary, little-endian, float32, normals of zero."""
+    opacity = np.clip(scene.opacity, OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+    with np.errstate(divide="ignore"):
+        log_scale = np.log(np.maximum(scene.scale, SCALE_MIN))
+    rest = scene.sh[:, 1:].transpose(0, 2, 1).reshape(len(scene), -1)  # channel-major
+    groups = [
+        ("x y z", scene.position),
+        ("nx ny nz", np.zeros((len(scene), 3))),
+        ("f_dc_0 f_dc_1 f_dc_2", scene.sh[:, 0]),
+        (" ".join(f"f_rest_{i}" for i in range(rest.shape[1])), rest),
+        ("opacity", np.log(opacity / (1 - opacity))[:, None]),
+        ("scale_0 scale_1 scale_2", log_scale),
+        ("rot_0 rot_1 rot_2 rot_3", scene.quaternion),
+    ]
+    names = " ".join(names for names, _ in groups).split()
+    vertex = np.empty(len(scene), [(name, "<f4") for name in names])
+    with np.errstate(over="ignore"):
+        for name, column in zip(names, np.hstack([part for _, part in groups]).T, strict=True):
+            vertex[name] = column
+    with reading(path, "cannot be written"):
+        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(os.fspath(path))

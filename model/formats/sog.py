@@ -1,0 +1,217 @@
+"""SOG scenes (a zip of meta.json and WebP images), versions 1 and 2.
+
+Source: PlayCanvas, "The SOG Format". Pixel i of an image, row by row, belongs to Gaussian i.
+Version 2 looks bytes up in a codebook; version 1 places them linearly between `mins` and `maxs`.
+"""
+
+import io
+import os
+import zipfile
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from splatcore.model.formats.file import (
+    array_field,
+    check_count,
+    check_expansion,
+    checked,
+    exp,
+    field,
+    input_error,
+    parse_json,
+    read_bytes,
+    reading,
+    sigmoid,
+)
+from splatcore.spec.scene import Scene
+
+PALETTE_ROW = 64
+"""SH vectors side by side in a row of the centroids image."""
+
+QUATERNION_TAG = 252
+"""The alpha of a quaternion's pixel is this plus the index of its largest component."""
+
+CODEBOOK_MAX = 256
+
+_COEFFICIENTS = {1: 3, 2: 8, 3: 15}
+"""SH degree → coefficients per channel beyond the constant one."""
+
+
+@dataclass(frozen=True)
+class Sog:
+    """An open file: where it lies, how long it is, its zip archive, its meta.json and version."""
+
+    path: str | os.PathLike
+    size: int
+    archive: zipfile.ZipFile
+    meta: dict
+    version: int
+
+    def section(self, name: str) -> tuple[dict, str]:
+        """A named object of meta.json, and the words that locate it in messages."""
+        return field(self.meta, name, dict, f"{self.path}: meta.json"), f"{self.path}: {name}"
+
+    def pixels(self, name: str, index: int = 0) -> np.ndarray:
+        """Image `index` of a section as uint8 [height, width, 4]."""
+        section, where = self.section(name)
+        files = field(section, "files", list, where)
+        if index >= len(files):
+            raise input_error(where, f"'files' has {len(files)} entries, not {index + 1}")
+        file = checked(files[index], str, f"{where}: 'files'")
+        data = _entry(self.archive, file, self.path, self.size)
+        where = f"{self.path}: {file}"
+        with reading(where, "is no WebP or PNG image"):
+            image = Image.open(io.BytesIO(data), formats=("WEBP", "PNG"))
+        if image.mode not in ("RGB", "RGBA"):
+            raise input_error(where, f"has pixels of mode {image.mode}, not RGB or RGBA")
+        check_expansion(4 * image.width * image.height, self.size, where)
+        with reading(where, "is a broken image"):
+            return np.asarray(image.convert("RGBA"))  # a missing alpha is 255 throughout
+
+    def values(self, name: str, codes: np.ndarray) -> np.ndarray:
+        """Dequantised bytes [N, C] of a section, float64."""
+        section, where = self.section(name)
+        if self.version == 1:
+            shape = () if name == "shN" else (codes.shape[-1],)
+            low, high = (array_field(section, side, shape, where) for side in ("mins", "maxs"))
+            return low + (high - low) * (codes / 255)
+        codebook = _codebook(section, where)
+        if codes.max(initial=0) >= len(codebook):
+            raise input_error(where, f"index {codes.max()} is outside its 'codebook'")
+        return codebook[codes]
+
+
+def read_sog(path: str | os.PathLike) -> Scene:
+    """The scene of a SOG file."""
+    data = read_bytes(path)
+    with reading(path, "is no zip archive"):
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    text = _entry(archive, "meta.json", path, len(data))
+    meta = checked(parse_json(text, f"{path}: meta.json"), dict, f"{path}: meta.json")
+    version = field(meta, "version", int, path) if "version" in meta else 1
+    if version not in (1, 2):
+        raise input_error(path, f"SOG version {version} is not known")
+    return _scene(Sog(path, len(data), archive, meta, version))
+
+
+def _entry(archive: zipfile.ZipFile, name: str, path: str | os.PathLike, size: int) -> bytes:
+    """A file of the archive, whose declared size is checked before it is unpacked."""
+    if name not in archive.namelist():
+        raise input_error(path, f"no {name}")
+    where = f"{path}: {name}"
+    info = archive.getinfo(name)
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise input_error(where, f"zip compression {info.compress_type} is not supported")
+    check_expansion(info.file_size, size, where)
+    with reading(where):
+        return archive.read(info)
+
+
+def _codebook(section: dict, where: str) -> np.ndarray:
+    """The codebook of a section, up to 256 numbers."""
+    numbers = list(field(section, "codebook", list, where))
+    if not 1 <= len(numbers) <= CODEBOOK_MAX:
+        raise input_error(where, f"'codebook' has {len(numbers)} entries, not 1 … {CODEBOOK_MAX}")
+    if numbers[0] is None and len(numbers) == CODEBOOK_MAX:
+        # A known fault of early writers; the entry is extrapolated as PlayCanvas's engine does.
+        second, last = (checked(numbers[i], float, f"{where}: 'codebook'") for i in (1, -1))
+        numbers[0] = second + (second - last) / 255
+    return array_field({"codebook": numbers}, "codebook", (len(numbers),), where)
+
+
+def _scene(sog: Sog) -> Scene:
+    """The scene of an open file."""
+    images = {name: sog.pixels(name) for name in ("means", "quats", "scales", "sh0")}
+    images["means, upper bytes"] = sog.pixels("means", 1)
+    labels = None
+    if "shN" in sog.meta:
+        labels = images["shN, labels"] = sog.pixels("shN", 1)
+    size = images["means"].shape
+    for name, image in images.items():
+        if image.shape != size:
+            raise input_error(
+                sog.path, f"{name} is {image.shape[1]}×{image.shape[0]}, not {size[1]}×{size[0]}"
+            )
+    count = _count(sog)
+    check_count(count, sog.path)
+    if count > size[0] * size[1]:
+        raise input_error(sog.path, f"{count} Gaussians in images of {size[1]}×{size[0]} pixels")
+    rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
+    opacity, colour = _colour(sog, rows["sh0"])
+    sh = colour[:, None, :]
+    if labels is not None:
+        sh = np.concatenate([sh, _higher(sog, rows["shN, labels"])], axis=1)
+    return Scene(
+        position=_position(sog, rows["means"], rows["means, upper bytes"]),
+        scale=exp(sog.values("scales", rows["scales"][:, :3])),
+        quaternion=_quaternion(sog, rows["quats"]),
+        opacity=opacity,
+        sh=sh,
+        name=os.fspath(sog.path),
+    )
+
+
+def _count(sog: Sog) -> int:
+    """The number of Gaussians."""
+    if sog.version == 2:
+        return field(sog.meta, "count", int, f"{sog.path}: meta.json")
+    means, where = sog.section("means")
+    shape = field(means, "shape", list, where)
+    if not shape:
+        raise input_error(where, "'shape' is empty")
+    return checked(shape[0], int, f"{where}: 'shape'")
+
+
+def _position(sog: Sog, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Positions [N, 3] in scene units: 16-bit codes of sign(x)·ln(1 + |x|)."""
+    means, where = sog.section("means")
+    low, high = (array_field(means, side, (3,), where) for side in ("mins", "maxs"))
+    codes = lower[:, :3] + 256.0 * upper[:, :3]
+    logarithm = low + (high - low) * (codes / 65535)
+    return np.sign(logarithm) * (exp(np.abs(logarithm)) - 1)
+
+
+def _quaternion(sog: Sog, rows: np.ndarray) -> np.ndarray:
+    """Quaternions [N, 4] (w, x, y, z): three components of ± 1/√2, the largest from the norm."""
+    largest = rows[:, 3].astype(np.int64) - QUATERNION_TAG
+    if (largest < 0).any():
+        index = int(np.argmax(largest < 0))
+        raise input_error(sog.path, f"quats: Gaussian {index} has the tag {rows[index, 3]}")
+    small = (rows[:, :3] / 255 - 0.5) * np.sqrt(2)
+    quaternion = np.empty((len(rows), 4))
+    # The three keep their order and fill the places that the largest leaves free.
+    free = np.arange(4) != largest[:, None]
+    quaternion[free] = small.ravel()
+    quaternion[~free] = np.sqrt(np.maximum(0, 1 - (small**2).sum(axis=1)))
+    return quaternion
+
+
+def _colour(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Opacities [N] and SH coefficients of degree 0 [N, 3]."""
+    if sog.version == 1:
+        values = sog.values("sh0", rows)
+        return sigmoid(values[:, 3]), values[:, :3]
+    return rows[:, 3] / 255, sog.values("sh0", rows[:, :3])
+
+
+def _higher(sog: Sog, rows: np.ndarray) -> np.ndarray:
+    """SH coefficients of degree 1 and up, [N, 3 | 8 | 15, 3], looked up by 16-bit labels."""
+    section, where = sog.section("shN")
+    image = sog.pixels("shN")
+    height, width, _ = image.shape
+    if sog.version == 2:
+        coefficients = _COEFFICIENTS.get(field(section, "bands", int, where))
+        count = field(section, "count", int, where)
+    else:
+        coefficients, count = width // PALETTE_ROW, PALETTE_ROW * height
+    if coefficients not in _COEFFICIENTS.values():
+        raise input_error(where, "SH degree is not 1, 2 or 3")
+    if width != PALETTE_ROW * coefficients or not 1 <= count <= PALETTE_ROW * height:
+        raise input_error(where, f"{count} × {coefficients} centroids in {width}×{height} pixels")
+    labels = rows[:, 0] + 256 * rows[:, 1].astype(np.int64)
+    if labels.max() >= count:
+        raise input_error(where, f"label {labels.max()} is outside its {count} centroids")
+    codes = image[..., :3].reshape(-1, 3 * coefficients)[:count]
+    return sog.values("shN", codes).reshape(count, coefficients, 3)[labels]

@@ -1,0 +1,36 @@
+""".splat scenes: 32 bytes a Gaussian, no header. Source: antimatter15/splat, `main.js`."""
+
+import os
+
+import numpy as np
+
+from splatcore.model.formats.file import input_error, read_bytes
+from splatcore.spec.scene import Scene
+
+SH_C0 = 0.5 / np.sqrt(np.pi)
+"""The constant basis function; colour = 0.5 + SH_C0 · coefficient."""
+
+RECORD = np.dtype(
+    [("position", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("quaternion", "u1", 4)]
+)
+"""scale is linear, in scene units; colour RGBA; quaternion (w, x, y, z), 128 stands for 0."""
+
+
+def read_splat(path: str | os.PathLike) -> Scene:
+    """The scene of a .splat file; SH degree 0."""
+    data = read_bytes(path)
+    if len(data) % RECORD.itemsize:
+        raise input_error(path, f"{len(data)} bytes are no multiple of {RECORD.itemsize}")
+    record = np.frombuffer(data, RECORD)
+    colour = record["colour"].astype(np.float64) / 255
+    # A negative scale gives the covariance of its absolute value.
+    negative = int((record["scale"] < 0).any(axis=1).sum())
+    return Scene(
+        position=record["position"],
+        scale=np.abs(record["scale"]),
+        quaternion=(record["quaternion"].astype(np.float64) - 128) / 128,
+        opacity=colour[:, 3],
+        sh=((colour[:, :3] - 0.5) / SH_C0)[:, None, :],
+        name=os.fspath(path),
+        notes=(f"{negative} Gaussians with a negative scale, sign dropped",) if negative else (),
+    )

@@ -1,0 +1,195 @@
+"""SPZ scenes, versions 1 to 4. Source: github.com/nianticlabs/spz; `gsply` decodes the sections.
+
+gsply checks little before its compiled loops allocate and run, so header, sizes and streams are
+checked here first. A file stores the axes RUB (x right, y up, z back): `turned` gives those of PLY.
+"""
+
+import gzip
+import os
+import struct
+import tempfile
+import zlib
+from dataclasses import dataclass, replace
+
+import gsply
+import numpy as np
+import zstandard
+
+from splatcore.model.formats.file import (
+    check_count,
+    check_expansion,
+    exp,
+    input_error,
+    read_bytes,
+    reading,
+    sigmoid,
+)
+from splatcore.spec.convention import SH_DEGREE_MAX
+from splatcore.spec.scene import Scene, sh_count
+
+GZIP_MAGIC = b"\x1f\x8b\x08"
+"""Starts a file of version 1 to 3: one gzip stream, header and sections."""
+
+SPZ_MAGIC = b"NGSP"
+"""Starts a header: inside the gzip stream, or a file of version 4 (one zstd stream a section)."""
+
+FRACTION_MAX = 24
+"""Most fractional bits of a position, which has 24 bits."""
+
+ANTIALIASED = 1
+"""Flag of a scene trained with a renderer that makes up in opacity for the covariance's blur."""
+
+EXTENSION_MAX = 1 << 20
+"""Bytes that may follow the sections of a gzip stream."""
+
+SH_SIGN = np.array(
+    [
+        (-1) ** (degree - abs(order)) * (-1 if order < 0 else 1)
+        for degree in range(SH_DEGREE_MAX + 1)
+        for order in range(-degree, degree + 1)
+    ]
+)
+"""Y(x, −y, −z) / Y(x, y, z) of the basis functions in the order of 3DGS, [16].
+
+The function of a degree and an order −degree … degree is even or odd in z as degree − |order|,
+and odd in y if its order is negative: degree 1 is −y, z, −x; degree 2 xy, yz, 2z²−x²−y², xz, x²−y².
+"""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the header of any version says; `sections` are the sizes in bytes, in file order."""
+
+    version: int
+    count: int
+    degree: int
+    fraction: int
+    flags: int
+
+    @property
+    def sections(self) -> list[int]:
+        position = 6 if self.version == 1 else 9  # three half floats, or 3 × 24 bit
+        quaternion = 3 if self.version < 3 else 4
+        sh = 3 * (sh_count(self.degree) - 1)
+        return [self.count * size for size in (position, 1, 3, 3, quaternion, sh) if size]
+
+
+def read_spz(path: str | os.PathLike) -> Scene:
+    """The scene of an SPZ file, in the axes of PLY."""
+    data = read_bytes(path)
+    if data.startswith(SPZ_MAGIC):
+        header = _check_streams(data, path)
+    elif data.startswith(GZIP_MAGIC):
+        header, payload = _gunzip(data, path)
+    else:
+        raise input_error(path, "is no SPZ file")
+    scene = _read_version_1(header, payload, path) if header.version == 1 else _decode(path, path)
+    if header.flags & ANTIALIASED:
+        scene = replace(scene, notes=(*scene.notes, "trained with antialiasing: rendered without"))
+    return scene
+
+
+def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
+    """The first 16 bytes, common to all versions, checked."""
+    if len(data) < 16 or not data.startswith(SPZ_MAGIC):
+        raise input_error(path, "has no SPZ header")
+    header = Header(*struct.unpack_from("<IIBBB", data, 4))
+    if header.version not in versions:
+        raise input_error(path, f"SPZ version {header.version} is not known")
+    if header.degree > SH_DEGREE_MAX:
+        raise input_error(path, f"SH degree {header.degree} is not supported")
+    if not 1 <= header.fraction <= FRACTION_MAX:
+        raise input_error(path, f"{header.fraction} fractional bits, not 1 … {FRACTION_MAX}")
+    check_count(header.count, path)
+    return header
+
+
+def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes]:
+    """Header and sections of a file of version 1 to 3; never more than the header promises."""
+    with reading(path):
+        stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
+        header = _header(stream.decompress(data, 16), range(1, 4), path)
+        size = sum(header.sections)
+        check_expansion(size, len(data), path)
+        payload = stream.decompress(stream.unconsumed_tail, size + EXTENSION_MAX)
+    if len(payload) < size:
+        raise input_error(path, f"holds {len(payload)} of the {size} bytes of its Gaussians")
+    if not stream.eof:
+        raise input_error(path, "gzip stream is cut off or longer than its header says")
+    if stream.unused_data:
+        raise input_error(path, f"{len(stream.unused_data)} bytes follow the gzip stream")
+    return header, payload[:size]
+
+
+def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
+    """Header of a file of version 4, its table of contents and the zstd streams checked."""
+    header = _header(data, range(4, 5), path)
+    check_expansion(sum(header.sections), len(data), path)
+    if len(data) < 32:
+        raise input_error(path, "header is cut off")
+    streams, toc = struct.unpack_from("<BI", data, 15)
+    if streams != len(header.sections):
+        raise input_error(path, f"{streams} streams, not {len(header.sections)}")
+    start = toc + 16 * streams
+    if toc < 32 or start > len(data):
+        raise input_error(path, f"table of contents at byte {toc} is outside the file")
+    for index, size in enumerate(header.sections):
+        stored, claimed = struct.unpack_from("<QQ", data, toc + 16 * index)
+        if claimed != size:
+            raise input_error(path, f"stream {index} has {claimed} bytes, not {size}")
+        if start + stored > len(data):
+            raise input_error(path, f"stream {index} is cut off")
+        with reading(path, f"stream {index} is no zstd stream"):
+            # −1: the frame does not say, and gsply stops at the size it expects.
+            content = zstandard.frame_content_size(data[start : start + stored])
+        if content not in (-1, size):
+            raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
+        start += stored
+    return header
+
+
+def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> Scene:
+    """Version 1 is version 2 with half-float positions, which gsply does not know: it decodes the
+    rest from a file of version 2 with zeros for positions.
+    """
+    count, size = header.count, header.sections[0]
+    position = np.frombuffer(payload[:size], "<f2").reshape(count, 3).astype(np.float64)
+    start = SPZ_MAGIC + struct.pack("<IIBBxx", 2, count, header.degree, header.fraction)
+    with reading(path), tempfile.NamedTemporaryFile(suffix=".spz") as file:
+        file.write(gzip.compress(start + bytes(9 * count) + payload[size:], compresslevel=1))
+        file.flush()
+        scene = _decode(file.name, path)
+    return replace(scene, position=position * (1, -1, -1))
+
+
+def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
+    """The scene of a checked file `source`; `path` is the name that the user knows."""
+    with reading(path):
+        data = gsply.read_spz(source)
+    sh = np.asarray(data.sh0, np.float64)[:, None, :]
+    if data.shN is not None and data.shN.size:
+        sh = np.concatenate([sh, np.asarray(data.shN, np.float64)], axis=1)
+    return turned(
+        Scene(
+            position=data.means,
+            scale=exp(data.scales),
+            quaternion=data.quats,
+            opacity=sigmoid(data.opacities),
+            sh=sh,
+            name=os.fspath(path),
+        )
+    )
+
+
+def turned(scene: Scene) -> Scene:
+    """The scene with y and z negated, half a turn about x: from RUB to the axes of PLY, and back.
+
+    The quaternion q becomes i·q·i⁻¹ = (w, x, −y, −z), the half turn on both sides: the right one
+    only negates two of the Gaussian's own axes, which leaves its covariance as it is.
+    """
+    return replace(
+        scene,
+        position=scene.position * (1, -1, -1),
+        quaternion=scene.quaternion * (1, 1, -1, -1),
+        sh=scene.sh * SH_SIGN[: scene.sh.shape[1], None],
+    )

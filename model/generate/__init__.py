@@ -1,0 +1,4 @@
+"""Generated scenes: the garden, and the hard cases of tests and benchmarks.
+
+May import: spec.
+"""

@@ -1,0 +1,68 @@
+"""A small outdoor scene made of Gaussians only: the project's own test scene, of any size."""
+
+import numpy as np
+
+from splatcore.model.generate.garden_flowers import flowers
+from splatcore.model.generate.garden_ground import ground, hills, path, sky
+from splatcore.model.generate.garden_light import sh_coefficients
+from splatcore.model.generate.garden_objects import bench, bird_bath, fence
+from splatcore.model.generate.garden_plants import bushes, far_trees, grass, tree
+from splatcore.model.generate.garden_splats import join, quaternions, share_out
+from splatcore.spec.camera import Camera, look_at
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import Scene
+
+PARTS = {
+    "grass": (grass, 0.20),
+    "tree": (tree, 0.19),
+    "flowers": (flowers, 0.135),
+    "ground": (ground, 0.085),
+    "bushes": (bushes, 0.105),
+    "path": (path, 0.07),
+    "fence": (fence, 0.07),
+    "bench": (bench, 0.03),
+    "bird_bath": (bird_bath, 0.03),
+    "far_trees": (far_trees, 0.035),
+    "sky": (sky, 0.04),
+    "hills": (hills, 0.010),
+}
+"""Name → (function of a generator and a count, share of the Gaussians), in storage order."""
+
+
+def part_counts(count: int) -> dict[str, int]:
+    """How many of `count` Gaussians each part of the garden gets; they follow one another."""
+    return dict(zip(PARTS, share_out(count, [s for _, s in PARTS.values()]).tolist(), strict=True))
+
+
+def garden(count: int = 20_000, seed: int = 0) -> Scene:
+    """A garden of exactly `count` ≥ 1 Gaussians, SH degree 1, in the PLY frame of 3DGS.
+
+    y points down, the ground lies near y = 0, the objects within about 4 units of the origin, the
+    sky at 160. The result depends on (count, seed) only: each part draws from
+    numpy.random.default_rng([seed, index of the part]). `seed` changes details, not the plan.
+    Shares of the parts hold for every count; splats shrink as count grows.
+    Raises InputError for a count below 1 or a negative seed.
+    """
+    if count < 1:
+        raise InputError(f"garden: count {count} is not ≥ 1")
+    if seed < 0:
+        raise InputError(f"garden: seed {seed} is not ≥ 0")
+    built = []
+    for index, (name, number) in enumerate(part_counts(count).items()):
+        if number:
+            built.append(PARTS[name][0](np.random.default_rng([seed, index]), number))
+    whole = join(built)
+    return Scene(
+        whole.position,
+        whole.scale,
+        quaternions(whole.frame),
+        whole.opacity,
+        sh_coefficients(whole),
+        name="garden",
+    )
+
+
+def garden_camera(width: int = 960, height: int = 540) -> Camera:
+    """The garden seen from the path at eye height; about 58° wide at any size."""
+    eye, target = np.array([0.3, -1.45, -5.5]), np.array([0.0, -1.08, 0.0])
+    return look_at(eye, target, width, height, focal=0.9 * width, name="garden")

@@ -1,0 +1,84 @@
+"""What the hard cases have in common: their record, their camera, Gaussians spread over a view."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatcore.spec.camera import Camera
+from splatcore.spec.convention import COLOUR_OFFSET
+from splatcore.spec.scene import Scene
+
+WIDTH, HEIGHT = 64, 48
+"""Pixels of a hard case unless its size is the point: few tiles, so that RTL runs in minutes."""
+
+FOCAL = 64.0
+"""Pixels. A power of two, so that pixel centres have exact world coordinates."""
+
+DEPTH = 4.0
+"""Depth of what has no reason to lie elsewhere, scene units."""
+
+TILE_CORNER = 16
+"""The cases about one tile fill the one whose first pixel is (16, 16)."""
+
+SH_0 = 0.28209479177387814
+"""Degree-0 spherical harmonic: colour = SH_0·coefficient + 0.5."""
+
+
+@dataclass(frozen=True, eq=False)
+class HardCase:
+    """A scene that a renderer may stumble over, and the camera that sees the corner."""
+
+    scene: Scene
+    camera: Camera
+    about: str  # what the corner is and why it is hard, one line
+
+
+def straight_camera(width: int = WIDTH, height: int = HEIGHT) -> Camera:
+    """At the origin, looking along +z: camera space is world space, bit for bit."""
+    eye, origin = np.eye(3), np.zeros(3)
+    return Camera(width, height, FOCAL, FOCAL, width / 2, height / 2, eye, origin, "straight")
+
+
+def behind_pixel(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """World points [N, 3] that the 64×48 straight camera sees at pixel (u, v) and `depth`."""
+    u, v, depth = np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (u, v, depth)))
+    x = (u + 0.5 - WIDTH / 2) / FOCAL * depth
+    y = (v + 0.5 - HEIGHT / 2) / FOCAL * depth
+    return np.stack([x, y, depth], axis=1)
+
+
+def sh_of_colour(colour: np.ndarray) -> np.ndarray:
+    """SH [N, 4, 3] of degree 1 that shows `colour` [N, 3] from everywhere."""
+    sh = np.zeros((len(colour), 4, 3))
+    sh[:, 0] = (np.asarray(colour) - COLOUR_OFFSET) / SH_0
+    return sh
+
+
+def spread(rng: np.random.Generator, count: int, depth=DEPTH, pixels=(0.5, 4.0)) -> Scene:
+    """Unremarkable Gaussians all over the view of the 64×48 straight camera.
+
+    `depth` is a number or [count], `pixels` the range of the standard deviations on screen.
+    """
+    depth = np.broadcast_to(np.asarray(depth, np.float64), count)
+    u, v = rng.uniform(0, WIDTH - 1, count), rng.uniform(0, HEIGHT - 1, count)
+    sh = sh_of_colour(rng.uniform(0.05, 0.95, (count, 3)))
+    sh[:, 1:] = rng.normal(0, 0.1, (count, 3, 3))
+    return Scene(
+        behind_pixel(u, v, depth),
+        rng.uniform(*pixels, (count, 3)) * depth[:, None] / FOCAL,
+        rng.standard_normal((count, 4)),
+        rng.uniform(0.1, 0.99, count),
+        sh,
+    )
+
+
+def in_one_tile(rng: np.random.Generator, scene: Scene, depth: np.ndarray) -> Scene:
+    """`scene` with its centres moved into the tile at (16, 16), to `depth` [N]."""
+    u, v = rng.uniform(TILE_CORNER, TILE_CORNER + 15, (2, len(scene)))
+    return replace(scene, position=behind_pixel(u, v, depth))
+
+
+def together(*scenes: Scene) -> Scene:
+    """One scene of all Gaussians of `scenes`, in order; their SH degrees are equal."""
+    names = ("position", "scale", "quaternion", "opacity", "sh")
+    return Scene(*(np.concatenate([getattr(s, name) for s in scenes]) for name in names))

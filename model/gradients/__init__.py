@@ -1,0 +1,4 @@
+"""Rendering with gradients and fine-tuning. Needs the extra [compress] (PyTorch).
+
+May import: spec, model.formats.
+"""

@@ -1,0 +1,102 @@
+"""Fine-tuning: Adam on the parameters of a scene until its pictures are those it should have."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import torch
+
+from splatcore.model.formats.photographs import Target
+from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.trainable import Tensors, rendered
+from splatcore.spec.error import InputError
+
+Tell = Callable[[str, int, int, float | None], None]
+"""Called with what is done, how much of it, of how much, and the mean loss lately."""
+
+DECAY = 0.1
+"""What is left of the learning rates at the end of a phase; they fall by the same share a step."""
+
+DECAY_MEANS = 0.01
+"""The same of the positions' (3DGS: from 1.6e-4 to 1.6e-6)."""
+
+WARM_UP = 10
+"""Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
+
+SMOOTHING = 0.95
+"""Of the loss that is told: its moving average."""
+
+
+def views_in_turn(targets: Sequence, seed: int) -> Iterator:
+    """The targets in random order, all before one comes again; the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    while True:
+        for index in rng.permutation(len(targets)):
+            yield targets[index]
+
+
+def as_tensor(image: np.ndarray, like: torch.Tensor) -> torch.Tensor:
+    """A uint8 image [H, W, 3] as numbers 0 … 1."""
+    return torch.from_numpy(image).to(like.device).to(like.dtype) / 255
+
+
+def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+    """Mean absolute error of a picture, clipped as the 8-bit one is: the paper's pure L1."""
+    return (picture.clamp(0, 1) - wanted).abs().mean()
+
+
+def optimise(
+    optimizers: dict[str, torch.optim.Adam],
+    steps: int,
+    loss_of: Callable[[int], torch.Tensor],
+    tell: Tell,
+    what: str,
+) -> float | None:
+    """`steps` steps of Adam with learning rates that rise, then fall; returns the mean loss lately.
+
+    InputError, saying at which step, if the loss is NaN or infinite: the parameters are not changed
+    by it.
+    """
+    mean = None
+    falling = {
+        name: (DECAY_MEANS if name == "means" else DECAY) ** (1 / max(steps, 1))
+        for name in optimizers
+    }
+    full = {name: optimizer.param_groups[0]["lr"] for name, optimizer in optimizers.items()}
+    for step in range(steps):
+        loss = loss_of(step)
+        value = float(loss.detach())
+        if not np.isfinite(value):
+            raise InputError(f"{what}: the loss is {value} at step {step + 1} of {steps}")
+        loss.backward()
+        for name, optimizer in optimizers.items():
+            rise = min((step + 1) / WARM_UP, 1.0)
+            optimizer.param_groups[0]["lr"] = full[name] * rise * falling[name] ** step
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        mean = value if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * value
+        tell(what, step + 1, steps, mean)
+    return mean
+
+
+def finetune(
+    tensors: Tensors,
+    optimizers: dict[str, torch.optim.Adam],
+    targets: Sequence[Target],
+    steps: int,
+    seed: int,
+    tell: Tell,
+    what: str,
+    parameters: Callable[[Tensors], tuple[torch.Tensor, ...]] = rendered,
+) -> float | None:
+    """Fit a scene to its targets with pure L1; returns the mean loss of the last steps.
+
+    `parameters` makes of the tensors what is rendered.
+    """
+    views = views_in_turn(targets, seed)
+
+    def loss_of(step: int) -> torch.Tensor:
+        target = next(views)
+        picture = render(*parameters(tensors), target.camera).image
+        return difference(picture, as_tensor(target.image, picture))
+
+    return optimise(optimizers, steps, loss_of, tell, what)

@@ -1,0 +1,265 @@
+"""Projection of Gaussians to splats for optimisation, and its gradients, compiled by numba.
+
+The conventions are those of `spec.convention`; the formulas of the gradients are the chain rule on
+those of the reference renderer. With p = R·x + t, slopes s = p.xy / p.z, the Jacobian J and
+M = J·R·A (2×3) of a factor A, the splat's covariance is Σ = M·Mᵀ + blur and its conic K = Σ⁻¹, so
+dΣ = −K·dK·K, dM = 2·dΣ·M, dA = (J·R)ᵀ·dM. Parallel over Gaussians, each by one thread.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from splatcore.spec.camera import Camera
+from splatcore.spec.convention import Convention
+from splatcore.spec.packed import SH_C0, SH_C1
+
+C2 = np.sqrt(np.array([15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))
+C3 = np.sqrt(np.array([35 / 8, 105, 21 / 8, 7 / 4, 21 / 8, 105 / 4, 35 / 8]) / (4 * np.pi))
+"""Constants of the harmonics of degrees 2 and 3 (Sloan 2008, appendix A2)."""
+
+U, V, A, B, C, OPACITY, RED, GREEN, BLUE, REACH, WIDE, HIGH = range(12)
+"""Columns of a splat: centre (pixels), conic (1/pixel²), opacity, colour, the largest quadratic
+form with alpha ≥ alpha_min, and the half sides (pixels) of the box around it."""
+
+GRADIENTS = 9
+"""The first columns, those that the picture depends on smoothly."""
+
+
+def view_numbers(camera: Camera, convention: Convention) -> np.ndarray:
+    """What the kernels know of a camera, [28]: R, t, its centre, and the intrinsics."""
+    limit = convention.frustum_margin * np.array(camera.tan_half_fov)
+    shift = convention.principal_point_shift + convention.pixel_centre
+    return np.concatenate([
+        camera.rotation.reshape(-1), camera.translation, camera.position,
+        (camera.fx, camera.fy, camera.cx - shift, camera.cy - shift), limit,
+        (convention.near_plane, convention.covariance_blur, convention.alpha_min,
+         convention.colour_offset, camera.width, camera.height),
+    ])  # fmt: skip
+
+
+@njit(cache=True)
+def _projected(position, factor, view, point, slope, rows, m):
+    """Camera coordinates `point` [3], clamped `slope` [2], J·R in `rows` [2, 3], M in `m` [2, 3];
+    returns whether the Gaussian is in front of the near plane."""
+    for i in range(3):
+        point[i] = view[9 + i]
+        for j in range(3):
+            point[i] += view[3 * i + j] * position[j]
+    z = point[2]
+    if not z > view[21]:
+        return False
+    for i in range(2):
+        focal, limit = view[15 + i], view[19 + i]
+        slope[i] = min(max(point[i] / z, -limit), limit)
+        for j in range(3):
+            rows[i, j] = focal / z * (view[3 * i + j] - slope[i] * view[6 + j])
+    for i in range(2):
+        for j in range(3):
+            m[i, j] = 0.0
+            for k in range(3):
+                m[i, j] += rows[i, k] * factor[k, j]
+    return True
+
+
+@njit(cache=True)
+def _conic(m, blur, sigma, conic):
+    """Σ = M·Mᵀ + blur in `sigma` (xx, xy, yy), its inverse in `conic` (A, B, C).
+
+    The determinant is a sum of squares (Lagrange's identity): needles keep their digits.
+    """
+    xx = m[0, 0] ** 2 + m[0, 1] ** 2 + m[0, 2] ** 2
+    yy = m[1, 0] ** 2 + m[1, 1] ** 2 + m[1, 2] ** 2
+    xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
+    cross = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) ** 2
+    cross += (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) ** 2
+    cross += (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) ** 2
+    determinant = cross + blur * (xx + yy) + blur * blur
+    sigma[0], sigma[1], sigma[2] = xx + blur, xy, yy + blur
+    conic[0], conic[1], conic[2] = (
+        sigma[2] / determinant, -xy / determinant, sigma[0] / determinant
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def basis_of(x, y, z, count, basis):
+    """The first `count` harmonics in direction (x, y, z)."""
+    basis[0] = SH_C0
+    if count > 1:
+        basis[1], basis[2], basis[3] = -SH_C1 * y, SH_C1 * z, -SH_C1 * x
+    if count > 4:
+        xx, yy, zz = x * x, y * y, z * z
+        basis[4], basis[5] = C2[0] * x * y, -C2[1] * y * z
+        basis[6], basis[7] = C2[2] * (2 * zz - xx - yy), -C2[3] * x * z
+        basis[8] = C2[4] * (xx - yy)
+        if count > 9:
+            basis[9], basis[10] = -C3[0] * y * (3 * xx - yy), C3[1] * x * y * z
+            basis[11] = -C3[2] * y * (4 * zz - xx - yy)
+            basis[12] = C3[3] * z * (2 * zz - 3 * xx - 3 * yy)
+            basis[13] = -C3[4] * x * (4 * zz - xx - yy)
+            basis[14], basis[15] = C3[5] * z * (xx - yy), -C3[6] * x * (xx - 3 * yy)
+
+
+@njit(cache=True)
+def basis_gradient(x, y, z, count, slope):
+    """Derivatives of the harmonics along x, y, z in `slope` [count, 3]."""
+    slope[:count] = 0.0
+    if count > 1:
+        slope[1, 1], slope[2, 2], slope[3, 0] = -SH_C1, SH_C1, -SH_C1
+    if count > 4:
+        slope[4, 0], slope[4, 1] = C2[0] * y, C2[0] * x
+        slope[5, 1], slope[5, 2] = -C2[1] * z, -C2[1] * y
+        slope[6, 0], slope[6, 1], slope[6, 2] = -2 * C2[2] * x, -2 * C2[2] * y, 4 * C2[2] * z
+        slope[7, 0], slope[7, 2] = -C2[3] * z, -C2[3] * x
+        slope[8, 0], slope[8, 1] = 2 * C2[4] * x, -2 * C2[4] * y
+    if count > 9:
+        xx, yy, zz = x * x, y * y, z * z
+        slope[9, 0], slope[9, 1] = -6 * C3[0] * x * y, -3 * C3[0] * (xx - yy)
+        slope[10, 0], slope[10, 1], slope[10, 2] = C3[1] * y * z, C3[1] * x * z, C3[1] * x * y
+        slope[11, 0], slope[11, 1] = 2 * C3[2] * x * y, -C3[2] * (4 * zz - xx - 3 * yy)
+        slope[11, 2] = -8 * C3[2] * y * z
+        slope[12, 0], slope[12, 1] = -6 * C3[3] * x * z, -6 * C3[3] * y * z
+        slope[12, 2] = 3 * C3[3] * (2 * zz - xx - yy)
+        slope[13, 0], slope[13, 1] = -C3[4] * (4 * zz - 3 * xx - yy), 2 * C3[4] * x * y
+        slope[13, 2] = -8 * C3[4] * x * z
+        slope[14, 0], slope[14, 1] = 2 * C3[5] * x * z, -2 * C3[5] * y * z
+        slope[14, 2] = C3[5] * (xx - yy)
+        slope[15, 0], slope[15, 1] = -3 * C3[6] * (xx - yy), 6 * C3[6] * x * y
+
+
+@njit(parallel=True, cache=True)
+def project(position, factor, opacity, sh, shift, view, threads, splats, depth):
+    """Splats [N, 12] and depths [N] of all Gaussians; the depth of an invisible one is 0.
+
+    `shift` [N, 2] moves the centres (pixels).
+    """
+    for thread in prange(threads):
+        point, slope, rows, m = np.empty(3), np.empty(2), np.empty((2, 3)), np.empty((2, 3))
+        sigma, conic, basis = np.empty(3), np.empty(3), np.empty(16)
+        for n in range(thread * len(depth) // threads, (thread + 1) * len(depth) // threads):
+            depth[n] = 0
+            if not opacity[n] >= view[23]:
+                continue
+            if not _projected(position[n], factor[n], view, point, slope, rows, m):
+                continue
+            _conic(m, view[22], sigma, conic)
+            u = view[15] * point[0] / point[2] + view[17] + shift[n, 0]
+            v = view[16] * point[1] / point[2] + view[18] + shift[n, 1]
+            reach = 2 * np.log(opacity[n] / view[23])
+            wide, high = np.sqrt(reach * sigma[0]), np.sqrt(reach * sigma[2])
+            if not (u + wide >= 0 and u - wide <= view[25] - 1):
+                continue
+            if not (v + high >= 0 and v - high <= view[26] - 1):
+                continue
+            _colour(position[n], sh[n], view, basis, splats[n])
+            splats[n, U], splats[n, V] = u, v
+            splats[n, A], splats[n, B], splats[n, C] = conic[0], conic[1], conic[2]
+            splats[n, OPACITY], splats[n, REACH] = opacity[n], reach
+            splats[n, WIDE], splats[n, HIGH] = wide, high
+            depth[n] = point[2]
+
+
+@njit(cache=True)
+def _colour(position, sh, view, basis, splat):
+    """The splat's colour as seen from the camera."""
+    x, y, z = position[0] - view[12], position[1] - view[13], position[2] - view[14]
+    length = np.sqrt(x * x + y * y + z * z)
+    basis_of(x / length, y / length, z / length, len(sh), basis)
+    for channel in range(3):
+        colour = view[24]
+        for k in range(len(sh)):
+            colour += basis[k] * sh[k, channel]
+        splat[RED + channel] = max(colour, 0.0)
+
+
+@njit(parallel=True, cache=True)
+def project_backward(
+    index, position, factor, sh, view, splats, gradient, threads,
+    to_position, to_factor, to_opacity, to_sh, to_shift,
+):  # fmt: skip
+    """Gradients of Gaussians `index` [M] from those of their splats: `gradient` [M, 9].
+
+    `splats` [M, 12] are those that `project` made. The others' gradients are left as they are.
+    """
+    for thread in prange(threads):
+        point, slope, rows, m = np.empty(3), np.empty(2), np.empty((2, 3)), np.empty((2, 3))
+        scratch, toward = np.empty((2, 3)), np.empty(3)
+        basis, slopes, g = np.empty(16), np.empty((16, 3)), np.empty(GRADIENTS)
+        for i in range(thread * len(index) // threads, (thread + 1) * len(index) // threads):
+            n = index[i]
+            g[:] = gradient[i]
+            to_shift[n, 0], to_shift[n, 1], to_opacity[n] = g[U], g[V], g[OPACITY]
+            _projected(position[n], factor[n], view, point, slope, rows, m)
+            toward[:] = 0  # of the point in camera coordinates
+            _shape_backward(
+                g, m, rows, factor[n], slope, point, view, to_factor[n], toward, scratch
+            )
+            z = point[2]
+            for axis in range(2):
+                focal = view[15 + axis]
+                toward[axis] += g[U + axis] * focal / z
+                toward[2] -= g[U + axis] * focal * point[axis] / (z * z)
+            for j in range(3):
+                to_position[n, j] = (
+                    view[j] * toward[0] + view[3 + j] * toward[1] + view[6 + j] * toward[2]
+                )
+            _colour_backward(
+                g, splats[i], position[n], sh[n], view, basis, slopes, to_sh[n], to_position[n]
+            )
+
+
+@njit(cache=True)
+def _shape_backward(g, m, rows, factor, slope, point, view, to_factor, toward, scratch):
+    """From the conic's gradient to the factor's, and into that of the camera point."""
+    _conic(m, view[22], scratch[0], scratch[1])
+    a, b, c = scratch[1, 0], scratch[1, 1], scratch[1, 2]
+    ga, gb, gc = g[A], g[B] / 2, g[C]
+    # −K·G·K of the symmetric matrices
+    xx = -(a * (ga * a + gb * b) + b * (gb * a + gc * b))
+    xy = -(a * (ga * b + gb * c) + b * (gb * b + gc * c))
+    yy = -(b * (ga * b + gb * c) + c * (gb * b + gc * c))
+    to_m = scratch
+    for j in range(3):
+        to_m[0, j] = 2 * (xx * m[0, j] + xy * m[1, j])
+        to_m[1, j] = 2 * (xy * m[0, j] + yy * m[1, j])
+    for k in range(3):
+        for j in range(3):
+            to_factor[k, j] = rows[0, k] * to_m[0, j] + rows[1, k] * to_m[1, j]
+    z = point[2]
+    for axis in range(2):
+        focal, limit = view[15 + axis], view[19 + axis]
+        scale, tilt = 0.0, 0.0  # of focal/z, and of −focal·slope/z
+        for k in range(3):
+            to_row = 0.0
+            for j in range(3):
+                to_row += to_m[axis, j] * factor[k, j]
+            scale += to_row * view[3 * axis + k]
+            tilt += to_row * view[6 + k]
+        toward[2] += focal / (z * z) * (tilt * slope[axis] - scale)
+        if abs(point[axis]) <= limit * z:
+            toward[axis] -= tilt * focal / (z * z)
+            toward[2] += tilt * focal * point[axis] / (z * z * z)
+
+
+@njit(cache=True)
+def _colour_backward(g, splat, position, sh, view, basis, slopes, to_sh, to_position):
+    """From the colour's gradient to the harmonics', and through the direction to the position's."""
+    count = len(sh)
+    x, y, z = position[0] - view[12], position[1] - view[13], position[2] - view[14]
+    length = np.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    basis_of(x, y, z, count, basis)
+    basis_gradient(x, y, z, count, slopes)
+    dx, dy, dz = 0.0, 0.0, 0.0
+    for channel in range(3):
+        if not splat[RED + channel] > 0:  # clamped
+            continue
+        for k in range(count):
+            to_sh[k, channel] = basis[k] * g[RED + channel]
+            pull = sh[k, channel] * g[RED + channel]
+            dx += slopes[k, 0] * pull
+            dy += slopes[k, 1] * pull
+            dz += slopes[k, 2] * pull
+    along = x * dx + y * dy + z * dz
+    to_position[0] += (dx - x * along) / length
+    to_position[1] += (dy - y * along) / length
+    to_position[2] += (dz - z * along) / length

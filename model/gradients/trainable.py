@@ -1,0 +1,120 @@
+"""A scene as tensors that are optimised: what 3DGS stores, before its activations.
+
+The names are gsplat's, whose densification works on them: means, scales (logarithms), quats,
+opacities (logits), sh0 [N, 1, 3] and shN [N, (degree+1)² − 1, 3].
+"""
+
+import numpy as np
+import torch
+
+from splatcore.model.formats.ply import OPACITY_MARGIN, SCALE_MIN
+from splatcore.spec.scene import Scene
+
+RATES = {
+    "means": 1.6e-4,  # times the scene's extent
+    "scales": 5e-3,
+    "quats": 1e-3,
+    "opacities": 5e-2,
+    "sh0": 2.5e-3,
+    "shN": 2.5e-3 / 20,
+}
+"""Learning rates of 3DGS (Kerbl et al. 2023, `arguments/__init__.py`)."""
+
+REFINING = {
+    "means": 6.4e-5,  # times the scene's extent
+    "scales": 2e-2,
+    "quats": 4e-3,
+    "opacities": 6e-2,
+    "sh0": 1e-2,
+    "shN": 1e-2,
+}
+"""Learning rates of a trained scene that has lost Gaussians or harmonics: shapes and colours have
+far to go, places hardly any way. What 3DGS trains with moves the places too much: it spoils a scene
+before it mends it."""
+
+EPSILON = 1e-15
+"""Adam's, as 3DGS has it."""
+
+Tensors = dict[str, torch.Tensor]
+
+
+def device() -> torch.device:
+    """Where to compute: CUDA if there is a device and gsplat can use it, else the CPU."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def tensors_of(scene: Scene) -> Tensors:
+    """float32 leaves of a scene whose numbers are finite.
+
+    Scales and opacities are kept off 0 and 1, whose logarithms are infinite.
+    """
+    opacity = np.clip(scene.opacity, OPACITY_MARGIN, 1 - 1e-6)
+    arrays = {
+        "means": scene.position,
+        "scales": np.log(np.maximum(scene.scale, SCALE_MIN)),
+        "quats": scene.quaternion,
+        "opacities": np.log(opacity) - np.log1p(-opacity),
+        "sh0": scene.sh[:, :1],
+        "shN": scene.sh[:, 1:],
+    }
+    return {
+        name: torch.tensor(array, dtype=torch.float32, device=device(), requires_grad=True)
+        for name, array in arrays.items()
+    }
+
+
+def scene_of(tensors: Tensors, name: str = "") -> Scene:
+    """The scene of tensors, float64."""
+    array = {name: tensor.detach().double().cpu().numpy() for name, tensor in tensors.items()}
+    return Scene(
+        array["means"], np.exp(array["scales"]), array["quats"],
+        1 / (1 + np.exp(-array["opacities"])),
+        np.concatenate([array["sh0"], array["shN"]], axis=1), name,
+    )  # fmt: skip
+
+
+def factor_of(tensors: Tensors) -> torch.Tensor:
+    """R·S [N, 3, 3]."""
+    return rotation(tensors["quats"]) * torch.exp(tensors["scales"])[:, None]
+
+
+def rotation(quats: torch.Tensor) -> torch.Tensor:
+    """Rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z) of any length but 0."""
+    w, x, y, z = torch.nn.functional.normalize(quats, dim=1).unbind(1)
+    return torch.stack([
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ], dim=1).reshape(-1, 3, 3)  # fmt: skip
+
+
+def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
+    """What `model.gradients.differentiable.render` takes: position, factor, opacity, harmonics."""
+    sh = torch.cat([tensors["sh0"], tensors["shN"]], dim=1)
+    return tensors["means"], factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh
+
+
+def scaled(rates: dict[str, float], share: float) -> dict[str, float]:
+    """That share of the learning rates."""
+    return {name: share * rate for name, rate in rates.items()}
+
+
+def optimizers(tensors: Tensors, extent: float, rates: dict[str, float] = RATES) -> dict:
+    """One Adam for each tensor; `extent` (scene units) scales the rate of the positions."""
+    return {
+        name: torch.optim.Adam(
+            [tensor], lr=rates[name] * (extent if name == "means" else 1), eps=EPSILON, fused=True
+        )
+        for name, tensor in tensors.items()
+        if tensor.numel()
+    }
+
+
+def extent_of(cameras: list) -> float:
+    """How far apart the cameras are, scene units: 1.1 times the largest distance from their mean.
+
+    As 3DGS has it (`getNerfppNorm`); a single camera counts as 1.
+    """
+    centres = np.array([camera.position for camera in cameras])
+    distance = np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()
+    return 1.1 * float(distance) if distance > 0 else 1.0

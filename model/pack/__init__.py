@@ -1,0 +1,4 @@
+"""Packing: order in chunks, the factor L, codebooks, and the layout of `spec.memory`.
+
+May import: spec.
+"""

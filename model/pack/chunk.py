@@ -1,0 +1,100 @@
+"""Positions on the model's grid: Morton order, chunks of 256, octants, offsets; and back.
+
+The bits are defined in `spec.memory`; this file computes them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatcore.spec.memory import (
+    CHUNK,
+    EXPONENT_MAX,
+    EXTENT_SHIFT,
+    OCTANTS,
+    OFFSET_BITS,
+    ORIGIN_BITS,
+    STORED_BITS,
+    chunk_count,
+)
+
+GRID_BITS = ORIGIN_BITS - 2
+"""Bits of a coordinate's magnitude on the grid: sums of two coordinates keep clear of the sign."""
+
+MORTON_BITS = 21
+"""Bits of each axis that one 64-bit Morton code interleaves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chunks:
+    """Positions [N, 3] as they are stored, in the order in which they are stored."""
+
+    order: np.ndarray  # [N] index of the Gaussian that is stored in each place
+    exponent: int  # the grid's step is 2^exponent scene units
+    origin: np.ndarray  # [C, 3] int64, grid steps
+    shift: np.ndarray  # [C, 3]
+    octant_end: np.ndarray  # [C, 7] Gaussians of the chunk up to that octant
+    extent: np.ndarray  # [C, 3] largest offset >> EXTENT_SHIFT
+    stored: np.ndarray  # [N, 3] offsets without their top bits
+
+
+def chunk_positions(position: np.ndarray) -> Chunks:
+    """Cut finite positions [N, 3] (scene units) into chunks."""
+    _, exponent = np.frexp(np.abs(position).max(initial=0))
+    exponent = max(int(exponent) - GRID_BITS, -EXPONENT_MAX)
+    grid = np.rint(np.ldexp(position, -exponent)).astype(np.int64)  # [N, 3]
+    order = morton_order(grid)
+    grid = grid[order]
+
+    of = np.arange(len(grid)) // CHUNK  # [N] the chunk of each place
+    starts = np.arange(chunk_count(len(grid))) * CHUNK
+    origin = np.minimum.reduceat(grid, starts, axis=0) if len(starts) else grid
+    highest = np.maximum.reduceat(grid, starts, axis=0) if len(starts) else grid
+    shift = smallest_shift(highest - origin)
+    offset = (grid - origin[of] + half(shift)[of]) >> shift[of]
+
+    octant = (offset >> STORED_BITS) @ np.array([1, 2, 4])  # [N]
+    within = np.argsort(of * OCTANTS + octant, kind="stable")
+    counts = np.bincount(of * OCTANTS + octant, minlength=len(starts) * OCTANTS)
+    octant_end = np.cumsum(counts.reshape(-1, OCTANTS), axis=1)[:, :-1]
+    extent = (highest - origin + half(shift)) >> shift >> EXTENT_SHIFT
+    stored = offset[within] & ((1 << STORED_BITS) - 1)
+    return Chunks(order[within], exponent, origin, shift, octant_end, extent, stored)
+
+
+def half(shift: np.ndarray) -> np.ndarray:
+    """Half a step of offsets shifted by `shift`: added before the shift it rounds to nearest."""
+    return np.left_shift(1, shift) >> 1
+
+
+def smallest_shift(span: np.ndarray) -> np.ndarray:
+    """Smallest shift for which offsets up to `span` (int64 ≥ 0), rounded, fit OFFSET_BITS."""
+    _, length = np.frexp(span.astype(np.float64))  # bit length; spans are below 2^53
+    shift = np.maximum(length - OFFSET_BITS, 0).astype(np.int64)
+    return shift + ((span + half(shift)) >> shift >> OFFSET_BITS)
+
+
+def morton_order(grid: np.ndarray) -> np.ndarray:
+    """Order [N] of integer points [N, 3] along the Morton (Z) curve; equal points keep theirs."""
+    corner = grid.min(axis=0, initial=1 << ORIGIN_BITS)  # the initial value is for no points
+    point = (grid - corner).astype(np.uint64)
+    high = interleave(point >> (ORIGIN_BITS - MORTON_BITS))
+    low = interleave(point & ((1 << (ORIGIN_BITS - MORTON_BITS)) - 1))
+    return np.lexsort((low, high))
+
+
+def interleave(point: np.ndarray) -> np.ndarray:
+    """Morton codes [N] of points [N, 3] of 21 bits: bit k of axis a goes to bit 3·k + a.
+
+    The bits are spread by halving blocks (Morton 1966; the magic masks of 3D codes).
+    """
+    code = point.astype(np.uint64)
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        code = (code | code << shift) & mask
+    return code[:, 0] | code[:, 1] << 1 | code[:, 2] << 2

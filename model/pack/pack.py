@@ -1,0 +1,166 @@
+"""Scene to packed model: drop what cannot be seen, order, quantise, lay out, and say the loss."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from splatcore.model.pack.chunk import chunk_positions
+from splatcore.model.pack.codebook import Codebook, quantise
+from splatcore.model.pack.factor import largest_axis, lower_triangular
+from splatcore.model.pack.layout import Quantised, lay_out
+from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
+from splatcore.spec.number import Float
+from splatcore.spec.packed import SH_C0, PackedModel, slopes_from_sh
+from splatcore.spec.scene import Scene
+
+STEPS = ("order", "colour", "harmonics", "layout")
+Progress = Callable[[str], None]
+"""Called with the name of each of `STEPS` as it begins."""
+
+Codebooks = tuple[Codebook, Codebook]
+"""Of colours, and of harmonics as slopes."""
+
+
+@dataclass(frozen=True)
+class PackReport:
+    """What packing did to a scene. Errors are of the packed Gaussians against the scene's."""
+
+    gaussians: int  # in the scene
+    packed: int
+    not_finite: int  # dropped: NaN or Inf
+    transparent: int  # dropped: opacity below 1/255
+    sh_degree: int
+    bytes: int
+    codebook_bytes: int
+    bytes_per_gaussian: float  # without the codebooks
+    position_error: float  # largest, scene units
+    factor_error: float  # largest error of an element of L over the Gaussian's largest axis
+    opacity_error: float  # largest
+    colour_rms: float
+    sh_rms: float  # of degree-1 slopes
+
+    def as_dict(self) -> dict:
+        return asdict(self)
+
+
+def pack(
+    scene: Scene,
+    config: Config = DEFAULT,
+    sh_degree: int | None = None,
+    progress: Progress | None = None,
+    codebooks: Codebooks | None = None,
+) -> tuple[PackedModel, PackReport]:
+    """Pack a scene for a machine, with harmonics up to `sh_degree` (default: as many as fit).
+
+    Gaussians that hold NaN or Inf, or can never reach alpha 1/255, are dropped and counted.
+    `codebooks` of the scene's Gaussians replace those that are made here; they need the machine's
+    format of that degree.
+    """
+    progress = progress or (lambda step: None)
+    degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
+    format = model_format(config, degree)
+    progress("order")
+    finite, visible = keep(scene)
+    stored = np.flatnonzero(finite & visible)
+    chunks = chunk_positions(scene.position[stored])
+    stored = stored[chunks.order]  # the order in which they are stored
+    kept = scene[stored].with_sh_degree(degree)
+    lower = lower_triangular(kept.gaussians().factor)
+    progress("colour")
+    colours, slopes = appearance(kept)
+    if codebooks:
+        colour, harmonics = (codebook[stored] for codebook in codebooks)
+    else:
+        colour = quantise(colours, format.colour_index, COMPONENT)
+        progress("harmonics")
+        harmonics = quantise(slopes, format.sh_index, SLOPE)
+    progress("layout")
+    absolute = format.position == "absolute"
+    if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
+        raise InputError(f"{scene.name}: a position is too large for preset {config.name}'s floats")
+    image = lay_out(
+        Quantised(
+            format,
+            chunks,
+            ABSOLUTE.encode(kept.position) if absolute else chunks.stored,
+            *quantise_factor(lower, config.arithmetic),
+            OPACITY.round(-np.log2(np.minimum(kept.opacity, 1))),
+            colour,
+            harmonics,
+        )
+    )
+    model = PackedModel(image, scene.name)
+    dropped = int((~finite).sum()), int((finite & ~visible).sum())
+    return model, report(kept, lower, harmonics, model, dropped)
+
+
+def report(
+    kept: Scene,
+    lower: np.ndarray,
+    harmonics: Codebook,
+    model: PackedModel,
+    dropped: tuple[int, int],
+) -> PackReport:
+    """What packing did to Gaussians in stored order with factors `lower`; `dropped` counts those
+    not finite and transparent."""
+    packed = model.gaussians()
+    axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)
+    _, slopes = appearance(kept)
+    return PackReport(
+        gaussians=len(kept) + sum(dropped),
+        packed=len(model),
+        not_finite=dropped[0],
+        transparent=dropped[1],
+        sh_degree=kept.sh_degree,
+        bytes=len(model.image),
+        codebook_bytes=model.format.codebook_bytes,
+        bytes_per_gaussian=model.bytes_per_gaussian,
+        position_error=_largest(packed.position - kept.position),
+        factor_error=_largest((packed.factor - lower) / axis[:, None, None]),
+        opacity_error=_largest(packed.opacity - kept.opacity),
+        colour_rms=_rms((packed.sh[:, 0] - kept.sh[:, 0]) * SH_C0),
+        sh_rms=_rms(harmonics.decode() - slopes) if kept.sh_degree else 0.0,
+    )
+
+
+def appearance(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """What the codebooks hold of a scene of degree 0 or 1: colours [N, 3] as the original renderer
+    has them without harmonics, and slopes [N, 9] (without harmonics [0, 9])."""
+    colours = scene.sh[:, 0] * SH_C0 + 0.5
+    if not scene.sh_degree:
+        return colours, np.zeros((0, 9))
+    return colours, slopes_from_sh(scene.sh[:, 1:4]).reshape(-1, 9)
+
+
+def _largest(error: np.ndarray) -> float:
+    return float(np.abs(error).max(initial=0))
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt((error**2).mean())) if error.size else 0.0
+
+
+def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Masks [N]: Gaussians without NaN and Inf, and Gaussians that can reach alpha 1/255."""
+    finite = np.isfinite(scene.opacity) & np.isfinite(scene.sh).all((1, 2))
+    for array in (scene.position, scene.scale, scene.quaternion):
+        finite &= np.isfinite(array).all(1)
+    return finite, scene.opacity >= ALPHA_MIN
+
+
+def largest_factor(arithmetic: Float) -> float:
+    """What the largest element of L may be: in the middle of the machine's range, if that is small.
+
+    The view rotation takes up L's unit; so neither L overflows nor the rotation underflows.
+    """
+    return min(FACTOR.max, np.sqrt(arithmetic.max))
+
+
+def quantise_factor(lower: np.ndarray, arithmetic: Float) -> tuple[np.ndarray, int]:
+    """L [N, 3, 3] rounded to FACTOR in units of 2^exponent, and the smallest exponent that fits."""
+    _, exponent = np.frexp(np.abs(lower).max(initial=0) / largest_factor(arithmetic))
+    return FACTOR.round(np.ldexp(lower, -int(exponent))), int(exponent)

@@ -1,0 +1,280 @@
+"""How far the numbers of stages 0 and 1 are from exact ones, and what that does to the picture.
+
+The twin of stages 0 and 1 against the float64 reference on the same packed model. The picture is
+blended by the reference from the twin's splats, so that nothing but the points' errors is in it.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from splatcore.golden.points import Points, project_points
+from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_boxes
+from splatcore.golden.reference_tiles import bin_splats, rasterize
+from splatcore.model.pack.pack import largest_factor, pack
+from splatcore.sim.common.source import open_camera, open_source
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import DEFAULT, PAPER, Config
+from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format
+from splatcore.spec.number import Float
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.programs import COLOURS
+
+SMALL_EXPONENT = 5
+"""Exponents of at most this many bits have FP16's rules and PAPER's unit of the screen."""
+
+Fields = dict[str, np.ndarray]
+"""Values [M] by name: u, v, half_width, half_height in pixels, depth in scene units, conic_a and
+conic_c in 1/pixel², shear, red, green, blue."""
+
+CHANNELS = ("red", "green", "blue")
+
+Tell = Callable[[str], None]
+"""Called with what begins."""
+
+
+def with_width(text: str, config: Config = DEFAULT) -> Config:
+    """A machine whose stages 0 and 1 compute with "exponent/fraction" bits."""
+    try:
+        exponent, fraction = map(int, text.split("/"))
+        if not (4 <= exponent <= 10 and 3 <= fraction <= 23):
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"--width '{text}': is not EXPONENT/FRACTION bits, like 7/16, of 4 … 10 and 3 … 23"
+        ) from None
+    small = exponent <= SMALL_EXPONENT
+    rules = {"subnormal": small, "overflow": "infinity" if small else "saturate"}
+    arithmetic = Float(exponent, fraction, **rules)
+    unit = PAPER.screen_exponent if small else config.screen_exponent
+    depth = replace(arithmetic, signed=False)
+    name = f"{exponent}/{fraction}"
+    return replace(config, name=name, arithmetic=arithmetic, depth=depth, screen_exponent=unit)
+
+
+MACHINES = (PAPER, *map(with_width, ("5/10", "7/10", "7/13")), DEFAULT, with_width("8/20"))
+"""What is compared by default."""
+
+
+def width_of(config: Config) -> str:
+    """ "exponent/fraction" bits of a machine's stages 0 and 1."""
+    return f"{config.arithmetic.exponent}/{config.arithmetic.fraction}"
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What is exact: the float64 reference on a packed model."""
+
+    model: PackedModel
+    camera: Camera
+
+    @cached_property
+    def splats(self) -> Splats:
+        return project(self.model.gaussians(), self.camera)[0]
+
+    @cached_property
+    def depth(self) -> np.ndarray:
+        """Camera z [N] of all Gaussians."""
+        return self.model.position @ self.camera.rotation[2] + self.camera.translation[2]
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        return picture(self.splats, self.camera)
+
+    @property
+    def axis_ratio(self) -> float | None:
+        """Largest ratio of a visible Gaussian's axes; None if infinite, 0 without any."""
+        factor = self.model.factor[self.splats.index]
+        axes = np.linalg.svd(factor, compute_uv=False)  # [M, 3], largest first
+        volume = np.abs(np.diagonal(factor, axis1=1, axis2=2).prod(axis=1))  # of all three, exact
+        if not volume.all():
+            return None
+        return float((axes[:, 0] ** 2 * axes[:, 1] / volume).max(initial=0))
+
+    @property
+    def screen_ratio(self) -> float:
+        """Largest ratio of the axes of a splat on the screen, blur included; 0 without any."""
+        xx, xy, yy = self.splats.covariance.T
+        mean, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+        a, b, c = self.splats.conic.T  # its determinant has lost no digits to cancellation
+        smallest = 1 / ((a + c) / 2 + np.hypot((a - c) / 2, b))
+        return float(np.sqrt((mean + half) / smallest).max(initial=0))
+
+
+def fields_of(config: Config, model: PackedModel, points: Points) -> Fields:
+    """What stage 1 gives for each projected Gaussian; not all of it need be finite."""
+    value, pixel = points.projected, 2.0**config.screen_exponent
+    across, shear = value["across"], value["shear"]
+    names = CHANNELS if model.format.sh_degree else COLOURS
+    with np.errstate(over="ignore", invalid="ignore"):  # infinities of FP16
+        fields = {
+            "u": value["u"] * pixel,
+            "v": value["v"] * pixel,
+            "depth": config.depth.round(value["z"]),
+            "conic_a": across / pixel**2,
+            "shear": shear,
+            "conic_c": (value["along"] + shear * shear * across) / pixel**2,
+            "half_width": value["half_width"] * pixel,
+            "half_height": value["half_height"] * pixel,
+        }
+        return fields | {
+            channel: np.maximum(value[name], 0)
+            for channel, name in zip(CHANNELS, names, strict=True)
+        }
+
+
+def fields_of_splats(splats: Splats) -> Fields:
+    """The same of the reference's splats."""
+    a, b, c = splats.conic.T
+    names = ("u", "v", "depth", "conic_a", "shear", "conic_c", "half_width", "half_height")
+    arrays = (*splats.centre.T, splats.depth, a, -b / a, c, *splats.extent.T)
+    return dict(zip((*names, *CHANNELS), (*arrays, *splats.colour.T), strict=True))
+
+
+def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
+    """Stage 1's splats [M] in depth order, as the reference's rasterizer wants them.
+
+    The rasterizer takes of a covariance only what bounds the splat: it is set so that the bounds
+    are the half-widths of the fields.
+    """
+    reach = 2 * np.log(255 * opacity)
+    squares = np.stack([fields["half_width"], fields["half_height"]], 1) ** 2 / reach[:, None]
+    conic = [fields["conic_a"], -fields["shear"] * fields["conic_a"], fields["conic_c"]]
+    splats = Splats(
+        index, np.stack([fields["u"], fields["v"]], 1), fields["depth"],
+        np.insert(squares, 1, 0.0, axis=1), np.stack(conic, 1), opacity, reach,
+        np.stack([fields[channel] for channel in CHANNELS], axis=1),
+    )  # fmt: skip
+    return splats[np.argsort(splats.depth, kind="stable")]
+
+
+def picture(splats: Splats, camera: Camera) -> np.ndarray:
+    """The reference rasterizer's image [H, W, 3] of splats in depth order, clipped to 0 … 1."""
+    boxes = tile_boxes(splats, camera, SPLATCORE)
+    lists = bin_splats(
+        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height, True
+    )
+    return np.clip(rasterize(lists, splats, camera.width, camera.height, SPLATCORE)[0], 0, 1)
+
+
+def field_errors(found: Fields, exact: Fields) -> Fields:
+    """Errors [M] of stage 1's fields.
+
+    Pixels for u and v; of the rest the error relative to the exact value, of shear (xy over yy)
+    relative to √(xx / yy), of colours in units of full scale.
+    """
+    errors = {name: found[name] - exact[name] for name in ("u", "v")}
+    names = ("depth", "conic_a", "shear", "conic_c", "half_width", "half_height")
+    scales = {name: exact[name] for name in names}
+    scales["shear"] = np.sqrt(exact["conic_c"] / exact["conic_a"])
+    errors |= {name: (found[name] - exact[name]) / scales[name] for name in names}
+    errors["colour"] = np.concatenate([found[name] - exact[name] for name in CHANNELS])
+    return errors
+
+
+def sizes(error: np.ndarray) -> dict[str, float | None]:
+    """RMS and largest size of errors; None without any."""
+    if not len(error):
+        return {"rms": None, "max": None}
+    return {"rms": float(np.sqrt(np.mean(error**2))), "max": float(np.abs(error).max())}
+
+
+def psnr(image: np.ndarray, reference: np.ndarray) -> float | None:
+    """dB of an image with values 0 … 1; None for identical ones."""
+    square = float(np.mean((image - reference) ** 2))
+    return float(-10 * np.log10(square)) if square else None
+
+
+def measure(config: Config, exact: Reference, whole: Reference) -> dict:
+    """A machine's errors by field, its picture's, and how many Gaussians went where.
+
+    `exact` is the reference on the machine's model, `whole` the one on the scene as packed for
+    DEFAULT. Splats that are not finite or not positive definite are left out of the picture.
+    """
+    model, camera = exact.model, exact.camera
+    points = project_points(config, model, camera)
+    fields, index = fields_of(config, model, points), points.index
+    finite = np.all([np.isfinite(values) for values in fields.values()], axis=0)
+    positive = (points.projected["across"] > 0) & (points.projected["along"] > 0)
+
+    stage_0 = {"depth_stage_0": depth_errors(points, exact.depth)}
+    _, a, b = np.intersect1d(index, exact.splats.index, return_indices=True)
+    a, b = a[finite[a]], b[finite[a]]
+    both = {name: values[a] for name, values in fields.items()}
+    errors = stage_0 | field_errors(both, fields_of_splats(exact.splats[b]))
+
+    drawn = np.flatnonzero(finite & positive)
+    opacity = model.opacity[index[drawn]]
+    splats = splats_of(
+        {name: values[drawn] for name, values in fields.items()}, opacity, index[drawn]
+    )
+    seen = splats.index[areas(pixel_boxes(splats, camera)) > 0]
+    image = picture(splats, camera)
+    return {
+        "fields": {name: sizes(error) for name, error in errors.items()},
+        "psnr_db": psnr(image, exact.image),
+        "psnr_db_default_model": psnr(image, whole.image),
+        "max_error": float(np.abs(image - exact.image).max()),
+        "projected": len(index),
+        "visible": len(exact.splats),
+        "lost": len(np.setdiff1d(exact.splats.index, index)),
+        "gained": len(np.setdiff1d(seen, exact.splats.index)),
+        "not_finite": int((~finite).sum()),
+        "not_positive": int((finite & ~positive).sum()),
+    }
+
+
+def depth_errors(points: Points, depth: np.ndarray) -> np.ndarray:
+    """Relative errors of stage 0's depth, of the Gaussians beyond the near plane that it reads."""
+    exact, found = depth[points.points], points.culled["z"]
+    front = (exact > NEAR_PLANE) & np.isfinite(found)
+    return found[front] / exact[front] - 1
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scene to measure: what `splatcore error` takes as SCENE, --camera and --size."""
+
+    name: str
+    source: str
+    camera: str | None = None
+    size: str | None = None
+    hard: bool = False
+
+
+def measure_subject(subject: Subject, machines: tuple[Config, ...], tell: Tell) -> dict:
+    """What all machines do to a scene; a scene file is packed once for each way to pack it."""
+    tell("packing")
+    begin = time.perf_counter()
+    source = open_source(subject.source)
+    camera = open_camera(subject.camera, subject.size, source)
+    references = {}
+
+    def reference(config: Config) -> Reference:
+        if source.model is not None:
+            return references.setdefault(None, Reference(source.model, camera))
+        degree = min(source.scene.sh_degree, config.sh_degree)
+        packing = model_format(config, degree), largest_factor(config.arithmetic)
+        if packing not in references:
+            references[packing] = Reference(pack(source.scene, config)[0], camera)
+        return references[packing]
+
+    whole = reference(DEFAULT)
+    facts = {
+        "hard": subject.hard,
+        "camera": subject.camera or camera.name,
+        "size": [camera.width, camera.height],
+        "visible": len(whole.splats),
+        "axis_ratio": whole.axis_ratio,
+        "screen_ratio": whole.screen_ratio,
+    }
+    facts["machines"] = results = {}
+    for config in machines:
+        tell(config.name)
+        results[config.name] = measure(config, reference(config), whole)
+    return facts | {"seconds": round(time.perf_counter() - begin, 1)}

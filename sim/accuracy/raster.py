@@ -1,0 +1,131 @@
+"""Stage 3's formats swept: error of its pictures on exact inputs against the gates of a lane."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from splatcore.golden.exact import as_packed, entries_of, features_of
+from splatcore.golden.raster import rasterize
+from splatcore.golden.reference import project, render
+from splatcore.hdl.raster.blend import Blend
+from splatcore.hdl.raster.evaluate import Evaluate
+from splatcore.sim.accuracy.points import Subject
+from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.source import open_camera, open_source
+from splatcore.sim.eda.synth import gates
+from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.convention import BLOCK
+from splatcore.spec.number import Float
+from splatcore.spec.raster import block_count
+
+EXACT = Float(8, 24, subnormal=False)
+"""Features of this format, so that stage 3's own roundings are what is measured."""
+
+SWEEP: dict[str, tuple[int, ...]] = {
+    "exponent_fraction": (11, 12, 13, 16),
+    "pixel_fraction": (8, 10, 14),
+    "power_fraction": (4, 5, 7),
+    "power_mantissa": (6, 7, 10),
+    "transmittance": (12, 14, 18),
+    "weight": (9, 10, 13),
+    "colour_fraction": (7, 8, 10),
+    "sum_fraction": (10, 12, 15),
+}
+"""Each field of `Config` that is a format of stage 3, and values beside DEFAULT's."""
+
+
+def machines() -> dict[str, Config]:
+    """DEFAULT, and DEFAULT with one field changed."""
+    found = {"DEFAULT": DEFAULT}
+    for field, values in SWEEP.items():
+        for value in values:
+            found[f"{field} {value}"] = replace(DEFAULT, **{field: value})
+    return found
+
+
+def lane_gates(config: Config) -> float:
+    """NAND2-equivalents of a lane: what a second lane adds to blending, and its share of E."""
+    one, two = (gates(Blend(config, block_count(config), lanes)).nand2 for lanes in (1, 2))
+    return two - one + gates(Evaluate(config, 0)).nand2 / BLOCK**2
+
+
+def raster_errors(subjects: list[Subject]) -> dict:
+    """Machine → {"gates", "scenes": {scene → {psnr_db, max_error, contributions}}}."""
+    found = {name: {"scenes": {}} for name in machines()}
+    for subject in subjects:
+        source = open_source(subject.source)
+        camera = open_camera(subject.camera, subject.size, source)
+        gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
+        splats, _ = project(gaussians, camera)
+        image = np.clip(render(gaussians, camera).image, 0, 1)
+        entries = entries_of(DEFAULT, splats, camera)  # formats change nothing in them
+        for name, config in machines().items():
+            config = replace(config, arithmetic=EXACT)
+            raster = rasterize(
+                config, features_of(config, splats), entries.start, entries.splat, entries.mask,
+                (camera.width, camera.height),
+            )  # fmt: skip
+            error = raster.pixels / 255 - image
+            found[name]["scenes"][subject.name] = {
+                "psnr_db": float(-10 * np.log10(max(np.mean(error**2), 1e-20))),
+                "max_error": float(np.abs(error).max()),
+                "contributions": raster.counts["contributions"],
+            }
+    with progress_bar("synthesising lanes") as advance:
+        for done, (name, config) in enumerate(machines().items()):
+            advance(done, len(found))
+            found[name]["gates"] = lane_gates(config)
+    return found
+
+
+def raster_table(found: dict) -> Table:
+    """Gates of a lane, PSNR of the pictures, and their largest error in steps of 1/255."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("stage 3", no_wrap=True)
+    scenes = list(found["DEFAULT"]["scenes"])
+    for heading in (
+        "gates a lane",
+        *(f"{Path(scene).name.split('.')[0]}\ndB, max" for scene in scenes),
+    ):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, facts in found.items():
+        cells = [
+            f"{result['psnr_db']:.2f}, {result['max_error'] * 255:.1f}"
+            for result in facts["scenes"].values()
+        ]
+        table.add_row(name, f"{facts['gates']:,.0f}", *cells)
+    return table
+
+
+def write_raster_plot(path: str | Path, found: dict):
+    """Lowest PSNR over the scenes against the gates of a lane; a line for each format."""
+    figure = Figure((9, 6), 150, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+
+    def point(name: str) -> tuple[float, float]:
+        facts = found[name]
+        return facts["gates"], min(result["psnr_db"] for result in facts["scenes"].values())
+
+    for number, (field, values) in enumerate(SWEEP.items()):
+        settings = sorted({*values, getattr(DEFAULT, field)})
+        names = ["DEFAULT" if v == getattr(DEFAULT, field) else f"{field} {v}" for v in settings]
+        x, y = zip(*map(point, names), strict=True)
+        axes.plot(x, y, marker="o", color=f"C{number}", label=field.replace("_", " "))
+        for setting, *place in zip(settings, x, y, strict=True):
+            axes.annotate(str(setting), place, textcoords="offset points", xytext=(3, 3), size=7)
+    axes.plot(*point("DEFAULT"), marker="*", markersize=16, color="black", linestyle="none")
+    axes.set_xlabel("NAND2-equivalents of a lane (star: DEFAULT)")
+    axes.set_ylabel("lowest PSNR over the scenes, dB, 8-bit output")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.suptitle("Stage 3's formats on exact inputs, against the float64 reference")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    write(path, buffer.getvalue())

@@ -1,0 +1,164 @@
+"""Depth keys of fewer bits: error of the pictures that their order makes, on exact inputs."""
+
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
+from splatcore.golden.raster import rasterize
+from splatcore.golden.reference import Splats, project, render
+from splatcore.sim.accuracy.points import Subject, psnr
+from splatcore.sim.accuracy.raster import EXACT
+from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.source import open_camera, open_source
+from splatcore.spec.config import DEFAULT
+
+FRACTIONS = (10, 12, 14, 16, 18, 20)
+"""Fraction bits of depths whose whole codes are keys."""
+
+REBASED = (15, 18)
+"""Bits of keys that begin with the nearest entry of each group."""
+
+FRAME_BITS = 15
+"""Bits of keys that begin with the nearest splat of the frame."""
+
+Keys = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Keys [N] of entries from depths [M] of all splats, the entries' splats [N] and groups [N]."""
+
+
+def depth_codes(depth: np.ndarray, fraction: int = DEFAULT.depth.fraction) -> np.ndarray:
+    """Codes of depths as floats of so many fraction bits: they rise with the depths."""
+    return replace(DEFAULT.depth, fraction=fraction).encode(depth).astype(np.int64)
+
+
+def window(codes: np.ndarray, part: np.ndarray, bits: int) -> np.ndarray:
+    """Codes [N] less the least of their part [N], shifted right until all of the part fit."""
+    starts = np.flatnonzero(np.diff(part, prepend=-1))
+    counts = np.diff(starts, append=len(codes))
+    steps = codes - np.repeat(np.minimum.reduceat(codes, starts), counts)
+    _, length = np.frexp(np.maximum.reduceat(steps, starts))  # of the largest, in bits
+    return steps >> np.repeat(np.maximum(length.astype(np.int64) - bits, 0), counts)
+
+
+def whole(fraction: int) -> Keys:
+    """The codes of depths of so many fraction bits."""
+    return lambda depth, splat, group: depth_codes(depth, fraction)[splat]
+
+
+def rebased(bits: int) -> Keys:
+    """A window of DEFAULT's codes for each group."""
+    return lambda depth, splat, group: window(depth_codes(depth)[splat], group, bits)
+
+
+def of_the_frame(bits: int) -> Keys:
+    """A window of DEFAULT's codes for all groups."""
+    return lambda depth, splat, group: window(depth_codes(depth), np.zeros_like(depth), bits)[splat]
+
+
+EXACT_ORDER = "exact depth"
+
+WAYS: dict[str, Keys] = (
+    {EXACT_ORDER: lambda depth, splat, group: depth[splat]}
+    | {f"{fraction} fraction bits": whole(fraction) for fraction in FRACTIONS}
+    | {f"{bits} bits, by group": rebased(bits) for bits in REBASED}
+    | {f"{FRAME_BITS} bits, by frame": of_the_frame(FRAME_BITS)}
+)
+"""Ways to make keys."""
+
+
+def reordered(keys: Keys, splats: Splats, entries: Entries) -> tuple[Entries, float]:
+    """Entries in the order of keys; the share of neighbours that changed places.
+
+    Entries of equal keys stay in the order of their Gaussians, as they come to the sorter.
+    """
+    group = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
+    splat = entries.splat.astype(np.int64)
+    key = keys(splats.depth, splat, group)
+    order = np.lexsort((splats.index[splat], key, group))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    changed = (place[1:] < place[:-1]).sum()  # never where a group ends: groups stay in order
+    share = float(changed / max((group[1:] == group[:-1]).sum(), 1))
+    return Entries(entries.start, entries.splat[order], entries.mask[order]), share
+
+
+def sort_errors(subjects: list[Subject]) -> dict:
+    """Way → {"scenes": {scene → {psnr_db, max_error, changed_places}}}."""
+    found = {name: {"scenes": {}} for name in WAYS}
+    config, total = replace(DEFAULT, arithmetic=EXACT), len(subjects) * len(WAYS)
+    with progress_bar("ordering", total) as advance:
+        for number, subject in enumerate(subjects):
+            source = open_source(subject.source)
+            camera = open_camera(subject.camera, subject.size, source)
+            gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
+            splats, _ = project(gaussians, camera)
+            image = np.clip(render(gaussians, camera).image, 0, 1)
+            features, entries = features_of(config, splats), entries_of(config, splats, camera)
+            for done, (name, keys) in enumerate(WAYS.items()):
+                advance(number * len(WAYS) + done, total)
+                there, share = reordered(keys, splats, entries)
+                pixels = rasterize(
+                    config, features, there.start, there.splat, there.mask,
+                    (camera.width, camera.height),
+                ).pixels / 255  # fmt: skip
+                found[name]["scenes"][subject.name] = {
+                    "psnr_db": psnr(pixels, image),
+                    "max_error": float(np.abs(pixels - image).max()),
+                    "changed_places": share,
+                }
+    return found
+
+
+def sort_table(found: dict) -> Table:
+    """PSNR of the 8-bit pictures, largest error in steps of 1/255, neighbours that changed."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("keys", no_wrap=True)
+    for scene in found[EXACT_ORDER]["scenes"]:
+        table.add_column(f"{scene}\ndB, max, changed", justify="right", no_wrap=True)
+    for name, facts in found.items():
+        cells = [
+            f"{_decibels(result)}, {result['max_error'] * 255:.1f}, {result['changed_places']:.2%}"
+            for result in facts["scenes"].values()
+        ]
+        table.add_row(name, *cells)
+    return table
+
+
+def _decibels(result: dict) -> str:
+    return "exact" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}"
+
+
+def write_sort_plot(path: str | Path, found: dict):
+    """What each way loses of the exact order's PSNR, and its changed neighbours; lines: scenes."""
+    figure = Figure((13, 5.5), 150, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2)
+    exact = found[EXACT_ORDER]["scenes"]
+    names = [name for name in found if name != EXACT_ORDER]
+    for number, scene in enumerate(exact):
+        results = [found[name]["scenes"][scene] for name in names]
+        lost = [
+            (exact[scene]["psnr_db"] or np.nan) - (result["psnr_db"] or np.nan)
+            for result in results
+        ]
+        shares = [result["changed_places"] or np.nan for result in results]  # none: no point
+        for part, values in zip(axes, (lost, shares), strict=True):
+            part.plot(names, values, marker="o", color=f"C{number % 10}", label=scene)
+    axes[0].set_title("PSNR lost against the exact order, dB, 8-bit output")
+    axes[1].set_title("Share of neighbouring entries that changed places")
+    axes[1].set_yscale("log")
+    axes[0].legend(frameon=False)
+    for part in axes:
+        part.tick_params("x", rotation=40)
+        part.grid(alpha=0.3)
+    figure.suptitle("Order by depth keys of fewer bits, on exact inputs")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    write(path, buffer.getvalue())

@@ -1,0 +1,221 @@
+"""The hard cases through an engine: picture, error, cycles, what is left out, and the bound."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatcore.golden import pipeline
+from splatcore.golden.reference import Frame, render
+from splatcore.model.generate.hard import HARD, HardCase
+from splatcore.model.pack.pack import PackReport, pack
+from splatcore.sim.accuracy.points import psnr
+from splatcore.sim.common.metric import LEVELS, Difference, difference
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.machine.diagnosis import diagnose
+from splatcore.sim.machine.engines import cycles
+from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.sim.machine.path import simulate
+from splatcore.sim.machine.script import Timing
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+
+SEED = 0
+"""Of all cases."""
+
+PSNR_MIN = 52.0
+"""dB of a machine's 8-bit picture against the reference on the same packed model, at least."""
+
+SHEET = "hard-cases.png"
+"""The contact sheet in the folder of pictures."""
+
+BOUNDS = {
+    "reference": "finite; left out: NaN and Inf only",
+    "golden": f"≥ {PSNR_MIN:.0f} dB",
+    "rtl": f"golden's, ≥ {PSNR_MIN:.0f} dB",
+}
+"""What a case must meet, by engine; machines leave out all NaN and Inf, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What a case's picture is measured with. whole: the reference's of the scene; exact: of the
+    packed model.
+    """
+
+    case: HardCase
+    camera: Camera
+    model: PackedModel
+    report: PackReport
+    whole: Frame
+    exact: Frame
+
+
+@dataclass(eq=False)
+class Outcome:
+    """What an engine made of a hard case; None for what there is not.
+
+    pixels, reference: uint8 [H, W, 3], the engine's picture and the one it is compared with.
+    left_out: Gaussians by cause. psnr_db: of `pixels` against the reference before its rounding to
+    8 bits, which can make a whole step of a tiny error; reason: why it is None. packing: the
+    reference's picture of the packed model against the scene's. identical: to the golden model's
+    picture. failures: in what the bound is not met.
+    """
+
+    name: str
+    about: str
+    bound: str
+    size: tuple[int, int]
+    gaussians: int
+    pixels: np.ndarray | None = None
+    reference: np.ndarray | None = None
+    left_out: dict[str, int] = field(default_factory=dict)
+    psnr_db: float | None = None
+    reason: str | None = None
+    error: Difference | None = None
+    packing: Difference | None = None
+    identical: bool | None = None
+    cycles: int | None = None
+    failures: list[str] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        return not self.failures
+
+    def facts(self) -> dict:
+        """What `--json` writes of a case."""
+        names = (
+            "about", "size", "gaussians", "left_out", "psnr_db", "reason", "identical", "cycles",
+            "bound", "passed", "failures",
+        )  # fmt: skip
+        return {name: getattr(self, name) for name in names} | {
+            "ssim": self.error and self.error.ssim,
+            "max_error": self.error and self.error.max_error,
+            "packing": self.packing and vars(self.packing),
+        }
+
+
+def camera_of(case: HardCase, size: tuple[int, int] | None) -> Camera:
+    """A case's camera, with another number of pixels if there is a size."""
+    return case.camera.resized(*size) if size else case.camera
+
+
+def measure(
+    name: str,
+    engine: str,
+    config: Config,
+    size: tuple[int, int] | None,
+    machine: Machine | None,
+    timing: Timing,
+) -> Outcome:
+    """Run a hard case through an engine and judge it; `machine` is there for rtl only."""
+    case = HARD[name](SEED)
+    camera = camera_of(case, size)
+    shape = camera.width, camera.height
+    outcome = Outcome(name, case.about, BOUNDS[engine], shape, len(case.scene))
+    try:
+        target = prepare(case, camera, config)
+    except InputError as error:
+        outcome.failures.append(str(error))
+        return outcome
+    outcome.packing = difference(target.exact.pixels, target.whole.pixels)
+    if engine == "reference":
+        of_reference(outcome, target)
+    elif engine == "golden":
+        of_golden(outcome, target, config)
+    else:
+        of_hardware(outcome, target, machine, timing)
+    check_left_out(outcome, case)
+    return outcome
+
+
+def prepare(case: HardCase, camera: Camera, config: Config) -> Target:
+    """Pack a case for a machine, and render both scene and model by the reference."""
+    model, report = pack(case.scene, config)
+    with np.errstate(invalid="ignore"):  # an infinite quaternion has no rotation
+        whole = render(case.scene.gaussians(), camera)
+    exact = render(model.gaussians(), camera)
+    return Target(case, camera, model, report, whole, exact)
+
+
+def of_reference(outcome: Outcome, target: Target):
+    """The reference's picture of the scene; the map of errors is that of packing."""
+    counts = target.whole.counts
+    outcome.pixels, outcome.reference = target.whole.pixels, target.exact.pixels
+    outcome.reason = "the reference itself"
+    outcome.left_out = {name: counts[name] for name in ("not_finite", "near_culled")}
+    outcome.left_out["unseen"] = (
+        outcome.gaussians - sum(outcome.left_out.values()) - counts["visible"]
+    )
+    if not np.isfinite(target.whole.image).all():
+        outcome.failures.append("a pixel is not finite")
+
+
+def of_golden(outcome: Outcome, target: Target, config: Config):
+    """The golden model's picture, its cycles by the cycle model."""
+    frame = pipeline.render(config, target.model, target.camera)
+    points = frame.points
+    leave_out(outcome, target, len(points.points) - len(points.front), len(frame.binned.kept))
+    outcome.cycles = frame_cycles(config, frame).frame
+    compare(outcome, target, frame.pixels)
+
+
+def of_hardware(outcome: Outcome, target: Target, machine: Machine, timing: Timing):
+    """The simulated machine's picture, its cycles as measured; the golden model's beside it."""
+    job = Job(target.model, target.camera)
+    run: Run = simulate(machine, [job], timing, f"simulating {outcome.name}")
+    if not run.done:
+        outcome.identical = False
+        outcome.failures.append(f"the machine failed: {run.why}")
+        return
+    counters = run.frames[0].counters
+    behind = counters["points_points"] - counters["points_front"]
+    leave_out(outcome, target, behind, counters["bin_kept"])
+    outcome.cycles = cycles(run)["frame"]
+    compare(outcome, target, run.frames[0].pixels)
+    found = diagnose(machine.config, run, 0, pipeline.render(machine.config, *job))
+    outcome.identical = found is None
+    if found:
+        outcome.failures.append(str(found))
+
+
+def leave_out(outcome: Outcome, target: Target, behind: int, drawn: int):
+    """Count what does not reach a tile's list: dropped by packing, by the machine."""
+    report = target.report
+    outcome.left_out = {
+        "not_finite": report.not_finite,
+        "transparent": report.transparent,
+        "near_culled": behind,
+        "unseen": report.packed - behind - drawn,
+    }
+
+
+def compare(outcome: Outcome, target: Target, pixels: np.ndarray):
+    """A machine's picture against the reference on the same packed model."""
+    outcome.pixels, outcome.reference = pixels, target.exact.pixels
+    outcome.error = difference(pixels, target.exact.pixels)
+    outcome.psnr_db = psnr(pixels / LEVELS, target.exact.image.clip(0, 1))
+    if outcome.psnr_db is None:
+        empty = "an empty scene: " if not outcome.gaussians else ""
+        outcome.reason = f"{empty}identical pictures"
+    elif outcome.psnr_db < PSNR_MIN:
+        outcome.failures.append(
+            f"{outcome.psnr_db:.2f} dB against the reference, below {PSNR_MIN:.0f} dB"
+        )
+
+
+def check_left_out(outcome: Outcome, case: HardCase):
+    """All Gaussians that hold NaN or Inf must have been left out for that, and no others."""
+    if "not_finite" not in outcome.left_out:
+        return  # the machine failed before it said anything
+    names = ("position", "scale", "quaternion", "opacity", "sh")
+    sound = np.ones(outcome.gaussians, bool)
+    for name in names:
+        values = getattr(case.scene, name)
+        sound &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    wanted, told = int((~sound).sum()), outcome.left_out["not_finite"]
+    if told != wanted:
+        outcome.failures.append(
+            f"{told} Gaussians left out for NaN or Inf, {wanted} of the scene have one"
+        )

@@ -1,0 +1,255 @@
+"""`splatcore bench scenes`: frames of many scenes through the simulated machine, cycles and error.
+
+Of each view two frames are rendered, so that both halves are at work at once. What came of it is a
+file of its own, which stands until the machine's Verilog, the view or the memory is another.
+"""
+
+import csv
+import hashlib
+import io
+import json
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.golden import pipeline
+from splatcore.model.formats.camera_file import read_camera
+from splatcore.sim.accuracy.run import FOLDER, SUFFIXES, VARIABLE, camera_beside
+from splatcore.sim.common.metric import difference
+from splatcore.sim.common.output import console, progress_bar, write
+from splatcore.sim.common.source import open_camera, open_source, packed_model
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.machine.diagnosis import diagnose
+from splatcore.sim.machine.engines import cycles, golden, reference
+from splatcore.sim.machine.machine import Job, Machine, Run, machine_source
+from splatcore.sim.machine.path import build, check_fits, simulate
+from splatcore.sim.machine.script import Timing
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+
+FRAMES = 2
+"""Rendered of each view: while the first one's tiles are, the second one's points are made."""
+
+MORE_CAMERAS = {"kitchen.spz": ("kitchen_inside_0", "kitchen_inside_150")}
+"""Cameras that are measured besides a scene's first."""
+
+MEGABYTE = 1e6
+
+CYCLES = ("preprocessing", "rendering", "frame")
+
+
+@dataclass(frozen=True)
+class View:
+    """A scene seen by one of its cameras; `camera` is "" for the first one."""
+
+    scene: str
+    camera: str
+    size: str
+
+    @property
+    def name(self) -> str:
+        return Path(self.scene).name + (f":{self.camera}" if self.camera else "")
+
+    @cached_property
+    def camera_text(self) -> str | None:
+        """The --camera that it stands for."""
+        beside = camera_beside(self.scene)
+        if self.camera and beside is None:
+            raise InputError(f"--cameras {self.camera}: {self.scene} has no file of cameras")
+        return f"{beside}:{self.camera}" if self.camera else beside
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What a view's picture is to be."""
+
+    model: PackedModel
+    camera: Camera
+    twin: pipeline.Frame
+    exact: np.ndarray
+
+
+def views(scenes: list[str], cameras: str | None, size: str) -> list[View]:
+    """The views of scenes, else of all in the shared folder."""
+    if not scenes:
+        place = Path(os.environ.get(VARIABLE, FOLDER))
+        if not place.is_dir():
+            raise InputError(f"{place}: there is no such folder; name a SCENE or set {VARIABLE}")
+        scenes = [str(p) for p in sorted(place.iterdir()) if p.suffix.lower() in SUFFIXES]
+    found = []
+    for scene in scenes:
+        named = cameras.split(",") if cameras else ["", *MORE_CAMERAS.get(Path(scene).name, ())]
+        found += [View(scene, camera.strip(), size) for camera in named]
+    for view in found:
+        if view.camera_text:
+            read_camera(view.camera_text)
+    return found
+
+
+def bench_scenes(config: Config, found: list[View], timings: list[Timing], folder: Path) -> bool:
+    """Measure what has not been, and write tables; whether all pictures are the golden model's."""
+    source = machine_source(config)
+    rows, machine = [], None
+    for view in found:
+        expected = None
+        for timing in timings:
+            key = key_of(source, config, view, timing)
+            path = folder / f"{view.name.replace(':', '-')}-{view.size}-{timing.name}.json"
+            row = finished(path, key)
+            if row is None:
+                machine = machine or build(config, source=source)
+                expected = expected or expect(config, view)
+                row = {"key": key} | measure(machine, view, expected, timing)
+                write(path, (json.dumps(row, indent=2) + "\n").encode())
+            rows.append(row)
+            console.print(line(row), soft_wrap=True)
+    write(folder / "scenes.md", markdown(rows).encode())
+    write(folder / "scenes.csv", comma_separated(rows).encode())
+    return all(row["identical"] for row in rows)
+
+
+def key_of(source: str, config: Config, view: View, timing: Timing) -> str:
+    """Stands for all that decides on a result."""
+    text = json.dumps([source, repr(config), view.name, view.size, asdict(timing), FRAMES])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def finished(path: Path, key: str) -> dict | None:
+    """The result that is there already; None if it is another machine's or was no success."""
+    if not path.exists():
+        return None
+    row = json.loads(path.read_text())
+    return row if row["key"] == key and row["identical"] else None
+
+
+def expect(config: Config, view: View) -> Expected:
+    """A view's packed model, and its pictures by golden model and reference."""
+    with progress_bar(f"packing {view.name}"):
+        source = open_source(view.scene)
+        camera = open_camera(view.camera_text, view.size, source)
+        check_fits(config, camera)
+        model = packed_model(source, config)
+    twin = golden(config, Job(model, camera))
+    return Expected(model, camera, twin, reference(model, camera, SPLATCORE).pixels)
+
+
+def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
+    """Simulate a view, and say all there is to say about it."""
+    begin, config = time.perf_counter(), machine.config
+    jobs = [Job(expected.model, expected.camera)] * FRAMES
+    run = simulate(machine, jobs, timing, f"{view.name}, {timing.name}")
+    row = {
+        "scene": Path(view.scene).name, "camera": view.camera or expected.camera.name,
+        "size": view.size, "preset": config.name, "timing": asdict(timing),
+        "seconds": round(time.perf_counter() - begin, 1), "simulated_cycles": run.report.cycles,
+        "identical": False, "ended": run.why,
+    }  # fmt: skip
+    if not run.done:
+        return row
+    return row | judge(config, run, expected)
+
+
+def judge(config: Config, run: Run, expected: Expected) -> dict:
+    """Cycles, error and traffic of a run that came to its end."""
+    wrong = [diagnose(config, run, k, expected.twin) for k in range(len(run.frames))]
+    metrics = difference(run.frames[-1].pixels, expected.exact)
+    return {
+        "identical": not any(wrong),
+        "difference": str(next((text for text in wrong if text), "")),
+        "psnr_db": metrics.psnr_db, "ssim": metrics.ssim, "max_error": metrics.max_error,
+        "cycles": cycles(run) | {"rendering_alone": run.rendering_cycles[-1]},
+        "model_cycles": frame_cycles(config, expected.twin).by_name,
+        "traffic_bytes": run.frames[-1].traffic, "counters": run.frames[-1].counters,
+        "counts": expected.twin.counts,
+    }  # fmt: skip
+
+
+def line(row: dict) -> str:
+    """A result in a line."""
+    text = f"{row['scene']} {row['camera']}, {row['timing']['name']}: "
+    if "cycles" not in row:
+        return text + row["ended"]
+    found = row["cycles"]
+    same = "identical" if row["identical"] else f"NOT identical: {row['difference']}"
+    psnr = "exact" if row["psnr_db"] is None else f"{row['psnr_db']:.2f} dB"
+    return text + (
+        f"{found['frame']:,} cycles, {found['fps_at_800mhz']:.1f} FPS, {same}, {psnr}, "
+        f"{row['seconds']:.0f} s"
+    )
+
+
+def cells(row: dict) -> Iterator[tuple[str, object]]:
+    """All of a result's numbers by column."""
+    yield from ((name, row[name]) for name in ("scene", "camera", "size"))
+    yield "timing", row["timing"]["name"]
+    yield "identical", "yes" if row["identical"] else "no"
+    if "cycles" not in row:
+        return
+    yield from ((name, row[name]) for name in ("psnr_db", "ssim", "max_error"))
+    yield from row["cycles"].items()
+    yield from ((f"model_{name}", value) for name, value in row["model_cycles"].items())
+    yield from ((f"mb_{cause}", n / MEGABYTE) for cause, n in row["traffic_bytes"].items())
+
+
+def comma_separated(rows: list[dict]) -> str:
+    """All numbers of all results."""
+    found = [dict(cells(row)) for row in rows]
+    names = dict.fromkeys(name for row in found for name in row)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(found)
+    return text.getvalue()
+
+
+def markdown(rows: list[dict]) -> str:
+    """Three tables: cycles and error, the cycle model's stages, megabytes by cause."""
+    done = [row for row in rows if "cycles" in row]
+    titles = [f"{row['scene']} {row['camera']}, {row['timing']['name']}" for row in done]
+    thousand = [{k: v / 1000 for k, v in row["model_cycles"].items()} for row in done]
+    first = [
+        {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
+        | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
+        | {"identical": "yes" if row["identical"] else "no"}
+        | {"PSNR, dB": "exact" if row["psnr_db"] is None else f"{row['psnr_db']:.2f}"}
+        | {"SSIM": "–" if row["ssim"] is None else f"{row['ssim']:.5f}"}
+        | {"max error": f"{row['max_error']:.4f}"}
+        | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
+        for row in done
+    ]  # fmt: skip
+    second = [{k: f"{v:,.0f}" for k, v in row.items()} for row in thousand]
+    third = [
+        {cause: f"{n / MEGABYTE:.2f}" for cause, n in row["traffic_bytes"].items()} for row in done
+    ]
+    failed = [f"- {line(row)}" for row in rows if "cycles" not in row]
+    parts = [
+        "Thousands of cycles of a frame in RTL, and its picture against the reference's:",
+        _table(titles, first),
+        "The cycle model's thousands of cycles:",
+        _table(titles, second),
+        "Megabytes by cause:",
+        _table(titles, third),
+        *(["Failed:", "\n".join(failed)] if failed else []),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _table(titles: list[str], rows: list[dict]) -> str:
+    """A table in Markdown."""
+    if not rows:
+        return "none"
+    names = list(rows[0])
+    lines = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    lines += [
+        f"| {title} | " + " | ".join(str(row[name]) for name in names) + " |"
+        for title, row in zip(titles, rows, strict=True)
+    ]
+    return "\n".join(lines)

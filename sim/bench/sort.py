@@ -1,0 +1,118 @@
+"""Cycles of stage 2 by length of the list and kind of keys, in RTL simulation."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from splatcore.hdl.sorting.sort import Sort
+from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
+from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.cycles.sort import cycles
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.config import Config
+from splatcore.spec.sort import half_entries
+
+LENGTHS = (1, 2, 4, 8, 16, 32, 64, 100, 128, 129, 200, 256, 400, 512, 700, 1024, 1300, 1500,
+           2048, 2049, 3000, 4096, 5200, 7000, 10_000, 14_000, 20_000)  # fmt: skip
+"""Lengths of lists: what occurs, and the hard case of 20,000."""
+
+BOUND = 4.5
+"""Cycles an entry, 1.5·(1 for loading + 2·1 for giving it out), that a list may take."""
+
+BOUND_FROM, BOUND_TO = 16, 2048
+"""Lengths that the bound is about."""
+
+COLUMNS = 100
+"""What the table takes, on any terminal."""
+
+INCHES = (9.0, 5.5)
+DOTS_PER_INCH = 150
+
+
+class SortBench:
+    """Stage 2, compiled; `measure` sorts one list and returns its cycles."""
+
+    def __init__(self, config: Config):
+        self.config = config
+        self.simulation = Simulation(Sort(config))
+
+    def measure(self, kind: str, counts: Sequence[int]) -> int:
+        """Cycles from the first entry to the last group's mark. AssertionError if out of order."""
+        counts = np.asarray(counts)
+        rows = sort_rows(self.config, counts, entries_of(self.config, kind, counts))
+        result = self.simulation.run(
+            rows.inputs, constants={"stop": 0, "clear": 0}, expected=rows.counts
+        )
+        assert result.finished, result.stopped
+        for name, wanted in rows.expected.items():
+            assert np.array_equal(result.outputs[name], wanted), f"{kind} {counts}: {name}"
+        return result.cycles
+
+
+def bench_sort(
+    config: Config, lengths: Sequence[int] = LENGTHS, plot: Path | None = None
+) -> dict[str, list[int]]:
+    """Cycles of lists of these lengths by kind of keys; prints a table, draws a plot."""
+    bench, total = SortBench(config), len(KEYS) * len(lengths)
+    found = {kind: [] for kind in KEYS}
+    with progress_bar("sorting", total) as advance:
+        for length in lengths:
+            for kind, values in found.items():
+                values.append(bench.measure(kind, [length]))
+                advance(sum(map(len, found.values())), total)
+    model = [cycles(config, [length]) for length in lengths]
+    Console(width=COLUMNS).print(_table(config, lengths, found, model))
+    if plot is not None:
+        write(plot, _picture(config, lengths, found, model))
+    return found
+
+
+def _bound_to(config: Config) -> int:
+    """The longest list that the bound is about: one that is merged at once."""
+    return min(BOUND_TO, half_entries(config))
+
+
+def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]) -> Table:
+    title = f"{config.name}: cycles of stage 2 for one list"
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("entries", *found, "model", "per entry", "bound"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for k, length in enumerate(lengths):
+        values = [kind[k] for kind in found.values()]
+        within = BOUND_FROM <= length <= _bound_to(config)
+        table.add_row(
+            f"{length:,}",
+            *(f"{value:,}" for value in (*values, model[k])),
+            f"{max(values) / length:.2f}",
+            f"{BOUND * length:,.0f}" if within else "",
+        )
+    return table
+
+
+def _picture(config: Config, lengths: Sequence[int], found: dict, model: list[int]) -> bytes:
+    """Cycles per entry over the length, the bound dashed."""
+    figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes, entries = figure.subplots(), np.array(lengths)
+    for number, (kind, values) in enumerate(found.items()):
+        # The lines lie on each other: the cycles do not depend on the keys.
+        axes.plot(entries, values / entries, label=kind, linewidth=6 - number, alpha=0.6)
+    axes.plot(entries, model / entries, "k:", label="cycle model")
+    axes.plot([BOUND_FROM, _bound_to(config)], [BOUND, BOUND], "r--", label=f"bound {BOUND}")
+    axes.set_xscale("log")
+    axes.set_ylim(0, 3 * BOUND)
+    axes.set_xlabel("entries of the list")
+    axes.set_ylabel("cycles per entry")
+    axes.set_title(f"Stage 2, {config.name}: one list, from its first entry to the mark behind it")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()

@@ -1,0 +1,86 @@
+"""What goes through stage 2 for groups of entries: for tests and `sim.bench.sort`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatcore.golden.sort import sort
+from splatcore.spec.config import Config
+from splatcore.spec.group import SPLAT_BITS, entry_record, sorted_record
+from splatcore.spec.record import Codes
+from splatcore.spec.sort import count_record, spill_record, wanted_record
+
+Rows = dict[str, np.ndarray]
+
+
+def random_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
+    return random.integers(0, 1 << bits, count, dtype=np.uint64)
+
+
+def equal_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
+    return np.full(count, random.integers(0, 1 << bits), np.uint64)
+
+
+def sorted_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
+    return np.sort(random_keys(bits, count, random))
+
+
+def reversed_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
+    return np.sort(random_keys(bits, count, random))[::-1].copy()
+
+
+def clustered_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
+    """Few values of the upper half of the bits, any of the lower half."""
+    low = bits // 2
+    clusters = random_keys(bits - low, 1 + count // 16, random)
+    return random.choice(clusters, count) << np.uint64(low) | random_keys(low, count, random)
+
+
+KEYS = {
+    "random": random_keys,
+    "equal": equal_keys,
+    "sorted": sorted_keys,
+    "reversed": reversed_keys,
+    "clustered": clustered_keys,
+}
+"""Kinds of keys: each makes keys [count] of `bits` bits."""
+
+
+def entries_of(config: Config, kind: str, counts: np.ndarray, seed: int = 0) -> Codes:
+    """Entries of groups of `counts` [G] entries with keys of a kind."""
+    random, total = np.random.default_rng(seed), int(np.sum(counts))
+    keys = [KEYS[kind](config.sort_key_bits, int(count), random) for count in counts]
+    return {
+        "key": np.concatenate([np.zeros(0, np.uint64), *keys]),
+        "splat": random.integers(0, 1 << SPLAT_BITS, total, dtype=np.uint32),
+        "mask": random.integers(0, 1 << config.group**2, total, dtype=np.uint32),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class SortRows:
+    """Rows of stage 2's in streams, and those that its out streams must give."""
+
+    inputs: Rows
+    expected: Rows
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {name: len(rows) for name, rows in self.expected.items()}
+
+
+def sort_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:
+    """Rows for groups of `counts` [G] entries."""
+    found, entry = sort(config, counts, entries), entry_record(config)
+    return SortRows(
+        {
+            "groups": count_record().pack({"count": np.asarray(counts)}),
+            "entries": entry.pack(entries),
+            "back": entry.pack(found.back),
+        },
+        {
+            "o": sorted_record(config).pack(found.o),
+            "spill": spill_record(config).pack(found.spill),
+            "wanted": wanted_record(config).pack(found.wanted),
+        },
+    )

@@ -1,0 +1,119 @@
+"""Cycles and errors of many machines on one view, and their sizes: what campaigns are made of.
+
+A machine's picture is rendered by its twin and measured against the float64 reference on the same
+packed model; its cycles are the cycle model's. Machines that differ in speed alone share a picture.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.golden.pipeline import Frame, render
+from splatcore.model.pack.pack import largest_factor
+from splatcore.sim.accuracy.points import psnr
+from splatcore.sim.bench.campaign import Task
+from splatcore.sim.bench.scenes import View
+from splatcore.sim.common.metric import LEVELS, channel_error
+from splatcore.sim.common.source import open_camera, open_source, packed_model
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.machine.engines import reference
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
+from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.memory import model_format
+from splatcore.spec.packed import PackedModel
+
+SPEED = (
+    "name", "pe_arrays", "pes", "skip_zeros", "multiply_latency", "add_latency", "unary_latency",
+    "projection_slots", "sub_sorters", "sub_sorter_entries", "merge_ways", "rasterizers", "energy",
+)  # fmt: skip
+"""Fields of `Config` that change no pixel and no count of work."""
+
+
+def picture_of(config: Config) -> Config:
+    """The machine that stands for all with the same pictures."""
+    return replace(config, **{name: getattr(DEFAULT, name) for name in SPEED})
+
+
+def tasks(name: str, views: list[View], machines: dict[str, Config]) -> list[Task]:
+    """A task for each view and picture. name: of the campaign."""
+    pictures: dict[Config, dict[str, Config]] = {}
+    for label, config in machines.items():
+        pictures.setdefault(picture_of(config), {})[label] = config
+    found = []
+    for view in views:
+        for some in pictures.values():
+            about = f"{name} {view} {[(label, repr(config)) for label, config in some.items()]}"
+            title = f"{view.name} {view.size} {next(iter(some))}".replace("/", "-")
+            found.append(Task(title.replace(":", "-"), about, measure, (view, some)))
+    return found
+
+
+def measure(view: View, machines: dict[str, Config]) -> dict:
+    """{"rows": [a row for each machine]}; all machines make the same picture."""
+    first = next(iter(machines.values()))
+    scene = opened(view.scene)
+    camera = scene.camera(view)
+    frame = render(first, scene.model(first), camera)
+    facts = facts_of(frame, scene.reference(view, first))
+    rows = []
+    for label, config in machines.items():
+        cycles = frame_cycles(config, frame)
+        rows.append(
+            {"point": label, "scene": Path(view.scene).name, "camera": view.camera or camera.name}
+            | {"cycles": cycles.by_name}
+            | {"fps_at_800mhz": CLOCK_HZ / cycles.frame}
+            | facts
+        )
+    return {"rows": rows}
+
+
+def facts_of(frame: Frame, exact: np.ndarray) -> dict:
+    """A picture's error and the work that it took."""
+    return {
+        "psnr_db": psnr(frame.pixels / LEVELS, exact / LEVELS),
+        "max_error": float(channel_error(frame.pixels, exact).max() / LEVELS),
+        "counts": frame.counts | {"front": len(frame.points.front)},
+    }
+
+
+class Opened:
+    """A scene, its models and pictures by the reference, as a process keeps them."""
+
+    def __init__(self, scene: str):
+        self.source = open_source(scene)
+        self.models: dict[object, PackedModel] = {}
+        self.exact: dict[tuple[View, object], np.ndarray] = {}
+
+    def _packing(self, config: Config) -> object:
+        """What decides on a machine's model."""
+        if self.source.model is not None:
+            return None
+        degree = min(self.source.scene.sh_degree, config.sh_degree)
+        return model_format(config, degree), largest_factor(config.arithmetic)
+
+    def camera(self, view: View) -> Camera:
+        """A view's camera."""
+        return open_camera(view.camera_text, view.size, self.source)
+
+    def model(self, config: Config) -> PackedModel:
+        """The scene as packed for a machine."""
+        key = self._packing(config)
+        if key not in self.models:
+            self.models[key] = packed_model(self.source, config)
+        return self.models[key]
+
+    def reference(self, view: View, config: Config) -> np.ndarray:
+        """The reference's 8-bit picture of the model for a machine."""
+        key = view, self._packing(config)
+        if key not in self.exact:
+            self.exact[key] = reference(self.model(config), self.camera(view), SPLATCORE).pixels
+        return self.exact[key]
+
+
+@lru_cache(maxsize=1)
+def opened(scene: str) -> Opened:
+    """The scene that this process has been at last."""
+    return Opened(scene)

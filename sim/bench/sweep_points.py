@@ -1,0 +1,84 @@
+"""The machines that `splatcore bench sweep` compares: DEFAULT, PAPER, and one thing changed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+from splatcore.sim.accuracy.points import width_of, with_width
+from splatcore.spec.config import DEFAULT, PAPER, Config
+
+LANES = 16
+"""Of a rasterizer: the pixels of a block."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A machine of the sweep. knob: what differs from DEFAULT, value: how much of it there is."""
+
+    name: str
+    knob: str
+    value: str
+    config: Config
+
+    @property
+    def fields(self) -> dict[str, object]:
+        """Fields of `Config` that differ from DEFAULT's; as text if JSON has no word for them."""
+        found = {}
+        for field in fields(Config):
+            value = getattr(self.config, field.name)
+            if field.name != "name" and value != getattr(DEFAULT, field.name):
+                found[field.name] = value if isinstance(value, int | str) else str(value)
+        return found
+
+
+WIDTHS = ("5/10", "7/10", "7/13", "8/20")
+"""Bits of exponent and fraction of stages 0 and 1 beside DEFAULT's."""
+
+KEYS = (17, 18, 19, 20)
+"""Bits of a depth key beside DEFAULT's: each one less halves the octaves behind the near plane."""
+
+RASTER_FORMATS = {
+    "coarse": {
+        "exponent_fraction": 12, "pixel_fraction": 10, "power_fraction": 5, "power_mantissa": 7,
+        "transmittance": 14, "weight": 10, "colour_fraction": 8, "sum_fraction": 12,
+    },
+    "weights -1 bit": {"weight": 10, "sum_fraction": 12},
+    "fine": {
+        "exponent_fraction": 16, "pixel_fraction": 14, "power_fraction": 7, "power_mantissa": 10,
+        "transmittance": 18, "weight": 13, "colour_fraction": 10, "sum_fraction": 15,
+    },
+}  # fmt: skip
+"""Formats of stage 3, together: a little less, one thing less, a little more."""
+
+TWICE = {"rasterizers": 8, "pe_arrays": 2}
+"""Twice the lanes and the processing elements together: neither half is left behind."""
+
+
+def changed(knob: str, value: object, **changes) -> Point:
+    """DEFAULT with something changed."""
+    name = f"{knob} {value}"
+    return Point(name, knob, str(value), replace(DEFAULT, name=name, **changes))
+
+
+def points() -> Iterator[Point]:
+    """All of them; InputError for one that Config refuses would be a mistake in this file."""
+    yield Point("DEFAULT", "preset", "DEFAULT", DEFAULT)
+    yield Point("PAPER", "preset", "PAPER", PAPER)
+    for text in WIDTHS:
+        config = with_width(text)
+        changes = {
+            field: getattr(config, field) for field in ("arithmetic", "depth", "screen_exponent")
+        }
+        yield changed("float", width_of(config), **changes)
+    for bits in KEYS:
+        yield changed("key", bits, sort_digits=(1,) * bits)
+    for name, changes in RASTER_FORMATS.items():
+        yield changed("raster format", name, **changes)
+    for count in (1, 2, 8, 16):
+        yield changed("lanes", count * LANES, rasterizers=count)
+    yield changed("PE arrays", 2, pe_arrays=2)
+    yield changed("PE arrays, lanes", "2, 128", **TWICE)
+    for count in (1, 3, 4):
+        yield changed("sub-sorters", count, sub_sorters=count)
+    yield changed("tile test", "3sigma", tile_test="3sigma")
+    for tiles in (1, 2):
+        yield changed("group", tiles, group=tiles)

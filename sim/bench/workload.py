@@ -1,0 +1,129 @@
+"""`splatcore bench work`: what scenes ask of the machine, camera by camera, and where.
+
+Culling, early termination and how busy the processing elements are, as the paper's figures and
+tables tell them of its scenes.
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.golden.pipeline import Frame, render
+from splatcore.model.formats.camera_file import read_camera, read_cameras
+from splatcore.sim.bench.campaign import Failure, Task, results
+from splatcore.sim.bench.scenes import View
+from splatcore.sim.bench.sweep import opened
+from splatcore.sim.cycles.frame import Cycles, frame_cycles
+from splatcore.spec.config import Config
+from splatcore.spec.convention import NEAR_PLANE, TILE
+from splatcore.spec.microprogram import operation_counts, program, projection
+from splatcore.spec.schedule import pes, schedule
+
+RESULT = "work.json"
+
+
+def every_camera(views: list[View]) -> list[View]:
+    """The views' scenes by all cameras of their files."""
+    found = {}
+    for view in views:
+        if not view.camera_text:
+            found[view.scene, None] = view
+            continue
+        found.setdefault((view.scene, read_camera(view.camera_text).name), view)
+    for scene, size in dict.fromkeys((view.scene, view.size) for view in views):
+        beside = View(scene, "", size).camera_text
+        for camera in read_cameras(beside) if beside else ():
+            found.setdefault((scene, camera.name), View(scene, camera.name, size))
+    return list(found.values())
+
+
+def work(config: Config, views: list[View], folder: Path, scheduler: str | None) -> dict:
+    """Measure all views by the twins."""
+    tasks = [
+        Task(
+            f"work {view.name} {view.size}".replace(":", "-"),
+            f"work {config!r} {view}", view_work, (config, view),
+        )
+        for view in views
+    ]  # fmt: skip
+    rows, density, failed = [], {}, []
+    for _, found in results(tasks, folder / "parts", scheduler, "work"):
+        if isinstance(found, Failure):
+            failed.append(asdict(found))
+        else:
+            rows.append(found["row"])
+            density[f"{found['row']['scene']} {found['row']['camera']}"] = found["density"]
+    rows.sort(key=lambda row: (row["scene"], row["camera"]))
+    return {
+        "preset": config.name, "size": views[0].size, "rows": rows, "density": density,
+        "operations": operations(config), "failed": failed,
+    }  # fmt: skip
+
+
+def view_work(config: Config, view: View) -> dict:
+    """A frame's counts and rates, and how many splats reach each tile."""
+    model, camera = opened(view.scene).model(config), opened(view.scene).camera(view)
+    frame = render(config, model, camera)
+    depth = model.position @ camera.rotation[2] + camera.translation[2]
+    behind, counts = int((depth <= NEAR_PLANE).sum()), frame.counts
+    cycles = frame_cycles(config, frame)
+    projected = counts["projected"]
+    row = {
+        "scene": Path(view.scene).name, "camera": view.camera or camera.name,
+        "gaussians": len(model), "behind": behind, "read": counts["points_read"],
+        "projected": projected, "splats": counts["splats"], "entries": counts["group_entries"],
+        "tile_pairs": counts["tile_pairs"], "pairs": counts["pairs"],
+        "near_rate": _share(behind, len(model)),
+        "culling_rate": _share(len(model) - projected, len(model)),
+        "early_termination_rate": _share(
+            counts["tile_pairs"] - counts["pairs"], counts["tile_pairs"]
+        ),
+        "pe_utilisation": utilisation(config, model.format.sh_degree, projected, cycles),
+        "cycles": cycles.by_name, "counts": counts,
+    }  # fmt: skip
+    return {"row": row, "density": tile_density(config, frame).tolist()}
+
+
+def _share(part: int, whole: int) -> float:
+    return part / whole if whole else 0.0
+
+
+def utilisation(config: Config, sh_degree: int, projected: int, cycles: Cycles) -> float:
+    """Share of the frame's cycles in which a PE of stage 1 has an operation.
+
+    Operations of models without harmonics count without their colours, which come out all the same.
+    """
+    steps = projection(config)
+    if sh_degree < config.sh_degree:
+        steps = program(steps.name.replace("_sh", ""))
+    used = sum(step.unit == "pe" for step in steps.steps)
+    return used * projected / (pes(config, projection(config)) * cycles.frame)
+
+
+def tile_density(config: Config, frame: Frame) -> np.ndarray:
+    """Splats [rows, columns] that reach each tile."""
+    height, width = frame.pixels.shape[:2]
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    across = -(-columns // config.group)
+    found = np.zeros((-(-rows // config.group) * config.group, across * config.group), np.int64)
+    group, mask = frame.binned.group, frame.binned.entries["mask"].astype(np.int64)
+    for tile in range(config.group**2):
+        reached = group[mask >> tile & 1 == 1]
+        row = reached // across * config.group + tile // config.group
+        column = reached % across * config.group + tile % config.group
+        np.add.at(found, (row, column), 1)
+    return found[:rows, :columns]
+
+
+def operations(config: Config) -> dict[str, dict[str, float]]:
+    """Operations of stage 1 with and without the products with zeros, and cycles a Gaussian."""
+    found = {}
+    for name in ("project", "project_sh", "project_dense", "project_sh_dense"):
+        steps, plan = program(name), schedule(config, program(name))
+        counts = operation_counts(steps.steps)
+        found[name] = counts | {
+            "operations": sum(counts.values()), "cycles": plan.interval,
+            "pes_busy": plan.utilisation(pes(config, steps)),
+        }  # fmt: skip
+    return found

@@ -1,0 +1,5 @@
+"""The command line, a file for each command.
+
+May import: spec, model, golden, hdl, sim.accuracy, sim.bench, sim.common, sim.compression,
+sim.cycles, sim.eda, sim.fit, sim.machine, sim.power, sim.report.
+"""

@@ -1,0 +1,146 @@
+"""The command `bench compression`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from splatcore.sim.cli.bench import bench
+from splatcore.sim.cli.campaigns import SIZE, FolderOption, PixelsOption, finish
+from splatcore.sim.cli.compress import RateOption
+from splatcore.sim.cli.options import PresetOption
+from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.source import parse_size
+from splatcore.sim.compression import run as compression_run
+from splatcore.sim.compression.bench import PARTS, RATIOS, RESULT, Request, bench_compression
+from splatcore.sim.compression.plot import write_curve
+from splatcore.sim.compression.subjects import SCENES, Protocol, find
+from splatcore.sim.compression.tables import print_tables, write_csv
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+DEFAULTS = Protocol(DEFAULT)
+
+ALL_PARTS, ALL_RATIOS = ",".join(PARTS), ",".join(f"{ratio:g}" for ratio in RATIOS)
+VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))
+"""Defaults as the command line takes them."""
+
+
+ScenesArgument = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="SCENE …",
+        help="Scene files or folders of photographs (COLMAP, transforms.json). Default: "
+        f"{', '.join(SCENES)} in the folder SPLATCORE_SCENES.",
+    ),
+]
+PartOption = Annotated[str, typer.Option(metavar="PART,PART,…", help="What to measure; see above.")]
+StepsOption = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Fine-tuning steps after each pruning; other parts in proportion."
+    ),
+]
+TrainStepsOption = Annotated[
+    int, typer.Option(metavar="N", help="Steps of a baseline from photographs.")
+]
+RatiosOption = Annotated[str, typer.Option(metavar="R,R,…", help="Ratios of the curve.")]
+ScheduleSceneOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SCENE", help="Whose schedules are compared. Default: banana, else the first."
+    ),
+]
+ViewsOption = Annotated[
+    int, typer.Option(metavar="N", help="Teacher's views of a scene without photographs.")
+]
+ViewSizeOption = Annotated[str, typer.Option(metavar="WxH", help="Pixels of the teacher's views.")]
+ScaleOption = Annotated[
+    float, typer.Option(metavar="S", help="Photographs are shrunk to this, 0 … 1.")
+]
+OrderOption = Annotated[
+    str, typer.Option(metavar="ORDER", help="distill-first, or prune-first as in the paper.")
+]
+SeedOption = Annotated[int, typer.Option(metavar="S", help="Of everything random.")]
+
+
+@bench.command("compression")
+def compression_command(
+    output: FolderOption,
+    scene: ScenesArgument = None,
+    part: PartOption = ALL_PARTS,
+    steps: StepsOption = None,
+    train_steps: TrainStepsOption = DEFAULTS.train_steps,
+    ratios: RatiosOption = ALL_RATIOS,
+    schedule_scene: ScheduleSceneOption = None,
+    views: ViewsOption = DEFAULTS.views,
+    view_size: ViewSizeOption = VIEW_SIZE,
+    size: PixelsOption = SIZE,
+    scale: ScaleOption = DEFAULTS.scale,
+    rate: RateOption = DEFAULTS.rate,
+    order: OrderOption = DEFAULTS.order,
+    seed: SeedOption = DEFAULTS.seed,
+    preset: PresetOption = "DEFAULT",
+):
+    """Compress scenes and measure: the paper's tables, and the work that is left for the machine.
+
+    Quality is that of the reference's 8-bit pictures: against the photographs held out (every 7th)
+    where there are some, else against the original scene in views that compression never sees:
+    those of the file of cameras beside it, on whose path it learns, or others all round.
+
+    steps: size, PSNR, SSIM, FLIP (LPIPS where its weights are installed) and the machine's work
+    after each step. schedule: pruning schedules with the same number of fine-tuning steps.
+    curve: ratio against loss. budget: the error of the compressed model beside the machine's.
+
+    Writes DIR/compression.json, a CSV file for each part, curve.png and a contact sheet for each
+    scene. What is in DIR already is not made again.
+    """
+    protocol = Protocol(
+        find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
+        at_least("--views", views), parse_size(view_size), parse_size(size), scale, seed, rate,
+        order,
+    )  # fmt: skip
+    if not 0 < scale <= 1:
+        raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")
+    compression_run.recipe_of(*protocol.options)
+    found = find(list(scene or ()))
+    names = [Path(path).resolve().name for path in found]
+    chosen = Path(schedule_scene or (SCENES[0] if SCENES[0] in names else names[0])).name
+    if chosen not in names:
+        raise InputError(f"--schedule-scene {chosen}: is not among {', '.join(names)}")
+    request = Request(tuple(found), parse_parts(part), chosen, parse_ratios(ratios), protocol)
+    compression_run.check_installed()
+    check_writable(output / "x" if output.is_dir() else output)
+    output.mkdir(exist_ok=True)
+    facts = bench_compression(request, output)
+    print_tables(console, facts)
+    write_csv(output, facts)
+    write_curve(output / "curve.png", facts["scenes"])
+    finish(output / RESULT, facts)
+
+
+def at_least(option: str, value: int | None, least: int = 1) -> int | None:
+    """InputError for a number that is too small."""
+    if value is not None and value < least:
+        raise InputError(f"{option} {value}: is not {least} or more")
+    return value
+
+
+def parse_parts(text: str) -> tuple[str, ...]:
+    """Names with commas between them, in the order of PARTS."""
+    names = [name.strip() for name in text.split(",")]
+    if unknown := [name for name in names if name not in PARTS]:
+        raise InputError(f"--part '{unknown[0]}': unknown (there are {', '.join(PARTS)})")
+    return tuple(name for name in PARTS if name in names)
+
+
+def parse_ratios(text: str) -> tuple[float, ...]:
+    """Ratios over 1 with commas between them, the smallest first."""
+    try:
+        ratios = tuple(sorted(set(map(float, text.split(",")))))
+    except ValueError:
+        raise InputError(f"--ratios '{text}': are not numbers with commas between them") from None
+    if not all(1 < ratio < 10_000 for ratio in ratios):
+        raise InputError(f"--ratios '{text}': are not all over 1 and below 10,000")
+    return ratios

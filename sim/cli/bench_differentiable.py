@@ -1,0 +1,101 @@
+"""`splatcore bench differentiable`: seconds of the CPU's differentiable renderer."""
+
+from importlib.util import find_spec
+from statistics import median
+from time import perf_counter
+from typing import Annotated
+
+import numpy as np
+import typer
+from numba import get_num_threads
+
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.sim.cli.bench import bench
+from splatcore.sim.cli.options import JsonOption
+from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import parse_size
+from splatcore.spec.camera import Camera
+from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import Gaussians
+
+COUNT, SIZE = 100_000, "960x540"
+"""The garden and the picture that the bound is about."""
+
+BOUND = 1.5
+"""Seconds of forward and backward together that COUNT Gaussians at SIZE may take on two cores."""
+
+
+@bench.command("differentiable")
+def differentiable_command(
+    gaussians: Annotated[int, typer.Option(metavar="N", help="Of the garden.")] = COUNT,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Pixels.")] = SIZE,
+    repeat: Annotated[int, typer.Option(metavar="N", help="Times are medians of N runs.")] = 5,
+    json: JsonOption = None,
+):
+    """Time forward and backward of the differentiable renderer on the CPU, in float32.
+
+    The scene is the generated garden. A run before the measured ones compiles.
+    """
+    width, height = parse_size(size)
+    if repeat < 1:
+        raise InputError(f"--repeat {repeat}: is not at least 1")
+    check_writable(json)
+    try:
+        scene = generate("garden", gaussians)
+    except InputError as error:
+        raise InputError(f"--gaussians: {error}") from None
+    if find_spec("torch") is None:
+        raise InputError("needs PyTorch; install it by pip install 'splatcore[compress]'")
+    facts = measure(scene.gaussians(), generated_camera("garden", width, height), repeat)
+    together = facts["forward_seconds"] + facts["backward_seconds"]
+    console.print(
+        f"{gaussians:,} Gaussians at {width}×{height}: {facts['visible']:,} visible, "
+        f"{facts['pairs']:,} pairs with a tile; threads: {facts['threads']}\n"
+        f"forward  {facts['forward_seconds']:.3f} s\n"
+        f"backward {facts['backward_seconds']:.3f} s\n"
+        f"together {together:.3f} s (bound: {BOUND} s for {COUNT:,} at {SIZE} on two cores)",
+        soft_wrap=True,
+    )
+    write_json(json, {"gaussians": gaussians, "size": [width, height], **facts})
+
+
+def measure(gaussians: Gaussians, camera: Camera, repeat: int) -> dict:
+    """Median seconds of forward and backward in float32, threads, pairs and visible Gaussians."""
+    import torch
+
+    from splatcore.model.gradients.differentiable import render
+
+    arrays = gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh
+    leaves = [torch.tensor(a, dtype=torch.float32, requires_grad=True) for a in arrays]
+    seconds = []
+    for _ in range(1 + repeat):
+        for leaf in leaves:
+            leaf.grad = None
+        start = perf_counter()
+        found = render(*leaves, camera)
+        middle = perf_counter()
+        found.image.abs().mean().backward()
+        seconds.append((middle - start, perf_counter() - middle))
+    forward, backward = (median(part) for part in zip(*seconds[1:], strict=True))
+    return {
+        "repeat": repeat, "forward_seconds": forward, "backward_seconds": backward,
+        "threads": get_num_threads(), "visible": len(found.visible),
+        "pairs": pairs(gaussians, camera),
+    }  # fmt: skip
+
+
+def pairs(gaussians: Gaussians, camera: Camera) -> int:
+    """Pairs of a visible splat and a tile that it reaches, as the renderer lists them."""
+    from splatcore.model.gradients import rendering_points, rendering_tiles
+
+    arrays = gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh
+    arrays = [np.ascontiguousarray(array, np.float32) for array in arrays]
+    arrays.append(np.zeros((len(gaussians), 2), np.float32))
+    splats = np.empty((len(gaussians), rendering_points.HIGH + 1), np.float32)
+    depth = np.empty(len(gaussians))
+    view = rendering_points.view_numbers(camera, SPLATCORE)
+    rendering_points.project(*arrays, view, get_num_threads(), splats, depth)
+    lists = rendering_tiles.tile_lists(splats[depth > 0], camera.width, camera.height)
+    return len(lists[2])

@@ -1,0 +1,273 @@
+"""The commands `train` and `compress`: photographs to a scene, a scene to a small model."""
+
+import hashlib
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from splatcore.golden.reference import render
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.ply import write_ply
+from splatcore.sim.cli.options import JsonOption, PresetOption, SceneArgument, app
+from splatcore.sim.common.metric import difference
+from splatcore.sim.common.output import check_writable, console, progress_bar, whole_file, write
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import open_source, parse_size
+from splatcore.sim.compression.run import (
+    check_installed,
+    compressed,
+    own_views,
+    photographs,
+    pictures_at,
+    teacher,
+    trained,
+)
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.preset import find_preset
+from splatcore.spec.scene import Gaussians, Scene
+
+LOOKED_AT = 4
+"""Views on which the loss is measured where there are no photographs."""
+
+ScaleOption = Annotated[
+    float, typer.Option(metavar="S", help="Shrink the photographs: 0.5 is half their size.")
+]
+HoldOutOption = Annotated[
+    int,
+    typer.Option(metavar="N", min=0, help="Keep every N-th photograph for measuring; 0: none."),
+]
+ImagesOption = Annotated[
+    str | None,
+    typer.Option(metavar="DIR", help="COLMAP folder or transforms.json with photographs."),
+]
+CamerasOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Without --images: from where the scene will be looked at, as cameras.json, "
+        "transforms.json or COLMAP folder. It learns on their path, not from all round.",
+    ),
+]
+ScheduleOption = Annotated[
+    str, typer.Option(metavar="R,R,…", help="Shares that the prunings remove, one by one.")
+]
+RatioOption = Annotated[
+    float | None,
+    typer.Option(metavar="R", help="So many times smaller than the scene's float32 PLY."),
+]
+DropOption = Annotated[
+    float | None,
+    typer.Option(metavar="DB", help="Lose at most this on photographs kept aside."),
+]
+DistillOption = Annotated[
+    int, typer.Option(min=0, help="Steps for each degree of harmonics that goes.")
+]
+QuantizeOption = Annotated[int, typer.Option(min=0, help="Steps under the packed model's numbers.")]
+RateOption = Annotated[
+    float,
+    typer.Option(metavar="S", help="Learning rates, as a share of those that suit most scenes."),
+]
+OrderOption = Annotated[
+    str,
+    typer.Option(metavar="ORDER", help="distill-first: harmonics go first; or prune-first."),
+]
+DegreeOption = Annotated[
+    int | None,
+    typer.Option(min=0, max=1, help="Of the model. Default: 0 where 1 is not worth its bytes."),
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same result on one machine.")]
+WorkOption = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Where steps are kept. Default: the output's name + .steps."),
+]
+
+
+@app.command("train")
+def train_command(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="COLMAP model with its photographs in images/.")
+    ],
+    output: Annotated[Path, typer.Option("-o", metavar="SCENE.ply", help="Where to write it.")],
+    steps: Annotated[int, typer.Option(min=1, help="Steps of optimisation.")] = 7000,
+    scale: ScaleOption = 1.0,
+    hold_out: HoldOutOption = 7,
+    seed: SeedOption = 0,
+    work: WorkOption = None,
+    json: JsonOption = None,
+):
+    """Train a plain 3DGS scene from photographs: the baseline that compression starts from.
+
+    Begins with COLMAP's points, densifies, and keeps its state every 500 steps: the same command
+    goes on where it was stopped. Prints the PSNR of the photographs held out. Needs the extra
+    `compress`.
+    """
+    check_installed()
+    check_writable(output, json)
+    learn, aside = _split(str(folder), scale, hold_out)
+    place = work or output.with_name(output.name + ".steps")
+    scene = trained(str(folder), learn, steps, seed, place, folder.name)
+    with whole_file(output) as part:
+        write_ply(part, replace(scene, name=output.name))
+    facts = {"scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree}
+    facts |= {"steps": steps, "photographs": len(learn), "held_out": len(aside)}
+    facts["psnr_db"] = _decibels(scene.gaussians(), aside)
+    found = facts["psnr_db"]
+    shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
+    console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
+    write_json(json, facts)
+
+
+@app.command("compress")
+def compress_command(
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", metavar="MODEL", help="Where to write it.")],
+    images: ImagesOption = None,
+    cameras: CamerasOption = None,
+    schedule: ScheduleOption = "0.4,0.4,0.4,0.2",
+    target_ratio: RatioOption = None,
+    max_drop: DropOption = None,
+    steps: Annotated[int, typer.Option(min=0, help="Steps after each pruning.")] = Recipe.steps,
+    distill_steps: DistillOption = Recipe.distill_steps,
+    quantize_steps: QuantizeOption = Recipe.quantize_steps,
+    rate: RateOption = Recipe.rate,
+    order: OrderOption = Recipe.order,
+    sh_degree: DegreeOption = None,
+    views: Annotated[int, typer.Option(min=1, help="Own pictures, without --images.")] = 96,
+    size: Annotated[
+        str, typer.Option(metavar="WxH", help="Of the own pictures: as it will be rendered.")
+    ] = "1920x1080",
+    scale: ScaleOption = 1.0,
+    hold_out: HoldOutOption = 7,
+    seed: SeedOption = 0,
+    work: WorkOption = None,
+    preset: PresetOption = "DEFAULT",
+    json: JsonOption = None,
+):
+    """Compress a scene: distil harmonics, prune, quantise, fine-tune between; pack the result.
+
+    What matters is learned from photographs (--images), or else from the scene's own pictures: on
+    the path of given cameras (--cameras), or from all round. Steps are kept in a folder: the same
+    command goes on where it was stopped. Prints each step's size and loss, and what is lost on
+    pictures that were not learned from. Needs the extra `compress`.
+    """
+    check_installed()
+    check_writable(output, json)
+    if max_drop is not None and images is None:
+        raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
+    recipe = Recipe(
+        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, sh_degree,
+        target_ratio, max_drop, seed,
+    )  # fmt: skip
+    config, pixels = find_preset(preset), parse_size(size)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+    if source.scene is None:
+        raise InputError(f"{scene}: is a packed model already, not a scene")
+    learn, aside = _split(images, scale, hold_out) if images else ((), ())
+    if not images:
+        path = read_cameras(cameras) if cameras else ()
+        learn = teacher(source.scene, views, pixels, seed, scene, path)
+        learn += pictures_at(source.scene, path, pixels, scene) if path else ()
+    key = f"{digest(source.scene, learn)} {recipe!r} {config!r}"
+    checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
+    model = compressed(source.scene, learn, recipe, checkpoints, config, scene)
+    write(output, model.image.tobytes())
+    facts = {"scene": scene, "model": str(output)} | facts_of(source.scene, model, checkpoints)
+    console.print(table_of(checkpoints, facts["original_bytes"]))
+    facts |= _loss(source.scene, model.gaussians(), aside, pixels, seed)
+    says = f"{facts['ratio']:.1f} times smaller; {facts.pop('says')}"
+    console.print(f"{output}: {says}", soft_wrap=True)
+    write_json(json, facts)
+
+
+def parse_schedule(text: str) -> tuple[float, ...]:
+    """Rates of "0.4,0.2"; InputError names the option."""
+    try:
+        return tuple(float(word) for word in text.split(",") if word.strip())
+    except ValueError:
+        raise InputError(f"--schedule '{text}': is not a list of shares like 0.4,0.4") from None
+
+
+def digest(scene, targets) -> str:
+    """What a compression starts from, in 16 digits."""
+    found = hashlib.sha256()
+    for array in (scene.position, scene.scale, scene.quaternion, scene.opacity, scene.sh):
+        found.update(np.ascontiguousarray(array))
+    for target in targets:
+        found.update(np.ascontiguousarray(target.image))
+        found.update(repr(target.camera).encode())
+    return found.hexdigest()[:16]
+
+
+def _split(path: str, scale: float, hold_out: int) -> tuple[tuple, tuple]:
+    """Photographs to learn from, and those held out."""
+    if not 0 < scale <= 1:
+        raise InputError(f"--scale {scale:g}: is not in 0 … 1")
+    if not hold_out:
+        learn, aside = photographs(path, scale, 2**30)
+        return (*aside, *learn), ()
+    learn, aside = photographs(path, scale, hold_out)
+    if not learn:
+        raise InputError(f"{path}: no photograph is left to learn from; try --hold-out 0")
+    return learn, aside
+
+
+def _decibels(gaussians: Gaussians, targets) -> float | None:
+    """Mean PSNR of the reference's pictures against photographs; None without any."""
+    found = [
+        difference(render(gaussians, each.camera).pixels, each.image, each.name).psnr_db
+        for each in targets
+    ]
+    return float(np.mean(found)) if found and None not in found else None
+
+
+def facts_of(scene: Scene, model: PackedModel, checkpoints: Checkpoints) -> dict:
+    """Sizes, and the steps."""
+    original = ply_bytes(len(scene), scene.sh_degree)
+    return {
+        "original_bytes": original, "bytes": len(model.image),
+        "ratio": original / len(model.image), "gaussians": len(model),
+        "sh_degree": model.format.sh_degree, "steps": [asdict(s) for s in checkpoints.steps],
+    }  # fmt: skip
+
+
+def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int) -> dict:
+    """What is lost on pictures that were not learned from."""
+    original = scene.gaussians()
+    if aside:
+        before, after = (_decibels(each, aside) for each in (original, packed))
+        says = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
+        return {"psnr_db": after, "psnr_db_before": before, "says": says}
+    views = own_views(original, LOOKED_AT, size, seed + 1)
+    found = [
+        difference(render(packed, view).pixels, render(original, view).pixels).psnr_db
+        for view in views
+    ]
+    after = float(np.mean(found)) if None not in found else None
+    says = "no difference" if after is None else f"{after:.2f} dB against the scene"
+    return {
+        "psnr_db": after, "psnr_db_before": None, "says": f"{says} on {len(views)} other views"
+    }  # fmt: skip
+
+
+def table_of(checkpoints: Checkpoints, original: int) -> Table:
+    """The steps: what is left after each."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("step", no_wrap=True)
+    for heading in ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds"):
+        table.add_column(heading, justify="right")
+    for step in checkpoints.steps:
+        loss = "–" if step.loss is None else f"{step.loss:.5f}"
+        table.add_row(
+            step.name, f"{step.gaussians:,}", str(step.sh_degree), f"{step.bytes:,}",
+            f"{original / step.bytes:.1f}", loss, f"{step.seconds:.0f}",
+        )  # fmt: skip
+    return table

@@ -1,0 +1,301 @@
+"""The command `error` and its tables."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+
+from splatcore.sim.accuracy.plot import write_error_plot
+from splatcore.sim.accuracy.points import MACHINES, Subject, width_of, with_width
+from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
+from splatcore.sim.accuracy.run import everything, measured, named
+from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
+from splatcore.sim.cli.options import JsonOption, app
+from splatcore.sim.common.output import check_writable, console, messages
+from splatcore.sim.common.result import write_json
+from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+Scenes = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="SCENE|MODEL", help="Default: all scenes of --scenes and the hard cases."
+    ),
+]
+StageOption = Annotated[str, typer.Option(help="Which stage's errors: project, sort, raster.")]
+ScenesOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="DIR", help="Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes."
+    ),
+]
+WidthOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="E/F", help="A machine with these exponent/fraction bits. May repeat."),
+]
+MachineOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--preset",
+        metavar="NAME",
+        help="A machine: DEFAULT, PAPER, TINY or a preset file. May repeat.",
+    ),
+]
+ViewOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE[:ID]",
+        help="Camera of the SCENE. Default: the first of NAME.cameras.json beside NAME.ply (.spz, "
+        "…), else a sensible view.",
+    ),
+]
+SizeOption = Annotated[
+    str | None,
+    typer.Option(metavar="WxH", help="Pixels; hard cases keep theirs unless they are named."),
+]
+
+LABELS = {
+    "depth_stage_0": "depth, stage 0",
+    "u": "u, pixels",
+    "v": "v, pixels",
+    "colour": "colour, of full scale",
+}
+"""Names of fields in the tables, where they differ; what has no unit there is relative."""
+
+WIDEST = 1000
+"""More columns than a table has."""
+
+COUNT_TITLE = (
+    "Visible Gaussians lost + splats that are not finite.\n"
+    "axes: longest over shortest axis of a visible Gaussian; on screen: of a splat, with blur"
+)
+
+COUNTS = {
+    "projected": "projected",
+    "lost": "lost: visible, not projected",
+    "gained": "gained: seen, in the reference not",
+    "not_finite": "with a field that is not finite",
+    "not_positive": "not positive definite",
+}
+"""Counts of each machine and their names in the table."""
+
+
+SWEEPS = {
+    "sort": (sort_errors, sort_table, write_sort_plot),
+    "raster": (raster_errors, raster_table, write_raster_plot),
+}
+"""What `--stage` runs beside project: measures subjects, makes a table, writes a plot."""
+
+
+@app.command("error")
+def error_command(
+    scene: Scenes = None,
+    stage: StageOption = "project",
+    scenes: ScenesOption = None,
+    width: WidthOption = None,
+    machine: MachineOption = None,
+    camera: ViewOption = None,
+    size: SizeOption = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", metavar="PLOT.png", help="Draw the errors.")
+    ] = None,
+    json: JsonOption = None,
+):
+    """Error of the numbers of stages 0 and 1: each field, and the picture that they make.
+
+    The bit-accurate twin of stages 0 and 1 against the float64 reference on the same packed model,
+    by machine: PAPER, DEFAULT and widths between (exponent/fraction bits), or those of --preset
+    and --width. Pictures are blended in float64 from stage 1's splats: no other stage's error is
+    in them.
+
+    For a machine that has its models packed otherwise than DEFAULT (PAPER: FP16 positions, smaller
+    codebooks) the picture is also compared with the reference's of the scene as packed for DEFAULT:
+    "and packing" in the table, what its packing and its numbers lose together.
+
+    With --stage sort: order by depth keys of fewer bits, on exact inputs: PSNR and largest error of
+    the pictures, and how many entries changed places.
+
+    With --stage raster: the formats of stage 3, one changed at a time, on exact inputs: PSNR and
+    largest error of the pictures against the gates of a lane from synthesis.
+
+    Exponents of 5 bits or less come with FP16's infinities. Splats with a field that is not finite
+    are counted, not drawn, and left out of the fields' errors.
+    """
+    check_writable(output, json)
+    if stage not in ("project", *SWEEPS):
+        names = ", ".join(("project", *SWEEPS))
+        raise InputError(f"--stage '{stage}': unknown (there are {names})")
+    if stage in SWEEPS and (width or machine):
+        raise InputError(f"--stage {stage}: has formats of its own, without --width, --preset")
+    chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
+    if scene and scenes:
+        raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
+    subjects = named(scene, camera, size) if scene else everything(scenes, camera, size)
+    if stage in SWEEPS:
+        measure, table, plot = SWEEPS[stage]
+        found = measure([subject for subject in subjects if scene or not subject.hard])
+        print_whole(table(found))
+        if output:
+            plot(output, found)
+        return write_json(json, {"stage": stage, "machines": found})
+    machines = tuple({config.name: config for config in chosen or MACHINES}.values())
+    error_of_points(subjects, machines, bool(scene), output, json)
+
+
+def error_of_points(
+    subjects: list[Subject],
+    machines: tuple[Config, ...],
+    visible: bool,
+    output: Path | None,
+    json: Path | None,
+):
+    """Errors of stages 0 and 1; InputError if a scene is not visible that has to be."""
+    begin, results = time.perf_counter(), {}
+    for subject, facts in measured(subjects, machines):
+        if visible and not facts["visible"]:
+            raise InputError(f"{subject.name}: no Gaussian is visible from this camera")
+        results[subject.name] = facts
+        messages.print(line(subject.name, facts), markup=False, soft_wrap=True)
+    results = {subject.name: results[subject.name] for subject in subjects}
+    largest = largest_errors(results)
+    show(results, largest, machines)
+    if output:
+        write_error_plot(output, results, largest, machines)
+    facts = {config.name: describe(config) for config in machines}
+    seconds = round(time.perf_counter() - begin, 1)
+    write_json(
+        json,
+        {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
+        | {"seconds": seconds},
+    )
+
+
+def describe(config: Config) -> dict[str, str | int]:
+    """What tells a machine's points from another's."""
+    return {
+        "arithmetic": width_of(config),
+        "position": config.position,
+        "screen_exponent": config.screen_exponent,
+    }
+
+
+def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
+    """Largest RMS and largest error: "scenes" or "hard" → machine → field → rms, max."""
+    largest = {}
+    for facts in results.values():
+        kind = largest.setdefault("hard" if facts["hard"] else "scenes", {})
+        for name, result in facts["machines"].items():
+            machine = kind.setdefault(name, {})
+            for field, sizes in result["fields"].items():
+                old = machine.setdefault(field, dict.fromkeys(sizes))
+                for key, size in sizes.items():
+                    known = [value for value in (old[key], size) if value is not None]
+                    old[key] = max(known, default=None)
+    return largest
+
+
+def line(name: str, facts: dict) -> str:
+    """A scene's pictures in a line."""
+    parts = [f"{machine} {decibels(result)}" for machine, result in facts["machines"].items()]
+    return f"{name}: {', '.join(parts)} dB; {facts['seconds']:.0f} s"
+
+
+def decibels(result: dict, key: str = "psnr_db") -> str:
+    """A picture's PSNR."""
+    return "exact" if result[key] is None else f"{result[key]:.1f}"
+
+
+def heading(config: Config) -> str:
+    """A machine's name over its width, if the name does not say it."""
+    return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
+
+
+def new_table(first: str, headings: list[str]) -> Table:
+    """A table whose first column is text and whose others are numbers."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column(first, no_wrap=True)
+    for text in headings:
+        table.add_column(text, justify="right", no_wrap=True)
+    return table
+
+
+def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
+    """Print all tables: pictures and counts by scene, errors by field."""
+    picture = picture_table(results, machines)
+    tables = {"PSNR of the pictures, dB": picture}
+    for kind, name in (("scenes", "scenes"), ("hard", "hard cases")):
+        if kind in largest:
+            title = f"Errors over the {name}: largest RMS, largest of all; relative but for units"
+            tables[title] = field_table(largest[kind], machines)
+    tables[COUNT_TITLE] = count_table(results, machines)
+    tables["All together"] = total_table(results, machines)
+    for title, table in tables.items():
+        console.print(f"\n{title}", soft_wrap=True)
+        print_whole(table)
+
+
+def print_whole(table: Table):
+    """A table as wide as it is, on any terminal."""
+    room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
+    Console(width=room).print(table)
+
+
+def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+    """PSNR of every scene's picture by machine."""
+    other = [config.name for config in machines if packs_otherwise(config)]
+    headings = [*map(heading, machines), *(f"{name} and\npacking" for name in other)]
+    table = new_table("scene", headings)
+    for name, facts in results.items():
+        cells = [decibels(result) for result in facts["machines"].values()]
+        cells += [decibels(facts["machines"][name], "psnr_db_default_model") for name in other]
+        table.add_row(name, *cells)
+    return table
+
+
+def packs_otherwise(config: Config) -> bool:
+    """Whether a machine's models differ from DEFAULT's."""
+    names = ("position", "colour_index", "sh_index")
+    return any(getattr(config, name) != getattr(DEFAULT, name) for name in names)
+
+
+def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+    """Errors by field and machine."""
+    table = new_table("field", [*map(heading, machines)])
+    for field in next(iter(largest.values())):
+        name = LABELS.get(field, field.replace("_", " "))
+        for key, text in (("rms", name), ("max", "  largest")):
+            sizes = [largest[config.name][field][key] for config in machines]
+            table.add_row(text, *("–" if size is None else f"{size:.1e}" for size in sizes))
+    return table
+
+
+def count_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+    """How hard a scene is, and what the pictures are without, by machine."""
+    table = new_table("scene", ["visible", "axes", "on screen", *map(heading, machines)])
+    for name, facts in results.items():
+        ratio = facts["axis_ratio"]
+        cells = [f"{facts['visible']:,}", "∞" if ratio is None else f"{ratio:,.0f}"]
+        cells.append(f"{facts['screen_ratio']:,.0f}")
+        for result in facts["machines"].values():
+            lost, broken = result["lost"], result["not_finite"]
+            cells.append(f"{lost}+{broken}" if lost or broken else "–")
+        table.add_row(name, *cells)
+    return table
+
+
+def total_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+    """Counts over all scenes by machine."""
+    table = new_table("Gaussians", [*map(heading, machines)])
+    for key, name in COUNTS.items():
+        sums = (
+            sum(facts["machines"][config.name][key] for facts in results.values())
+            for config in machines
+        )
+        table.add_row(name, *(f"{count:,}" for count in sums))
+    return table

@@ -1,0 +1,219 @@
+"""The command `fit`: the smallest machine for a scene, and the preset file that describes it."""
+
+import math
+import re
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from splatcore.sim.accuracy.run import camera_beside
+from splatcore.sim.bench.scenes import FRAMES, Expected, judge
+from splatcore.sim.cli.error import print_whole
+from splatcore.sim.cli.options import CameraOption, JsonOption, SizeOption, SourceArgument, app
+from splatcore.sim.common.metric import LEVELS
+from splatcore.sim.common.output import check_writable, console, messages, progress_bar
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import open_source, packed_model
+from splatcore.sim.fit.formats import decibels
+from splatcore.sim.fit.gates import part_gates
+from splatcore.sim.fit.preset_file import write_preset
+from splatcore.sim.fit.search import Fit, Impossible, Knob, fit, knobs
+from splatcore.sim.fit.views import View, open_cameras, start_config, views_of
+from splatcore.sim.machine.machine import Job
+from splatcore.sim.machine.path import build, simulate
+from splatcore.sim.machine.script import LPDDR4
+from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
+from splatcore.spec.error import InputError
+
+ROOM = {"fps": 1e-3, "psnr": 1.0}
+"""Least figures that can be asked for."""
+
+PSNR_MAX = 200.0
+"""More than 8 bits can show is impossible, more than this a slip."""
+
+
+@app.command("fit")
+def fit_command(
+    scene: SourceArgument,
+    output: Annotated[Path, typer.Option("-o", metavar="PRESET.toml", help="What to write.")],
+    fps: Annotated[float, typer.Option(metavar="F", help="Frames a second at 800 MHz.")],
+    psnr: Annotated[
+        float | None,
+        typer.Option(metavar="P", help="dB against the reference. Default: DEFAULT's formats."),
+    ] = None,
+    camera: CameraOption = None,
+    cameras: Annotated[
+        str | None,
+        typer.Option(metavar="FILE[:ID,ID,…]", help="All cameras of a file, or some of them."),
+    ] = None,
+    size: SizeOption = None,
+    gates: Annotated[
+        bool, typer.Option("--gates", help="Synthesise all parts, this machine's and DEFAULT's.")
+    ] = False,
+    confirm: Annotated[
+        bool, typer.Option("--confirm", help="Simulate the slowest view in RTL: takes minutes.")
+    ] = False,
+    json: JsonOption = None,
+):
+    """Choose the smallest machine that renders a scene fast enough and well enough.
+
+    All views have to reach F frames a second, by the cycle model with a margin for memory, and P dB
+    against the float64 reference on the same packed model, 8-bit pictures of both. Smallest means
+    fewest gates. Writes a preset file, which --preset takes, and says what binds each size.
+
+    Exit status 1, without a file, if no machine does it; and if --confirm finds it too slow in RTL
+    or its picture is not the golden model's to the bit.
+    """
+    begin = time.perf_counter()
+    _check_figures(fps, psnr)
+    check_writable(output, json)
+    name = _name(output)
+    start, views = _open(name, scene, camera, cameras, size)
+    try:
+        with progress_bar("fitting") as advance:
+            chosen = fit(start, views, fps, psnr, lambda text: advance(0, None, text))
+    except Impossible as impossible:
+        messages.print(f"impossible: {impossible}", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
+    rows = knobs(chosen)
+    reasons = {row.name: row.reason for row in rows}
+    reasons |= {"pe_arrays": reasons["pes"], "depth": "as arithmetic"}
+    target = f"{fps:g} frames a second" + ("" if psnr is None else f", {psnr:g} dB")
+    about = f"splatcore fit {Path(scene).name}, {len(views)} views: {target}"
+    write_preset(output, chosen.config, DEFAULT, reasons, about)
+    sizes = _gates(chosen.config) if gates else {}
+    _show(chosen, rows, sizes, f"{chosen.config.name}: {target}")
+    facts = _facts(chosen, rows, sizes)
+    facts["seconds"] = round(time.perf_counter() - begin, 1)
+    console.print(f"{output}: {facts['seconds']:.0f} s", soft_wrap=True)
+    if confirm:
+        facts["confirmed"] = _confirm(chosen, views, fps)
+    write_json(json, {"scene": scene, "fps": fps, "psnr_db": psnr} | facts)
+    if confirm and not facts["confirmed"]["reached"]:
+        raise typer.Exit(1)
+
+
+def _open(
+    name: str, scene: str, camera: str | None, cameras: str | None, size: str | None
+) -> tuple[Config, list[View]]:
+    """The machine to start from and the views to fit it to."""
+    with progress_bar(f"reading {scene}") as advance:
+        source = open_source(scene)
+        beside = None if camera or cameras else camera_beside(scene)
+        found = open_cameras(camera or beside, cameras, size, source)
+        model = packed_model(source, DEFAULT)
+        return start_config(name, model, found), views_of(source.name, model, found, advance)
+
+
+def _check_figures(fps: float, psnr: float | None):
+    """InputError for figures that mean nothing."""
+    if not (math.isfinite(fps) and ROOM["fps"] <= fps <= CLOCK_HZ):
+        raise InputError(f"--fps {fps:g}: is not in {ROOM['fps']:g} … {CLOCK_HZ:g}")
+    if psnr is not None and not (math.isfinite(psnr) and ROOM["psnr"] <= psnr <= PSNR_MAX):
+        raise InputError(f"--psnr {psnr:g}: is not in {ROOM['psnr']:g} … {PSNR_MAX:g} dB")
+
+
+def _name(path: Path) -> str:
+    """The preset's name, after its file."""
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"-o {path}: does not end with .toml, as preset files do")
+    name = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)
+    if name.upper() in PRESETS:
+        raise InputError(f"-o {path}: {name} is the name of a preset that is built in")
+    return name
+
+
+def _gates(config: Config) -> dict[str, tuple[float, float]]:
+    """NAND2-equivalents of each part, DEFAULT's and the machine's."""
+    with progress_bar("synthesising") as advance:
+        before, after = (
+            part_gates(c, lambda part, c=c: advance(0, None, f"synthesising {c.name}: {part}"))
+            for c in (DEFAULT, config)
+        )
+    return {name: (before[name], after[name]) for name in before}
+
+
+def _show(found: Fit, rows: list[Knob], sizes: dict, title: str):
+    """Print all tables."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
+    for heading in ("field", "DEFAULT", "chosen", "what binds it"):
+        table.add_column(heading, justify="right" if heading in ("DEFAULT", "chosen") else "left")
+    for row in rows:
+        table.add_row(row.name.replace("_", " "), str(row.before), str(row.value), row.reason)
+    print_whole(table)
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("view", "preprocessing", "rendering", "frame", "FPS", "PSNR, dB", "max error"):
+        table.add_column(heading, justify="left" if heading == "view" else "right")
+    for view, (square, largest) in found.errors.items():
+        cycles = found.cycles(view)
+        halves = (f"{n:,}" for n in (cycles.preprocessing, cycles.rendering, cycles.frame))
+        psnr = decibels(square)
+        text = f"{psnr:.2f}" if math.isfinite(psnr) else "exact"
+        error = f"{largest * LEVELS:.1f}/{LEVELS}"
+        table.add_row(view, *halves, f"{found.fps(view):.1f}", text, error)
+    print_whole(table)
+    if sizes:
+        print_whole(_gate_table(sizes))
+
+
+def _gate_table(sizes: dict[str, tuple[float, float]]) -> Table:
+    """Gates of the parts."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="thousands of NAND2, all of a name")
+    for heading in ("part", "DEFAULT", "chosen"):
+        table.add_column(heading, justify="left" if heading == "part" else "right")
+
+    all_parts = map(sum, zip(*sizes.values(), strict=True))
+    for name, pair in (sizes | {"all of these": tuple(all_parts)}).items():
+        table.add_row(name, *(f"{value / 1000:,.1f}" for value in pair))
+    return table
+
+
+def _facts(found: Fit, rows: list[Knob], sizes: dict) -> dict:
+    """What `--json` writes."""
+    views = {}
+    for view, (square, largest) in found.errors.items():
+        psnr = decibels(square)
+        views[view] = found.cycles(view).by_name | {
+            "fps": round(found.fps(view), 1),
+            "psnr_db": psnr if math.isfinite(psnr) else None, "max_error": largest,
+        }  # fmt: skip
+    return {
+        "preset": found.config.name,
+        "cycles_max": found.most,
+        "fields": {
+            row.name: {"default": row.before, "chosen": row.value, "reason": row.reason}
+            for row in rows
+        },
+        "views": views,
+        "gates": {name: {"default": a, "chosen": b} for name, (a, b) in sizes.items()},
+    }
+
+
+def _confirm(found: Fit, views: list[View], fps: float) -> dict:
+    """Simulate the slowest view, print and return what comes of it."""
+    name, _ = found.speed.slowest(found.config)
+    view = next(view for view in views if view.name == name)
+    twin = view.frame(found.config)
+    run = simulate(
+        build(found.config), [Job(view.model, view.camera)] * FRAMES, LPDDR4, f"simulating {name}"
+    )
+    if not run.done:
+        console.print(f"{name}: the machine failed: {run.why}", soft_wrap=True)
+        return {"view": name, "reached": False, "ended": run.why}
+    exact = np.rint(view.exact * LEVELS).astype(np.uint8)
+    facts = judge(found.config, run, Expected(view.model, view.camera, twin, exact))
+    cycles = facts["cycles"]
+    reached = facts["identical"] and cycles["fps_at_800mhz"] >= fps
+    same = "identical to the golden model's" if facts["identical"] else facts["difference"]
+    console.print(
+        f"{name} in RTL: {cycles['frame']:,} cycles (model {found.cycles(name).frame:,}), "
+        f"{cycles['fps_at_800mhz']:.1f} frames a second, picture {same}: "
+        f"{'confirmed' if reached else 'NOT confirmed'}",
+        soft_wrap=True,
+    )
+    return {"view": name, "reached": reached} | facts

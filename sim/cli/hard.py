@@ -1,0 +1,204 @@
+"""The command `hard`: every hard case through an engine, and whether it meets its bound."""
+
+import io
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from splatcore.model.generate.hard import HARD
+from splatcore.sim.bench.hard_cases import PSNR_MIN, SEED, SHEET, Outcome, camera_of, measure
+from splatcore.sim.cli.error import print_whole
+from splatcore.sim.cli.options import JsonOption, PresetOption, SizeOption, app
+from splatcore.sim.cli.render_rtl import TimingOption
+from splatcore.sim.common.metric import LEVELS, channel_error
+from splatcore.sim.common.output import check_writable, console, progress_bar, write
+from splatcore.sim.common.picture import DOTS_PER_INCH, write_png
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import ENGINES, check_engine, parse_size
+from splatcore.sim.machine.path import build, check_fits, find_timing
+from splatcore.sim.machine.script import LPDDR4
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+SHEET_COLUMNS = 4
+"""Cases side by side, each with its picture and its map of errors."""
+
+INCHES = (3.8, 1.9)
+"""Of a case on the sheet."""
+
+CAUSES = {
+    "not_finite": "NaN or Inf",
+    "transparent": "transparent",
+    "near_culled": "near",
+    "unseen": "unseen",
+}
+"""Why a Gaussian is left out, in the table's words."""
+
+
+@app.command(
+    "hard",
+    help="Run the hard cases through an engine: small scenes on which renderers go wrong.\n\n"
+    "For each of them a picture, its error against the float64 reference on the same packed model, "
+    "what packing loses, cycles (golden: the cycle model's, rtl: measured), Gaussians left out, "
+    f"and whether it meets its bound: {PSNR_MIN:.0f} dB, and for rtl every bit of the golden "
+    "model's picture. Exit status 1 if one does not (the FP16 numbers of PAPER do not meet it)."
+    "\n\nNAME is one of: " + ", ".join(HARD) + ".",
+)
+def hard_command(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Which case. Default: all of them.")
+    ] = None,
+    engine: Annotated[str, typer.Option(help=f"{', '.join(ENGINES)}.")] = "golden",
+    preset: PresetOption = "DEFAULT",
+    size: SizeOption = None,
+    timing: TimingOption = LPDDR4.name,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", metavar="DIR", help=f"Folder for pictures and {SHEET}."),
+    ] = None,
+    json: JsonOption = None,
+):
+    if name is not None and name not in HARD:
+        raise InputError(f"hard case '{name}': unknown (there are {', '.join(HARD)})")
+    check_engine(engine)
+    config, memory = find_preset(preset), find_timing(timing)
+    if engine != "rtl" and memory is not LPDDR4:
+        raise InputError("--timing: goes with --engine rtl")
+    shape = parse_size(size) if size else None
+    names = [name] if name else list(HARD)
+    if engine != "reference":
+        for case in names:
+            check_fits(config, camera_of(HARD[case](SEED), shape))
+    check_folder(output)
+    check_writable(json)
+    machine = build(config) if engine == "rtl" else None
+    outcomes = []
+    for number, case in enumerate(names):
+        with progress_bar(f"{case} by {engine}", len(names)) as advance:
+            advance(number, len(names))
+            outcomes.append(measure(case, engine, config, shape, machine, memory))
+        console.print(pass_line(outcomes[-1]), soft_wrap=True, markup=False)
+    print_whole(table(outcomes, f"{engine}, preset {config.name}"))
+    failed = [outcome.name for outcome in outcomes if not outcome.passed]
+    console.print(
+        f"{len(outcomes) - len(failed)} of {len(outcomes)} pass"
+        + (f"; not: {', '.join(failed)}" if failed else ""),
+        soft_wrap=True,
+    )
+    if output:
+        write_pictures(output, outcomes, engine)
+    write_json(json, {
+        "engine": engine, "preset": config.name, "timing": memory.name if machine else None,
+        "passed": not failed, "cases": {outcome.name: outcome.facts() for outcome in outcomes},
+    })  # fmt: skip
+    if failed:
+        raise typer.Exit(1)
+
+
+def check_folder(folder: Path | None):
+    """InputError unless pictures can be written there; it need not be there yet."""
+    if folder is None:
+        return
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is no folder")
+    check_writable(folder / SHEET if folder.is_dir() else folder)
+
+
+def pass_line(outcome: Outcome) -> str:
+    """Whether a case meets its bound, in a line; what is wrong with it may take more."""
+    if not outcome.passed:
+        return f"{outcome.name}: FAIL ({outcome.bound}): {'; '.join(outcome.failures)}"
+    found = [f"{outcome.psnr_db:.2f} dB" if outcome.reason is None else outcome.reason]
+    if outcome.identical:
+        found.append("identical to the golden model's")
+    return f"{outcome.name}: pass ({outcome.bound}): {', '.join(found)}"
+
+
+def table(outcomes: list[Outcome], title: str) -> Table:
+    """A line for each case."""
+    drawn = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
+    drawn.add_column("case", no_wrap=True)
+    for heading in ("PSNR, dB", "SSIM", "max error", "packing, dB", "cycles"):
+        drawn.add_column(heading, justify="right")
+    for heading in ("left out", "bound", ""):
+        drawn.add_column(heading)
+    for outcome in outcomes:
+        error, packing = outcome.error, outcome.packing
+        drawn.add_row(
+            outcome.name,
+            decibels(outcome.psnr_db, outcome.error is not None),
+            "–" if error is None or error.ssim is None else f"{error.ssim:.5f}",
+            "–" if error is None else f"{round(error.max_error * LEVELS)} of {LEVELS}",
+            decibels(packing and packing.psnr_db, packing is not None),
+            "–" if outcome.cycles is None else f"{outcome.cycles:,}",
+            left_out(outcome),
+            outcome.bound,
+            "pass" if outcome.passed else "FAIL",
+        )
+    return drawn
+
+
+def decibels(value: float | None, compared: bool) -> str:
+    """A PSNR; pictures that were compared and have none are identical."""
+    if value is not None:
+        return f"{value:.2f}"
+    return "identical" if compared else "–"
+
+
+def left_out(outcome: Outcome) -> str:
+    """How many of all Gaussians are left out, by cause."""
+    parts = [f"{count} {CAUSES[cause]}" for cause, count in outcome.left_out.items() if count]
+    return f"{', '.join(parts)} of {outcome.gaussians}" if parts else "–"
+
+
+def write_pictures(folder: Path, outcomes: list[Outcome], engine: str):
+    """A picture of each case that has one, and the contact sheet."""
+    folder.mkdir(exist_ok=True)
+    drawn = [outcome for outcome in outcomes if outcome.pixels is not None]
+    for outcome in drawn:
+        write_png(folder / f"{outcome.name}.png", outcome.pixels)
+    if drawn:
+        write_sheet(folder / SHEET, drawn, engine)
+    console.print(str(folder), soft_wrap=True)
+
+
+def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
+    """All pictures, each with the map of its errors on the right, on one scale for all."""
+    errors = [channel_error(outcome.pixels, outcome.reference) for outcome in outcomes]
+    columns = min(SHEET_COLUMNS, len(outcomes))
+    rows = -(-len(outcomes) // columns)
+    size = columns * INCHES[0], rows * INCHES[1] + 1
+    figure = Figure(size, DOTS_PER_INCH, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, 2 * columns, squeeze=False)
+    for one in axes.ravel():
+        one.set_axis_off()
+    norm = PowerNorm(0.5, vmin=0, vmax=max(1, *(int(error.max()) for error in errors)))
+    for place, (outcome, error) in enumerate(zip(outcomes, errors, strict=True)):
+        row, column = divmod(place, columns)
+        left, right = axes[row, 2 * column : 2 * column + 2]
+        _show(left, outcome.pixels, outcome.name)
+        value = decibels(outcome.psnr_db, outcome.error is not None)
+        value = f"{value} dB" if outcome.psnr_db is not None else value.replace("–", "packing")
+        image = _show(right, error, f"{value}, {'pass' if outcome.passed else 'FAIL'}", norm)
+    against = "of packing" if engine == "reference" else "against the reference"
+    label = f"error {against}, levels of {LEVELS}"
+    figure.colorbar(image, ax=axes, label=label, orientation="horizontal", shrink=0.5, aspect=50)
+    figure.suptitle(f"The hard cases by engine {engine}", fontsize=11)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    write(path, buffer.getvalue())
+
+
+def _show(axes: Axes, values: np.ndarray, title: str, norm: PowerNorm | None = None):
+    """A picture, or errors by a norm's scale; returns what a colour bar is made of."""
+    axes.set_title(title, fontsize=8)
+    return axes.imshow(values, cmap="inferno", norm=norm, interpolation="nearest")

@@ -1,0 +1,202 @@
+"""The command `power`: an ESTIMATE of what a frame takes, stage by stage, beside the paper's."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from splatcore.sim.cli.error import print_whole
+from splatcore.sim.cli.options import (
+    CameraOption,
+    JsonOption,
+    PresetOption,
+    SizeOption,
+    SourceArgument,
+    app,
+)
+from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import open_camera, open_source, packed_model
+from splatcore.sim.eda.machine_gates import netlist, sizes
+from splatcore.sim.machine.machine import Job
+from splatcore.sim.machine.path import check_fits
+from splatcore.sim.power.activity import SAMPLE_LENGTH, Counts, counts_of
+from splatcore.sim.power.estimate import (
+    FEMTO,
+    PAPER_ALL,
+    PAPER_LOGIC,
+    PAPER_MEMORY,
+    STAGES,
+    Estimate,
+    Logic,
+    estimate,
+    gates_of,
+    sum_of,
+)
+from splatcore.spec.config import CLOCK_HZ
+from splatcore.spec.energy import Energy
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+MILLI, MEGA = 1e-3, 1e6
+
+HEADINGS = ("NAND2 k", "activity", "gates", "clock", "mW", "paper", "fJ", "paper")
+"""Columns of the table; fJ are those of a NAND2-equivalent and cycle."""
+
+
+@app.command("power")
+def power_command(
+    scene: SourceArgument,
+    camera: CameraOption = None,
+    size: SizeOption = None,
+    preset: PresetOption = "DEFAULT",
+    fps: Annotated[
+        float | None,
+        typer.Option("--fps", metavar="N", help="Frames a second. Default: full speed, 800 MHz."),
+    ] = None,
+    sample: Annotated[
+        int | None,
+        typer.Option(
+            "--sample", metavar="N", help=f"Count in one of N windows of {SAMPLE_LENGTH} cycles; "
+            "1: in all. Default: about 32 windows.",
+        ),
+    ] = None,
+    json: JsonOption = None,
+):  # fmt: skip
+    """ESTIMATE the power of a frame, first order, by stage, beside the paper's.
+
+    Frames are simulated in RTL; how often the nets of a part change, times its gates, times the
+    energy of a NAND2 that switches, is the part's. Nets of RTL stand for those of gates; nothing
+    is laid out. Flip-flops add their clock, memories their accesses, DRAM (apart) its bytes. All
+    constants are in spec/energy.py, 28 nm at 0.9 V, with their sources; --json writes them, too. A
+    factor of two either way is within what this is good for.
+
+    The first time it compiles and simulates the machine and synthesises its parts, half an hour
+    for DEFAULT; what it finds is kept in build/.
+    """
+    check_writable(json)
+    config = find_preset(preset)
+    for name, value in (("fps", fps), ("sample", sample)):
+        if value is not None and not value > 0:
+            raise InputError(f"--{name} {value:g}: is not above 0")
+    with progress_bar(f"packing {scene}"):
+        source = open_source(scene)
+        view = open_camera(camera, size, source)
+        check_fits(config, view)
+        model = packed_model(source, config)
+    counts = counts_of(config, Job(model, view), sample, f"simulating {source.name}")
+    if fps is not None and fps > CLOCK_HZ / counts.cycles:
+        most = CLOCK_HZ / counts.cycles
+        raise InputError(f"--fps {fps:g}: is more than {most:.1f}, what 800 MHz are good for")
+    with progress_bar("synthesising the machine") as advance:
+        gates = gates_of(sizes(netlist(config), advance))
+    found = estimate(counts, gates, config.energy)
+    fps = found.fps_max if fps is None else fps
+    what = f"{Path(source.name).name} {view.width}x{view.height}, preset {config.name}"
+    print_whole(table(found, fps, f"ESTIMATE, first order: {what}, {fps:.1f} frames a second"))
+    for text in lines(found, fps):
+        console.print(text, soft_wrap=True)
+    facts = {
+        "preset": config.name, "scene": source.name, "camera": camera or view.name,
+        "size": [view.width, view.height],
+    }  # fmt: skip
+    write_json(json, facts | report(found, counts, config.energy, fps))
+
+
+def table(found: Estimate, fps: float, title: str) -> Table:
+    """mW by stage, and of the memories of each."""
+    made = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
+    made.add_column("mW; fJ a NAND2 and cycle", no_wrap=True)
+    for heading in HEADINGS:
+        made.add_column(heading, justify="right")
+    for stage, logic in found.stages.items():
+        made.add_row(stage, *_logic(logic, found.cycles, fps, *PAPER_LOGIC.get(stage, (0, 0))))
+    memories = found.stage_memories
+    for stage in STAGES:
+        if stage not in memories:
+            continue
+        memory, (name, paper) = memories[stage], PAPER_MEMORY.get(stage, ("", 0))
+        made.add_row(
+            f"memories, {stage}" + (f"; paper: {name}" if name else ""), "", "", "", "",
+            _milli(memory.access * fps + memory.leakage), _milli(paper), "", "",
+        )  # fmt: skip
+    nand2, paper = (sum(each) for each in zip(*PAPER_LOGIC.values(), strict=True))
+    every = sum_of(list(found.stages.values()))
+    made.add_row("all logic", *_logic(every, found.cycles, fps, nand2, paper), style="bold")
+    made.add_row(
+        "all", "", "", "", "", _milli(found.power(fps)), _milli(PAPER_ALL), "", "", style="bold"
+    )
+    made.add_row(
+        "DRAM, apart", "", "", "", "", _milli(sum(found.dram.values()) * fps), "", "", ""
+    )  # fmt: skip
+    return made
+
+
+def _milli(watts: float) -> str:
+    return f"{watts / MILLI:,.2f}" if watts else ""
+
+
+def _logic(logic: Logic, cycles: int, fps: float, nand2: float, paper: float) -> tuple[str, ...]:
+    """Cells of a stage, with NAND2-equivalents and W of the paper's."""
+    femto = logic.frame / (logic.nand2 * cycles) / FEMTO
+    return (
+        f"{logic.nand2 / 1000:,.1f}", f"{logic.activity:.2%}",
+        _milli(logic.switching * fps), _milli(logic.clock * fps),
+        _milli(logic.frame * fps + logic.leakage), _milli(paper),
+        f"{femto:.3f}", f"{implied(nand2, paper):.3f}" if nand2 else "",
+    )  # fmt: skip
+
+
+def implied(nand2: float, watts: float) -> float:
+    """fJ of a NAND2-equivalent and cycle at 800 MHz that a power implies."""
+    return watts / (nand2 * CLOCK_HZ) / FEMTO
+
+
+def lines(found: Estimate, fps: float) -> list[str]:
+    """What the table does not say."""
+    dram = sum(found.dram.values())
+    with_dram, chip = (found.pixels_per_joule(fps, k) / MEGA for k in (True, False))
+    return [
+        f"An ESTIMATE. A frame: {found.cycles:,} cycles, {found.power(fps) / fps / MILLI:.3f} mJ "
+        f"(of it leakage {found.leakage / fps / MILLI:.3f}), DRAM {dram / MILLI:.3f} mJ.",
+        f"Mpixels/J: {chip:,.0f}, with DRAM {with_dram:,.0f}; the paper's 1,200 without.",
+        "No clock gates, no hazards, nothing laid out; constants: spec/energy.py.",
+    ]
+
+
+def report(found: Estimate, counts: Counts, energy: Energy, fps: float) -> dict:
+    """The same and more for a JSON file, in J and W."""
+    power = found.power(fps)
+    return {
+        "estimate": "first order, from the activity of nets in RTL",
+        "fps": fps, "cycles": found.cycles,
+        "sampling": {
+            "window_cycles": SAMPLE_LENGTH, "one_in": counts.sample_every,
+            "simulated_cycles": counts.simulated, "counted_cycles": counts.counted,
+        },
+        "power_w": power, "leakage_w": found.leakage, "frame_j": power / fps,
+        "dram_w": sum(found.dram.values()) * fps, "dram_frame_j": found.dram,
+        "pixels_per_j": found.pixels_per_joule(fps, False),
+        "pixels_per_j_with_dram": found.pixels_per_joule(fps, True),
+        "stages": {name: asdict(logic) for name, logic in found.stages.items()},
+        "stage_memories": {name: asdict(memory) for name, memory in found.stage_memories.items()},
+        "parts": {
+            name: asdict(logic) | asdict(counts.parts[name]) for name, logic in found.logic.items()
+        },
+        "memories": {
+            path: {"stage": stage} | asdict(memory)
+            for (path, stage), memory in found.memories.items()
+        },
+        "traffic_bytes": counts.traffic,
+        "constants": asdict(energy)
+        | {"switching_fj": energy.switching, "clock_fj": energy.clock, "dram_pj": energy.dram_byte},
+        "paper": {
+            "power_w": PAPER_ALL,
+            "logic_w": {name: watts for name, (_, watts) in PAPER_LOGIC.items()},
+            "logic_fj": {name: implied(*found) for name, found in PAPER_LOGIC.items()},
+            "memory_w": {name: watts for _, (name, watts) in PAPER_MEMORY.items()},
+        },
+    }  # fmt: skip

@@ -1,0 +1,185 @@
+"""`splatcore render --engine rtl`: frames of the simulated hardware, and how right they are."""
+
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from splatcore.golden import pipeline
+from splatcore.sim.common import describe
+from splatcore.sim.common.metric import Difference, difference
+from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.picture import write_error_map, write_png
+from splatcore.sim.common.result import Result, write_json
+from splatcore.sim.common.source import Source, packed_model
+from splatcore.sim.machine.diagnosis import diagnose
+from splatcore.sim.machine.engines import (
+    background_codes,
+    cycles,
+    golden,
+    reference,
+    traffic_megabytes,
+)
+from splatcore.sim.machine.machine import Job, Run
+from splatcore.sim.machine.path import build, check_fits, find_timing, orbit, simulate
+from splatcore.sim.machine.waves import Window, write_waves
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.error import InputError
+
+FramesOption = Annotated[
+    int, typer.Option(metavar="N", help="rtl: frames of a small orbit; numbered pictures.")
+]
+TimingOption = Annotated[
+    str, typer.Option(metavar="NAME", help="rtl: memory, 'ideal' or 'lpddr4' (64 bits of it).")
+]
+ErrorMapOption = Annotated[
+    Path | None, typer.Option(metavar="FILE.png", help="rtl: draw the error of the first frame.")
+]
+WavesOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.vcd", help="rtl: waveforms of --window or --tile, and FILE.gtkw."),
+]
+WindowOption = Annotated[
+    str | None, typer.Option(metavar="FIRST:LAST", help="Cycles that --waves records.")
+]
+TileOption = Annotated[
+    str | None,
+    typer.Option(metavar="COLUMN,ROW", help="Tile whose group --waves records, in frame 0."),
+]
+
+
+@dataclass(frozen=True)
+class Request:
+    """Options that only simulation has, as the command line gave them."""
+
+    frames: int = 1
+    timing: str = "lpddr4"
+    error_map: Path | None = None
+    waves: Path | None = None
+    window: str | None = None
+    tile: str | None = None
+
+    def check(self, engine: str, output: Path):
+        """InputError for what does not go together or cannot be written."""
+        if engine != "rtl":
+            for name, value in asdict(self).items():
+                if value != getattr(Request(), name):
+                    raise InputError(f"--{name.replace('_', '-')}: goes with --engine rtl")
+            return
+        find_timing(self.timing)
+        if self.frames < 1:
+            raise InputError(f"--frames {self.frames}: is not 1 or more")
+        if bool(self.waves) != bool(self.window or self.tile) or (self.window and self.tile):
+            raise InputError("--waves: goes with either --window or --tile")
+        for k in range(self.frames):
+            check_writable(numbered(output, k, self.frames))
+        check_writable(self.error_map, self.waves)
+
+
+def render_rtl(
+    source: Source,
+    view: Camera,
+    camera: str | None,
+    config: Config,
+    background: tuple[float, float, float],
+    request: Request,
+    output: Path,
+    json: Path | None,
+):
+    """Simulate, write and judge the frames of `--engine rtl`. Exit status 1 if they are not right.
+
+    Every frame is compared with the golden model's, and with the float64 reference on the same
+    packed model.
+    """
+    begin = time.perf_counter()
+    check_fits(config, view)
+    with progress_bar("packing"):
+        model = packed_model(source, config)
+    views = orbit(view, model.position, request.frames)
+    codes = background_codes(config, background)
+    jobs = [Job(model, view, codes) for view in views]
+    twins = [golden(config, job) for job in jobs]
+    window = Window.of(config, request.window, request.tile, twins[0]) if request.waves else None
+    machine = build(config, trace=window is not None)
+    label = f"simulating {source.name}"
+    timing = find_timing(request.timing)
+    if window:
+        run = write_waves(machine, jobs, timing, window, request.waves, label)
+    else:
+        run = simulate(machine, jobs, timing, label)
+    for k, frame in enumerate(run.frames):
+        if frame.pixels is not None:
+            write_png(numbered(output, k, request.frames), frame.pixels)
+    if not run.done:
+        console.print(f"the machine failed: {run.why}", soft_wrap=True)
+        raise typer.Exit(1)
+    convention = replace(SPLATCORE, background=background)
+    metrics = []
+    for k, (frame, view) in enumerate(zip(run.frames, views, strict=True)):
+        exact = reference(model, view, convention).pixels
+        metrics.append(difference(frame.pixels, exact, source.name))
+        if k == 0 and request.error_map:
+            title = f"{source.name}: hardware against the reference"
+            write_error_map(request.error_map, frame.pixels, exact, title)
+    same = report(config, run, twins, metrics, output)
+    seconds = round(time.perf_counter() - begin, 3)
+    result = Result(
+        "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
+        twins[0].counts,
+    ).with_difference(metrics[0])  # fmt: skip
+    result.identical = all(same)
+    write_json(json, facts(run, result, metrics, same, timing.name))
+    if not result.identical:
+        raise typer.Exit(1)
+
+
+def report(
+    config: Config,
+    run: Run,
+    twins: list[pipeline.Frame],
+    metrics: list[Difference],
+    output: Path,
+) -> list[bool]:
+    """Print what came of each frame, cycles and counters; whether each is the golden model's."""
+    same, count = [], len(run.frames)
+    for k, (twin, metric) in enumerate(zip(twins, metrics, strict=True)):
+        found = diagnose(config, run, k, twin)
+        same.append(found is None)
+        psnr = "identical" if metric.identical else f"{metric.psnr_db:.2f} dB"
+        ssim = "" if metric.ssim is None else f", SSIM {metric.ssim:.5f}"
+        console.print(
+            f"{numbered(output, k, count)}: "
+            f"{'identical to the golden model' if found is None else found}; "
+            f"against the reference {psnr}{ssim}, max error {metric.max_error:.4f}",
+            soft_wrap=True,
+        )
+    table = {f"cycles, {name}": value for name, value in cycles(run).items()}
+    table["fps_at_800mhz"] = table.pop("cycles, fps_at_800mhz")
+    table |= run.frames[-1].counters
+    console.print(describe.table(table | {"traffic, MB": traffic_megabytes(run)}))
+    return same
+
+
+def facts(
+    run: Run, result: Result, metrics: list[Difference], same: list[bool], timing: str
+) -> dict:
+    """What `--json` writes of a run."""
+    found = cycles(run)
+    result.cycles, result.fps_at_800mhz = found["frame"], found["fps_at_800mhz"]
+    result.traffic_bytes = run.frames[-1].traffic
+    frames = [
+        asdict(metric) | {"identical": identical, "counters": frame.counters}
+        | {"started": frame.started, "ready": frame.ready, "finished": frame.finished}
+        for frame, metric, identical in zip(run.frames, metrics, same, strict=True)
+    ]  # fmt: skip
+    halves = {"preprocessing": found["preprocessing"], "rendering": found["rendering"]}
+    return asdict(result) | {"timing": timing, "halves": halves, "frames": frames}
+
+
+def numbered(path: Path, k: int, count: int) -> Path:
+    """The path of frame k of `count`: OUT.png, or OUT-000.png and so on."""
+    return path if count == 1 else path.with_name(f"{path.stem}-{k:03}{path.suffix}")

@@ -1,0 +1,4 @@
+"""What all tools share: scene arguments, output files, metrics, pictures, results, plots.
+
+May import: spec, model.
+"""

@@ -1,0 +1,94 @@
+"""What `splatcore info` says about a scene or a packed model."""
+
+import numpy as np
+from rich.table import Table
+
+from splatcore.sim.common.source import Source
+from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.memory import chunk_count
+from splatcore.spec.scene import Scene
+
+PERCENTILES = (0, 1, 50, 99, 100)
+NEEDLE_RATIO = 1000.0
+"""Longest over second-longest axis above which a Gaussian is called a needle."""
+
+FLAKE_RATIO = 1000.0
+"""Second-longest over shortest axis above which a Gaussian is called a flake."""
+
+
+def describe(source: Source) -> dict:
+    """Facts by name: numbers, or lists of numbers (percentiles are `PERCENTILES`)."""
+    if source.model is not None:
+        return _describe_model(source)
+    scene = source.scene
+    finite = np.isfinite(scene.position).all(1) & np.isfinite(scene.scale).all(1)
+    finite &= np.isfinite(scene.opacity)
+    facts = {"scene": source.name, "gaussians": len(scene), "sh_degree": scene.sh_degree}
+    facts |= _ranges(scene[finite])
+    axes = np.sort(scene.scale[finite], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        facts["needles"] = int((axes[:, 2] > NEEDLE_RATIO * axes[:, 1]).sum())
+        facts["flakes"] = int((axes[:, 1] > FLAKE_RATIO * axes[:, 0]).sum())
+    facts["transparent"] = int((scene.opacity[finite] < ALPHA_MIN).sum())
+    facts["notes"] = list(scene.notes)
+    return facts
+
+
+def _ranges(scene: Scene) -> dict:
+    """Extents and ranges of finite Gaussians."""
+    if not len(scene):
+        return {}
+    return {
+        "lowest_corner": _rounded(scene.position.min(0)),
+        "highest_corner": _rounded(scene.position.max(0)),
+        "middle_98_percent": [
+            _rounded(np.percentile(scene.position, percent, axis=0)) for percent in (1, 99)
+        ],
+        "scale_percentiles": _rounded(np.percentile(scene.scale, PERCENTILES)),
+        "opacity_percentiles": _rounded(np.percentile(scene.opacity, PERCENTILES)),
+    }
+
+
+def _describe_model(source: Source) -> dict:
+    model = source.model
+    position, opacity = model.position, model.opacity
+    return {
+        "model": source.name,
+        "gaussians": len(model),
+        "chunks": chunk_count(len(model)),
+        "sh_degree": model.format.sh_degree,
+        "positions": model.format.position,
+        "bytes": len(model.image),
+        "codebook_bytes": model.format.codebook_bytes,
+        "bytes_per_gaussian": round(model.bytes_per_gaussian, 3),
+        "lowest_corner": _rounded(position.min(0, initial=np.inf)) if len(model) else None,
+        "highest_corner": _rounded(position.max(0, initial=-np.inf)) if len(model) else None,
+        "opacity_percentiles": _rounded(np.percentile(opacity, PERCENTILES))
+        if len(model)
+        else None,
+    }
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    """Five significant digits."""
+    return [float(f"{value:.5g}") for value in np.ravel(values)]
+
+
+def table(facts: dict) -> Table:
+    """Facts as a table of two columns."""
+    drawn = Table(show_header=False, box=None, pad_edge=False)
+    for name, value in facts.items():
+        drawn.add_row(name.replace("_", " "), _text(value))
+    return drawn
+
+
+def _text(value) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_text, value)) or "none"
+    return str(value)

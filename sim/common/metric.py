@@ -1,0 +1,125 @@
+"""How far apart two 8-bit images are: the one place where PSNR, SSIM, maximum error and the metrics
+of perception are made."""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from skimage.metrics import mean_squared_error, structural_similarity
+
+from splatcore.spec.error import InputError
+
+LEVELS = 255
+"""Largest value of an 8-bit channel; errors are fractions of it."""
+
+SSIM_WINDOW = 11
+"""Pixels along the side of the Gaussian window (σ = 1.5) of Wang et al. 2004."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Metrics of one image against another."""
+
+    psnr_db: float | None  # None for identical images
+    ssim: float | None  # None for images with a side below SSIM_WINDOW
+    max_error: float  # of one channel of one pixel, 0 … 1
+
+    @property
+    def identical(self) -> bool:
+        return self.max_error == 0
+
+
+def _same_size(image: np.ndarray, reference: np.ndarray, name: str):
+    """InputError, naming `name`, if the sizes of two images differ."""
+    if image.shape != reference.shape:
+        (h, w), (rh, rw) = image.shape[:2], reference.shape[:2]
+        raise InputError(f"{name}: size {w}x{h} differs from the first image's {rw}x{rh}")
+
+
+def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") -> Difference:
+    """Compare uint8 images [H, W, 3]; InputError, naming `name`, if their sizes differ."""
+    _same_size(image, reference, name)
+    mse = mean_squared_error(image / LEVELS, reference / LEVELS)
+    ssim = None
+    if min(image.shape[:2]) >= SSIM_WINDOW:
+        ssim = float(
+            structural_similarity(
+                image, reference, channel_axis=2, data_range=LEVELS,
+                gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
+            )
+        )  # fmt: skip
+    return Difference(
+        psnr_db=float(-10 * np.log10(mse)) if mse else None,
+        ssim=ssim,
+        max_error=float(channel_error(image, reference).max() / LEVELS),
+    )
+
+
+def channel_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Largest absolute difference of the three channels, [H, W], 0 … 255."""
+    return np.abs(image.astype(np.int16) - reference.astype(np.int16)).max(axis=2)
+
+
+def flip(image: np.ndarray, reference: np.ndarray, name: str = "image") -> float:
+    """NVIDIA's LDR-FLIP of uint8 images [H, W, 3], the mean over pixels: 0 (equal) … 1.
+
+    Andersson et al. 2020, at the 67 pixels a degree that the authors propose. InputError if the
+    sizes differ, or without the package `flip-evaluator`.
+    """
+    return float(_flip(image, reference, name).mean(dtype=np.float64))
+
+
+def flip_map(image: np.ndarray, reference: np.ndarray, name: str = "image") -> np.ndarray:
+    """FLIP of each pixel, [H, W] 0 … 1."""
+    return _flip(image, reference, name)[..., 0]
+
+
+def _flip(image: np.ndarray, reference: np.ndarray, name: str) -> np.ndarray:
+    """FLIP of each pixel, [H, W, 1]."""
+    _same_size(image, reference, name)
+    try:
+        from flip_evaluator import evaluate
+    except ImportError:
+        raise InputError(
+            "FLIP: needs flip-evaluator; install it by pip install 'splatcore[compress]'"
+        ) from None
+    test, truth = (pixels.astype(np.float32) / LEVELS for pixels in (image, reference))
+    return evaluate(truth, test, "LDR", applyMagma=False, computeMeanError=False)[0]
+
+
+def lpips(image: np.ndarray, reference: np.ndarray, name: str = "image") -> float | None:
+    """LPIPS (Zhang et al. 2018, AlexNet) of uint8 images [H, W, 3]; 0 for equal ones.
+
+    None unless the package `lpips` and the weights of its network are installed: nothing is ever
+    downloaded. InputError if the sizes differ.
+    """
+    _same_size(image, reference, name)
+    network = _lpips_network()
+    if network is None:
+        return None
+    import torch
+
+    def planes(pixels: np.ndarray):
+        """[1, 3, H, W] in −1 … 1, as the network was trained on."""
+        return torch.from_numpy(pixels.astype(np.float32) * 2 / LEVELS - 1).permute(2, 0, 1)[None]
+
+    with torch.no_grad():
+        return float(network(planes(image), planes(reference)))
+
+
+@cache
+def _lpips_network():
+    """The network, or None where it or its weights are missing."""
+    if not all(map(find_spec, ("torch", "torchvision", "lpips"))):
+        return None
+    import torch
+    from torchvision.models import AlexNet_Weights
+
+    weights = Path(AlexNet_Weights.IMAGENET1K_V1.url).name
+    if not (Path(torch.hub.get_dir()) / "checkpoints" / weights).is_file():
+        return None
+    from lpips import LPIPS
+
+    return LPIPS(net="alex", verbose=False)

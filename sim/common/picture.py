@@ -1,0 +1,70 @@
+"""Pictures: PNG files in and out, error maps, tile heat maps."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm, PowerNorm
+from matplotlib.figure import Figure
+from PIL import Image, UnidentifiedImageError
+
+from splatcore.sim.common.metric import LEVELS, channel_error
+from splatcore.sim.common.output import write
+from splatcore.spec.convention import TILE
+from splatcore.spec.error import InputError
+
+MAP_INCHES = 9.6
+DOTS_PER_INCH = 100
+
+
+def read_png(path: str | Path) -> np.ndarray:
+    """An image as uint8 [H, W, 3]; InputError names the file."""
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
+    except UnidentifiedImageError:
+        raise InputError(f"{path}: is not an image") from None
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InputError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def write_png(path: str | Path, pixels: np.ndarray):
+    """Write uint8 [H, W, 3]."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG")
+    write(path, buffer.getvalue())
+
+
+def write_error_map(path: str | Path, image: np.ndarray, reference: np.ndarray, title: str):
+    """Where and how much two uint8 images [H, W, 3] differ: the largest channel error in levels.
+
+    The scale is that of the error's square root, so that single levels stay visible.
+    """
+    error = channel_error(image, reference)
+    norm = PowerNorm(0.5, vmin=0, vmax=max(int(error.max()), 1))
+    _write_map(path, error, title, f"error in levels of {LEVELS}", norm, "inferno")
+
+
+def write_heat_map(path: str | Path, tile_list: np.ndarray, title: str):
+    """Length of each tile's list [rows, columns] of splats, on a logarithmic scale."""
+    norm = LogNorm(vmin=1, vmax=max(int(tile_list.max()), 2))
+    drawn = np.ma.masked_equal(tile_list, 0)  # empty tiles stay black
+    _write_map(path, drawn, title, f"splats in a tile of {TILE}×{TILE} pixels", norm, "viridis")
+
+
+def _write_map(path, values, title, label, norm, colours):
+    """Draw [H, W] values as a picture with a title and a colour bar."""
+    height, width = values.shape
+    figure = Figure((MAP_INCHES, MAP_INCHES * min(height / width, 2) + 1.2), DOTS_PER_INCH)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.set_facecolor("black")
+    drawn = axes.imshow(values, cmap=colours, norm=norm, interpolation="nearest")
+    axes.set_title(title, fontsize=10)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    figure.colorbar(drawn, ax=axes, label=label, orientation="horizontal", shrink=0.7, pad=0.03)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", bbox_inches="tight")
+    write(path, buffer.getvalue())

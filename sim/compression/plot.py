@@ -1,0 +1,103 @@
+"""Pictures of `splatcore bench compression`: the curve of ratio against loss, contact sheets."""
+
+import io
+from pathlib import Path
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from splatcore.golden.reference import render
+from splatcore.sim.common.metric import flip_map
+from splatcore.sim.common.output import write
+from splatcore.sim.common.plot import COLOURS, GREY, MARKERS, STYLE
+from splatcore.sim.compression.measure import Thing
+from splatcore.sim.compression.subjects import Subject, View
+
+DOTS_PER_INCH = 120
+
+TICKS = (5, 7, 10, 15, 20, 30, 40, 50, 75, 100, 150, 200)
+
+AGAINST = {
+    "photographs": ("psnr_db_change", "PSNR change on held-out photographs, dB", 51.6, -0.75),
+    "original": ("psnr_db", "PSNR against the original, dB", 20, 30.0),
+}
+"""What is drawn of a scene, the axis, and the bound: at least this ratio and this many dB."""
+
+
+def write_curve(path: Path, scenes: dict[str, dict]):
+    """Ratio against loss of all scenes, a panel for each kind of truth; nothing without points.
+
+    A cross is packing alone; a grey corner marks the bound.
+    """
+    panels = {
+        against: {
+            name: [point for point in scene["curve"]["points"] if point["ratio"]]
+            for name, scene in scenes.items()
+            if "curve" in scene and scene["against"] == against
+        }
+        for against in AGAINST
+    }
+    panels = {against: found for against, found in panels.items() if found}
+    if not panels:
+        return
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((5.6 * len(panels), 4.4), DOTS_PER_INCH, layout="constrained")
+        FigureCanvasAgg(figure)
+        for axes, (against, found) in zip(
+            figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
+        ):
+            _panel(axes, against, found)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", facecolor="white")
+    write(path, buffer.getvalue())
+
+
+def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]]):
+    """The curves of the scenes that are judged alike."""
+    value, label, ratio, least = AGAINST[against]
+    for k, (name, points) in enumerate(scenes.items()):
+        drawn = sorted((p["ratio"], p[value]) for p in points if p[value] is not None)
+        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        axes.plot(*zip(*drawn, strict=True), color=colour, marker=marker, label=name)
+        alone = [(p["ratio"], p[value]) for p in points if p["target_ratio"] is None]
+        axes.plot(*zip(*alone, strict=True), "x", color=colour, markersize=10)
+    axes.axhline(least, color=GREY, linestyle="--")
+    axes.axvline(ratio, color=GREY, linestyle="--")
+    axes.annotate(
+        f"{ratio:g}× and {least:g} dB".replace("-", "−"), (ratio, least), (5, 5),
+        textcoords="offset points", color=GREY,
+    )  # fmt: skip
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(FixedLocator(TICKS))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}×"))
+    axes.set_xlabel("smaller than the float32 PLY; a cross is packing alone")
+    axes.set_ylabel(label)
+    axes.legend(loc="best")
+
+
+def write_sheet(path: Path, subject: Subject, view: View, thing: Thing, row: dict):
+    """Truth, compressed model and FLIP between them, beside each other. row: of `thing`."""
+    truth = subject.truth(view)
+    picture = render(thing.gaussians, view.camera).pixels
+    psnr = "equal" if row["psnr_db"] is None else f"{row['psnr_db']:.2f} dB"
+    titles = {
+        "photograph" if subject.photographed else "original": truth,
+        f"{thing.name}: {row['ratio']:.1f}×, {psnr} over all views": picture,
+        "FLIP, dark is equal": flip_map(picture, truth),
+    }
+    height, width = truth.shape[:2]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((18, 6 * height / width + 0.5), DOTS_PER_INCH, layout="constrained")
+        FigureCanvasAgg(figure)
+        for axes, (title, image) in zip(figure.subplots(1, 3), titles.items(), strict=True):
+            axes.imshow(image, cmap="magma", vmin=0, vmax=1)
+            axes.set_title(title, fontsize=12)
+            axes.set_axis_off()
+        figure.suptitle(f"{subject.name}, view {view.name}", fontsize=12)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", facecolor="white")
+    write(path, buffer.getvalue())

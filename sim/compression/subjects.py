@@ -1,0 +1,210 @@
+"""What `splatcore bench compression` compresses, what it learns from, and what it is judged by.
+
+A folder of photographs: a baseline is trained on them and judged by those held out. A scene file:
+it is its own teacher, on the path of the cameras beside it or all round, and judged by its pictures
+from views that compression never sees: those cameras themselves, or others all round.
+"""
+
+import hashlib
+import json
+import os
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.golden.reference import render
+from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, Step, ply_bytes
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.packed import is_packed
+from splatcore.model.generate.generate import GENERATORS
+from splatcore.sim.accuracy.run import FOLDER, VARIABLE, camera_beside
+from splatcore.sim.common.source import open_source
+from splatcore.sim.compression import run as compression_run
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import Scene
+
+SCENES = ("banana", "flowers.spz", "playbot.spz", "skull.sog", "leica-sofort-top8192.ply")
+"""Of the folder SPLATCORE_SCENES: what is compressed if nothing is named."""
+
+HELD_OUT = 7
+"""Every so many-th photograph is held out."""
+
+OWN_VIEWS, OWN_SEED = 4, 1_000_003
+"""Held-out views of a scene without a file of cameras, and what their seed has on the teacher's."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How the subjects are treated; all of it decides on the results."""
+
+    config: Config
+    steps: int | None = None  # of fine-tuning after each pruning; None: the recipe's
+    train_steps: int = 3000  # of a baseline
+    views: int = 96  # of a scene that is its own teacher
+    view_size: tuple[int, int] = (1920, 1080)  # of these, width and height
+    size: tuple[int, int] = (1920, 1080)  # of the views by which a scene is judged
+    scale: float = 1.0  # of photographs
+    seed: int = 0
+    rate: float = Recipe.rate  # of fine-tuning
+    order: str = Recipe.order  # of pruning and distillation
+
+    @property
+    def options(self) -> tuple:
+        """What `recipe_of` takes."""
+        return self.steps, self.seed, self.rate, self.order
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A held-out view; `photograph` is uint8 [H, W, 3], None where the original is the truth."""
+
+    name: str
+    camera: Camera
+    photograph: np.ndarray | None = None
+
+    @property
+    def about(self) -> list:
+        """Stands for the camera."""
+        camera = self.camera
+        numbers = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
+        return [self.name, *numbers, camera.rotation.tolist(), camera.translation.tolist()]
+
+
+class Subject:
+    """A scene file or a folder of photographs; everything is made when it is asked for.
+
+    folder: where a trained baseline is kept.
+    """
+
+    def __init__(self, path: str, protocol: Protocol, folder: Path):
+        self.path, self.protocol, self.folder = path, protocol, folder
+        self.name = Path(path).resolve().name
+        self.photographed = is_photographs(path)
+        self.pictures: dict[str, np.ndarray] = {}
+
+    @cached_property
+    def photographs(self) -> tuple[tuple, tuple]:
+        """Targets to learn from and targets held out."""
+        return compression_run.photographs(self.path, self.protocol.scale, HELD_OUT)
+
+    @cached_property
+    def key(self) -> str:
+        """Stands for all that the original, the targets and the views come from."""
+        text, protocol = hashlib.sha256(), self.protocol
+        if self.photographed:
+            options = [protocol.train_steps, protocol.seed, HELD_OUT]
+            for target in (*self.photographs[0], *self.photographs[1]):
+                text.update(json.dumps(View(target.name, target.camera).about).encode())
+                text.update(target.image.tobytes())
+        else:
+            options = [protocol.views, protocol.view_size, protocol.seed]
+            options += [View("", camera).about for camera in self.path_cameras]
+            for name in ARRAYS:
+                text.update(getattr(self.scene, name).tobytes())
+        text.update(json.dumps(options).encode())
+        return f"{self.name} {text.hexdigest()}"
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The original: what the file holds, or the baseline, trained once and kept."""
+        if not self.photographed:
+            return open_source(self.path).scene
+        place = self.folder / f"{self.name}-{hashlib.sha256(self.key.encode()).hexdigest()[:12]}"
+        kept = Checkpoints(place, self.key)
+        if not kept.last:
+            protocol, begin = self.protocol, time.perf_counter()
+            scene = compression_run.trained(
+                self.path, self.photographs[0], protocol.train_steps, protocol.seed,
+                place / "train", self.name,
+            )  # fmt: skip
+            size = ply_bytes(len(scene), scene.sh_degree)
+            seconds = time.perf_counter() - begin
+            step = Step("original", "original", len(scene), scene.sh_degree, size, seconds, None)
+            kept.save(step, replace(scene, name=self.name))
+        return kept.scene(kept.last)
+
+    @property
+    def ply_bytes(self) -> int:
+        """Size of the original as float32 PLY with all attributes."""
+        return ply_bytes(len(self.scene), self.scene.sh_degree)
+
+    @cached_property
+    def targets(self) -> tuple:
+        """What compression learns from."""
+        if self.photographed:
+            return self.photographs[0]
+        protocol = self.protocol
+        return compression_run.teacher(
+            self.scene,
+            protocol.views,
+            protocol.view_size,
+            protocol.seed,
+            self.name,
+            self.path_cameras,
+        )
+
+    @cached_property
+    def path_cameras(self) -> list[Camera]:
+        """Cameras on whose path the teacher's views lie: those of the file beside the scene."""
+        beside = camera_beside(self.path)
+        return read_cameras(beside) if beside else []
+
+    @cached_property
+    def views(self) -> tuple[View, ...]:
+        """What compression is judged by."""
+        if self.photographed:
+            return tuple(View(t.name, t.camera, t.image) for t in self.photographs[1])
+        source = open_source(self.path)
+        if self.path_cameras:
+            cameras = self.path_cameras
+        elif source.camera:
+            cameras = [source.camera]
+        else:
+            seed = self.protocol.seed + OWN_SEED
+            cameras = compression_run.own_views(
+                source.gaussians, OWN_VIEWS, self.protocol.size, seed
+            )
+        sized = [camera.resized(*self.protocol.size) for camera in cameras]
+        return tuple(View(camera.name or str(k), camera) for k, camera in enumerate(sized))
+
+    def truth(self, view: View) -> np.ndarray:
+        """What a view should look like: the photograph, or the original's picture [H, W, 3]."""
+        if view.photograph is not None:
+            return view.photograph
+        if view.name not in self.pictures:
+            self.pictures[view.name] = render(self.scene.gaussians(), view.camera).pixels
+        return self.pictures[view.name]
+
+
+def is_photographs(path: str) -> bool:
+    """Whether this is a folder or a transforms.json rather than a scene file."""
+    return os.path.isdir(path) or path.endswith(".json")
+
+
+def find(names: list[str]) -> list[str]:
+    """Paths of the subjects named, else of SCENES; InputError for what is not there.
+
+    A name is a path, a generated scene, or a file of the folder SPLATCORE_SCENES.
+    """
+    place = Path(os.environ.get(VARIABLE, FOLDER))
+    if not names and not place.is_dir():
+        raise InputError(f"{place}: there is no such folder; name a SCENE or set {VARIABLE}")
+    found = []
+    for name in names or SCENES:
+        beside = place / name
+        path = name if os.path.exists(name) or name in GENERATORS else str(beside)
+        if path == str(beside) and not beside.exists():
+            raise InputError(f"{name}: there is no such file or folder, here or in {place}")
+        if is_packed(path):
+            raise InputError(f"{name}: is a packed model; compression begins with a scene")
+        found.append(path)
+    titles = [Path(path).resolve().name for path in found]
+    if twice := [title for title in titles if titles.count(title) > 1]:
+        raise InputError(f"{twice[0]}: two scenes have this name, and results go by names")
+    return found

@@ -1,0 +1,116 @@
+"""Cycles of the whole first half: a model from memory, stages 0 and 1, and binning.
+
+Chunks that are skipped leave stage 1 without work, points behind the camera do, and splats of many
+tiles keep it waiting: points and splats are followed one by one through the queues between.
+"""
+
+import numpy as np
+from numba import njit
+
+from splatcore.golden.pipeline import Frame
+from splatcore.hdl.points.points import CHUNKS_WAITING
+from splatcore.hdl.points.project import SPARE
+from splatcore.spec.axi import BEAT
+from splatcore.spec.config import Config
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.microprogram import culling, program, projection
+from splatcore.spec.schedule import schedule
+
+SET_UP = 3  # cycles of a splat in binning, at least
+
+# Cycles as registers and states make them, besides memory's latency.
+HEADER = 10  # from a chunk's being kept to its first point
+ATTRIBUTES = 12  # from a point's being placed to its attributes
+SPLAT = 5  # from the array's end to binning
+INSIDE = 4  # points that an array of stage 0 or 1 holds back
+LAST_BURST = 2  # cycles of a list's end, besides its place in the table
+BEGIN = 150  # from a frame's start to its first chunk, and from its last entry to its end
+
+
+def chunk_interval(config: Config) -> int:
+    """Cycles of a chunk's header: a chunk at a time is in its array."""
+    plan = schedule(config, program("chunk"))
+    return (plan.length // plan.interval + 1) * plan.interval
+
+
+def bin_costs(frame: Frame) -> np.ndarray:
+    """Cycles [N] of each splat in binning: what takes longest, set-up, tile rows or entries."""
+    longest = np.maximum(frame.binned.splat_rows, frame.binned.splat_entries)
+    return np.maximum(longest, SET_UP)
+
+
+def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
+    """Cycles of a frame's first half. latency: of memory, from a request to its first beat."""
+    points, plan = frame.points, schedule(config, projection(config))
+    kind = np.zeros(len(points.points), np.int64)  # how far a point comes
+    kind[np.searchsorted(points.points, points.front)] = 1
+    kind[np.searchsorted(points.points, points.inside)] = 2
+    kind[np.searchsorted(points.points, points.index)] = 3
+    chunks = np.bincount(points.points // CHUNK, minlength=len(points.read))
+    steps = np.array(
+        [
+            chunk_interval(config),
+            schedule(config, culling(config.depth_interval)).interval,
+            schedule(config, program("place")).interval,
+            plan.interval,
+        ]
+    )
+    lengths = np.array(
+        [
+            HEADER + latency,
+            schedule(config, culling(config.depth_interval)).length,
+            schedule(config, program("place")).length + ATTRIBUTES + latency,
+            plan.length + SPLAT,
+        ]
+    )
+    slots, queue = config.projection_slots, plan.length // plan.interval + 1 + SPARE
+    end = pass_points(chunks, kind, bin_costs(frame), steps, lengths, slots, queue)
+    begin = BEGIN + 3 * latency + config.codebook // BEAT
+    count = frame.binned.lists.count
+    return int(begin + end + len(count) + LAST_BURST * np.count_nonzero(count))
+
+
+@njit(cache=True)
+def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
+    """When the last splat has been binned.
+
+    chunks [C]: points of each that are read; kind [N] of each point: 0 culled, 1 beside the guard
+    band, 2 projected, 3 a splat; costs [M] of each splat in binning; steps, lengths: cycles from
+    one to the next and through, of the programs chunk, cull, place and project; slots, queue: of
+    the projection.
+    """
+    header = culled = placed = entered = binned = 0.0
+    through = np.zeros(CHUNKS_WAITING + 1)  # when the last chunks were
+    cull_left, place_left = np.zeros(INSIDE), np.zeros(INSIDE)  # when points went on
+    released, gone = np.zeros(slots), np.zeros(queue)
+    cost = 0
+    point = read = front = inside = splats = 0
+    for count in chunks:
+        header += steps[0]
+        if count == 0:
+            continue
+        header = max(header, through[read % len(through)])
+        for k in range(count):
+            culled = max(culled + steps[1], header + lengths[0] if k == 0 else 0)
+            if kind[point] > 0:
+                culled = max(culled, cull_left[front % INSIDE])
+                placed = max(placed + steps[2], culled + lengths[1])
+                if kind[point] > 1:
+                    placed = max(placed, place_left[inside % INSIDE])
+                    put = max(placed + lengths[2], released[inside % slots])
+                    entered = max(entered + steps[3], put, gone[splats % queue])
+                    entered = np.ceil(entered / steps[3]) * steps[3]  # with the array's round
+                    place_left[inside % INSIDE] = put - lengths[2]
+                    released[inside % slots] = entered + lengths[3]
+                    inside += 1
+                    if kind[point] > 2:
+                        binned = max(binned + cost, entered + lengths[3])
+                        cost = costs[splats]
+                        gone[splats % queue] = binned - lengths[3]
+                        splats += 1
+                cull_left[front % INSIDE] = placed - lengths[1]
+                front += 1
+            point += 1
+        through[read % len(through)] = culled
+        read += 1
+    return max(binned + cost, culled + lengths[1], header)

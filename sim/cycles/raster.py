@@ -1,0 +1,180 @@
+"""Cycles of stage 3, followed pair by pair: alone, or behind stage 2 and before memory.
+
+Only queues are followed: those in front of the rasterizers decide how much of one's work hides
+behind another's, the others how much of stage 2's and of writing hides behind stage 3's.
+"""
+
+import numpy as np
+from numba import njit
+
+from splatcore.golden.pipeline import Frame
+from splatcore.hdl.raster.blend import Blend
+from splatcore.hdl.raster.evaluate import Evaluate
+from splatcore.hdl.raster.features import FEATURES_WAITING
+from splatcore.hdl.raster.mark import Mark
+from splatcore.hdl.raster.rasterizer import OUTPUT_SPARE, PAIRS_WAITING
+from splatcore.hdl.raster.setup import Setup
+from splatcore.spec.config import Config
+from splatcore.spec.raster import BLOCKS, block_count, owner
+
+BLOCKS_A_TILE = BLOCKS**2
+
+# Cycles as the registers and states of stage 3 make them.
+PAIR_LATENCY = 19  # from a splat's coming to its first pair's being marked
+QUEUE_LATENCY = 2  # from a pair's entering a rasterizer's queue to its first block
+BLOCK_LATENCY = 1 + Evaluate.LATENCY  # from a block's being issued to the lanes
+TURN = 7  # from a group's last block being given out to the next group's first
+PAIRS_HELD = PAIRS_WAITING + 1  # of a rasterizer, the one at hand included
+SPLATS_INSIDE = 20  # splats before setup
+MARK_LATENCY = Setup.LATENCY + Mark.LATENCY
+BUSY = Blend.BUSY  # before a block may come again
+END_LATENCY = BLOCK_LATENCY + Blend.LATENCY + 4  # from a last pixel's block to stage 2's stopping
+
+ENTERED, MARKED, PAIRS, SPLATS, MERGED, END = range(6)
+"""Places of `Raster.clock`: when the last splat came and the last pair was marked, how many pairs
+and splats with live tiles there have been, when the last entry was merged, when the last group's
+blocks have been given out."""
+
+
+class Raster:
+    """Stage 3 of a frame, group by group. number: of the next group."""
+
+    def __init__(self, config: Config, frame: Frame):
+        mask = frame.binned.entries["mask"][frame.order]
+        self.start, self.mask = frame.start, mask.astype(np.int64)
+        self.blocks, self.drained = frame.raster.blocks, block_count(config)
+        self.owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
+        self.number = 0
+        self.clock = np.zeros(6)
+        self.clock[MARKED] = PAIR_LATENCY
+        self.free = np.zeros(config.rasterizers)  # when it can issue its next block
+        self.begun = np.zeros((config.rasterizers, PAIRS_HELD))  # when its last pairs left
+        self.count = np.zeros(config.rasterizers, np.int64)
+        self.last = np.full((config.rasterizers, BUSY), -1)  # its last visited blocks
+        self.lanes = np.zeros((config.rasterizers, BUSY))  # when they entered the lanes
+        self.left = np.zeros(SPLATS_INSIDE)  # when the last ones with live tiles left for setup
+        self.taken = np.zeros(FEATURES_WAITING)  # when the last splats came
+
+    def group(self, merged: float = 0, pace: float = 0, far: float = 0) -> float:
+        """A group passes; when the last of its entries that is given has been merged.
+
+        merged: when the first one can be; pace: cycles from one to the next, 0 if they are always
+        there; far: from an entry's being merged to its splat's coming.
+        """
+        self.clock[MERGED] = merged - pace
+        first, end = self.start[self.number : self.number + 2]
+        pass_splats(
+            first, end, self.mask, self.blocks, self.owners,
+            pace, far, self.clock, self.free, self.begun, self.count, self.last, self.lanes,
+            self.left, self.taken,
+        )  # fmt: skip
+        return self.clock[MERGED]
+
+    def drain(self, room: float = 0):
+        """A group's blocks are given out, not before there is room for the last ones."""
+        self.clock[MARKED] += 1
+        ends = np.maximum(self.clock[MARKED] + QUEUE_LATENCY, self.free) + self.drained
+        ends = np.maximum(ends, room)
+        self.clock[END] = ends.max()
+        self.free = ends + TURN
+        for r, count in enumerate(self.count):
+            self.begun[r, count % PAIRS_HELD] = self.free[r]
+        self.count += 1
+        self.number += 1
+
+    @property
+    def spare(self) -> float:
+        """The part of a group's blocks that are given out while all of another's wait."""
+        return min(OUTPUT_SPARE / self.drained, 1)
+
+
+def raster_cycles(config: Config, frame: Frame) -> int:
+    """Stage 3 alone, its splats always there: when the last block is given out."""
+    stage = Raster(config, frame)
+    for _ in frame.start[1:]:
+        stage.group()
+        stage.drain()
+    return int(stage.free.max() + BLOCK_LATENCY)
+
+
+@njit(cache=True)
+def pass_splats(
+    first, end, mask, blocks, owners, pace, far, clock, free, begun, count, last, lanes, left, taken
+):
+    """A group's entries first … end through the queues; changes clock and all behind it.
+
+    mask [N]: tiles of each entry; blocks: marked and visited ones of each of these tiles, −1 for
+    none (`golden.raster.Raster.blocks`).
+    """
+    entered, marked, merged = clock[ENTERED], clock[MARKED], clock[MERGED]
+    pair, splats = int(clock[PAIRS]), int(clock[SPLATS])
+    ended = live_end(first, end, pair, mask, blocks)  # from here on all tiles have ended
+    for k in range(first, end):
+        if pace > 0:
+            if k == ended:
+                merged = max(merged, min(merged + pace * (end - k), free.max() + END_LATENCY))
+            elif k < ended:
+                merged = max(merged + pace, taken[k % len(taken)])
+            entered = max(entered, merged + far - 1)
+        entered = max(entered + 1, left[splats % SPLATS_INSIDE])
+        taken[k % len(taken)] = entered
+        dead, tile, tiles = True, 0, mask[k]
+        while tiles >> tile:
+            if tiles >> tile & 1:
+                found = blocks[pair]
+                pair += 1
+                if found >= 0:
+                    dead = False
+                    marked = max(marked + 1, entered + PAIR_LATENCY)
+                    marked = _deal(found, tile, marked, owners, free, begun, count, last, lanes)
+            tile += 1
+        if not dead:
+            left[splats % SPLATS_INSIDE] = marked - MARK_LATENCY
+            splats += 1
+    clock[ENTERED], clock[MARKED], clock[MERGED] = entered, marked, merged
+    clock[PAIRS], clock[SPLATS] = pair, splats
+
+
+@njit(cache=True)
+def live_end(first, end, pair, mask, blocks):
+    """The entry behind the last one with a live tile."""
+    found = first
+    for k in range(first, end):
+        tiles = mask[k]
+        while tiles:
+            if tiles & 1:
+                if blocks[pair] >= 0:
+                    found = k + 1
+                pair += 1
+            tiles >>= 1
+    return found
+
+
+@njit(cache=True)
+def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
+    """A pair to the rasterizers that own its blocks; when it went, all of them having room."""
+    for block in range(BLOCKS_A_TILE):
+        if found >> block & 1:
+            r = owners[block]
+            marked = max(marked, begun[r, count[r] % PAIRS_HELD])
+    for r in range(len(free)):
+        now, some = max(marked + QUEUE_LATENCY, free[r]), False
+        for block in range(BLOCKS_A_TILE):
+            if owners[block] != r or not found >> block & 1:
+                continue
+            some = True
+            if found >> BLOCKS_A_TILE + block & 1:
+                name = tile * BLOCKS_A_TILE + block
+                for back in range(BUSY):
+                    if last[r, back] == name:
+                        now = max(now, lanes[r, back] + BUSY)
+                for back in range(BUSY - 1, 0, -1):
+                    last[r, back] = last[r, back - 1]
+                    lanes[r, back] = lanes[r, back - 1]
+                last[r, 0], lanes[r, 0] = name, now
+            now += 1
+        if some:
+            free[r] = now
+            begun[r, count[r] % PAIRS_HELD] = now
+            count[r] += 1
+    return marked

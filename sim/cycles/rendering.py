@@ -1,0 +1,65 @@
+"""Cycles of the whole second half: lists from memory, stage 2, stage 3 and pixels to memory.
+
+Stages wait for each other: a group's entries are all sorted before the first one is given, a list
+that does not fit on chip is merged from scratch memory, stage 3 holds stage 2 back, and a group's
+pixels are written while the next one's are made.
+"""
+
+import numpy as np
+
+from splatcore.golden.pipeline import Frame
+from splatcore.sim.cycles.raster import END, Raster
+from splatcore.sim.cycles.sort import Timeline
+from splatcore.spec.axi import BEAT
+from splatcore.spec.config import Config
+from splatcore.spec.convention import BLOCK
+from splatcore.spec.group import group_grid, group_pixels
+from splatcore.spec.raster import BLOCKS
+from splatcore.spec.work import PIXEL, page_bytes
+
+MERGE_PACE = 2  # cycles from a merged entry to the next one
+
+# Cycles as memory's side makes them, besides its latency.
+FEATURE_LATENCY = 12  # from a merged entry to its splat's coming to stage 3
+PAGE_LATENCY = 6  # from a page's last beat to the next one's request and back
+SPAN_TURN = 1  # from a row of blocks to the next one, in writing
+BEGIN = 40  # from a frame's start to its first entry, and from its last pixel to its end
+
+
+def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
+    """Cycles of a frame's second half. latency: of memory, from a request to its first beat."""
+    stage = Raster(config, frame)
+
+    def give(first: float, entries: int) -> float:
+        return stage.group(first, MERGE_PACE, FEATURE_LATENCY + latency)
+
+    timeline = Timeline(config, entry_pace(config, latency), give)
+    written = begun = 0.0  # when a group's pixels were written, and when that began
+    for count, cycles in zip(np.diff(frame.start), write_cycles(config, frame), strict=True):
+        if count:
+            timeline.group(int(count))
+            stage.drain(begun + (written - begun) * (1 - stage.spare))
+            begun = max(written, stage.clock[END] - stage.drained)
+        else:  # it passes stages 2 and 3 by
+            stage.number += 1
+            begun = written
+        written = begun + cycles
+    return int(written) + BEGIN + 2 * latency
+
+
+def entry_pace(config: Config, latency: int) -> float:
+    """Cycles an entry of a list takes to come: a page is asked for when the one before is there."""
+    beats = page_bytes(config) // BEAT
+    return max(1.0, (beats + PAGE_LATENCY + latency) / (config.page - 1))
+
+
+def write_cycles(config: Config, frame: Frame) -> np.ndarray:
+    """Cycles [groups] in which their pixels are written: rows of a few blocks side by side."""
+    height, width = frame.pixels.shape[:2]
+    span, side = min(config.rasterizers, BLOCKS), group_pixels(config)
+    rows, columns = group_grid(config, width, height)
+    high = np.minimum(height - np.arange(rows) * side, side)
+    wide = np.minimum(width - np.arange(columns) * side, side)
+    turns = -(-high[:, None] // BLOCK) * -(-wide[None] // (span * BLOCK))
+    beats = -(-span * BLOCK * PIXEL // BEAT)
+    return (turns * (BLOCK * beats + SPAN_TURN)).ravel()

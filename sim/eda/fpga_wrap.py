@@ -1,0 +1,106 @@
+"""What is around a part that is placed on an FPGA on its own; a rasterizer's lanes as a part."""
+
+from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.raster.blend import Blend
+from splatcore.hdl.raster.evaluate import Evaluate
+from splatcore.spec.config import Config
+from splatcore.spec.raster import block_count
+
+
+class Wrap(wiring.Component):
+    """A part whose ports are registers, written and read through one pin each.
+
+    Parts have hundreds of port bits, a package has fewer pins, and a pin's path would hide the
+    part's own. So all inputs are one long shift register; outputs are captured in registers, and
+    these are folded into a signature, a shift register that adds them up modulo 2, bit by bit. Each
+    input can take any value and each output is seen: nothing of the part can be left out, and all
+    paths are between registers.
+
+    Members
+        d: next bit of the inputs. q: last bit of the signature.
+        input_ports, output_ports: the part's ports; inputs, outputs: how many bits they have.
+
+    **Timing**: from the part's outputs to `q` two cycles or more.
+    """
+
+    def __init__(self, part: wiring.Component):
+        self.part = part
+        ports = [
+            (member.flow, Value.cast(value))
+            for _, member, value in part.signature.flatten(part)
+        ]  # fmt: skip
+        self.input_ports = [value for flow, value in ports if flow == In]
+        self.output_ports = [value for flow, value in ports if flow == Out]
+        self.inputs = sum(map(len, self.input_ports))
+        self.outputs = sum(map(len, self.output_ports))
+        super().__init__({"d": In(1), "q": Out(1)})
+
+    @property
+    def flip_flops(self) -> int:
+        """Those that are not the part's."""
+        return self.inputs + 2 * self.outputs
+
+    @property
+    def luts(self) -> int:
+        """Those that are not the part's: each bit of the signature adds two, but the first."""
+        return self.outputs - 1
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = self.part
+        shift = Signal(self.inputs, reset_less=True)
+        captured = Signal(self.outputs, reset_less=True)
+        signature = Signal(self.outputs, reset_less=True)
+        m.d.sync += [
+            shift.eq(Cat(self.d, shift)),
+            captured.eq(Cat(*self.output_ports)),
+            signature.eq(captured ^ (signature << 1)),
+        ]
+        place = 0
+        for value in self.input_ports:
+            m.d.comb += value.eq(shift[place : place + len(value)])
+            place += len(value)
+        m.d.comb += self.q.eq(signature[-1])
+        return m
+
+
+class Lanes(wiring.Component):
+    """E at some of a block's pixels and the lanes that blend them: the middle of a rasterizer.
+
+    A rasterizer has a lane for each of a block's 16 pixels; this is the same with fewer, without
+    the queues and the control around them.
+
+    Members
+        all of `hdl.raster.evaluate.Evaluate` and `hdl.raster.blend.Blend`, but for the alphas
+            between them.
+
+    **Timing**: as these two.
+    """
+
+    def __init__(self, config: Config, pixels: int):
+        self.evaluate = Evaluate(config, 0, pixels)
+        self.blend = Blend(config, block_count(config), pixels)
+        inner = (self.evaluate, self.blend)
+        super().__init__(
+            {
+                name: member
+                for part in inner
+                for name, member in part.signature.members.items()
+                if name != "powers"
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.evaluate, m.submodules.blend = self.evaluate, self.blend
+        m.d.comb += self.blend.powers.eq(self.evaluate.powers)
+        for part in (self.evaluate, self.blend):
+            for name, member in part.signature.members.items():
+                if name == "powers":
+                    continue
+                inner, outer = getattr(part, name), getattr(self, name)
+                m.d.comb += inner.eq(outer) if member.flow == In else outer.eq(inner)
+        return m

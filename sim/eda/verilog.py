@@ -1,0 +1,128 @@
+"""Verilog of the machine and of its stages, and lint."""
+
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+from amaranth.back import verilog
+from amaranth.lib import wiring
+
+from splatcore.hdl.stages import STAGES
+from splatcore.hdl.top import Top
+from splatcore.sim.common.output import write
+from splatcore.sim.eda.files import constraints, core, memory_list
+from splatcore.sim.eda.macros import Macros, module
+from splatcore.sim.rtl.verilator import environment
+from splatcore.spec.config import Config
+
+HEADER = """\
+// Splatcore {name}, preset {preset}. Generated; the source is {source}.
+// Apache-2.0.
+//
+{about}
+"""
+
+MEMORIES_HEADER = """\
+// Splatcore's memories, preset {preset}. Generated; memories.csv says where they are.
+// Apache-2.0.
+//
+// One port to write and one to read, each row read a cycle later; what is read stays until the next
+// read. A row is never read in the cycle in which it is written; rows begin with no value. To
+// replace one by a macro give its module another body.
+
+"""
+
+WAIVERS = Path(__file__).with_name("waivers.vlt")
+"""What lint may say about generated Verilog, each with its reason."""
+
+TOP = "splatcore_top"
+
+MEMORIES_FILE = "splatcore_memories.v"
+
+INSTANCE = re.compile(r"^  (splatcore_\w+) +\\?(\S+) +\($", re.M)
+
+
+def stage_source(
+    name: str, component: wiring.Component, config: Config, platform: Macros | None = None
+) -> str:
+    """Verilog text of a component, its docstring on top; memories are inside without a platform."""
+    about = "\n".join(f"// {line}".rstrip() for line in (component.__doc__ or "").splitlines())
+    source = type(component).__module__.removeprefix("splatcore.").replace(".", "/") + ".py"
+    head = HEADER.format(name=name, source=source, preset=config.name, about=about)
+    name = f"splatcore_{name}"
+    return f"{head}\n{_plain(verilog.convert(component, name, platform, emit_src=False), name)}"
+
+
+def _plain(text: str, top: str) -> str:
+    """Verilog whose modules have names without dots, and no wires of no bits, [-1:0], which would
+    be two."""
+    names: dict[str, str] = {}
+
+    def rename(found: re.Match) -> str:
+        name = re.sub(r"\W", "_", found[0][1:-1])
+        while names.setdefault(name, found[0]) != found[0]:
+            name += "_"
+        return f"{name} "
+
+    text = re.sub(rf"\\{top}\.\S+ ", rename, text)
+    return re.sub(r"^  wire \[-1:0\] .*;\n", "", text, flags=re.M)
+
+
+def instances(text: str, top: str) -> Iterator[tuple[str, str]]:
+    """Path and module of all that is inside of a Verilog text's top module."""
+    modules = re.split(r"^module ", text, flags=re.M)[1:]
+    inside = {re.match(r"\w+", body)[0]: INSTANCE.findall(body) for body in modules}
+
+    def visit(path: str, name: str) -> Iterator[tuple[str, str]]:
+        for inner, instance in inside.get(name, ()):
+            yield f"{path}.{instance}", inner
+            yield from visit(f"{path}.{instance}", inner)
+
+    return visit(top, top)
+
+
+def write_stages(config: Config, folder: Path) -> list[Path]:
+    """Write every stage of a machine into a folder, and the waivers; the paths of the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, make in STAGES.items():
+        path = folder / f"splatcore_{name}.v"
+        write(path, stage_source(name, make(config), config).encode())
+        paths.append(path)
+    write(folder / WAIVERS.name, WAIVERS.read_bytes())
+    return [*paths, folder / WAIVERS.name]
+
+
+def write_top(config: Config, folder: Path) -> list[Path]:
+    """Write the whole machine into a folder, its memories, and what tools want to know of them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    top, macros = Top(config), Macros()
+    source = stage_source("top", top, config, macros)
+    shapes = sorted(set(macros.sizes))
+    memories = MEMORIES_HEADER.format(preset=config.name)
+    memories += "\n".join(module(*shape) for shape in shapes)
+    texts = {
+        f"{TOP}.v": source,
+        MEMORIES_FILE: memories,
+        "memories.csv": memory_list(shapes, instances(source, TOP)),
+        "splatcore.core": core(config, TOP, [MEMORIES_FILE, f"{TOP}.v"], WAIVERS.name),
+        "splatcore.sdc": constraints(config, top),
+        WAIVERS.name: WAIVERS.read_text(),
+    }
+    for name, text in texts.items():
+        write(folder / name, text.encode())
+    return [folder / name for name in texts]
+
+
+WRITERS = {"top": write_top, "stages": write_stages}
+"""What there is to write, by name: functions of a machine and a folder that return paths."""
+
+
+def lint(top: str, *paths: Path) -> list[str]:
+    """What `verilator --lint-only -Wall` says about files beyond the waivers; none if clean."""
+    done = subprocess.run(
+        ["verilator", "--lint-only", "-Wall", "--top-module", top, WAIVERS, *paths],
+        env=environment(), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return [line for line in done.stderr.splitlines() if line.startswith("%")]

@@ -1,0 +1,192 @@
+"""Gates of the parts that `splatcore fit` sizes: synthesised one by one for area, and kept.
+
+What lies between these parts (queues, control, memory access: about 150 k NAND2-equivalents of
+DEFAULT's 946 k) hardly depends on what is fitted, and is left out.
+
+Searching asks for differences only. They are linear in a format's bits, in a sub-sorter's entries
+and in a merge's ways, to within a few percent: two small syntheses give the slope, and the counts
+of the parts the rest.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+from amaranth.back import rtlil
+from amaranth.lib import wiring
+
+from splatcore.hdl.raster.blend import Blend
+from splatcore.hdl.stages import PRIMITIVES, STAGES, Build
+from splatcore.sim.eda.hierarchy import Piece
+from splatcore.sim.eda.machine_gates import kept
+from splatcore.sim.eda.macros import Macros
+from splatcore.sim.eda.synth import SCRIPT, TRANSISTORS_PER_NAND2, yosys
+from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.convention import BLOCK
+from splatcore.spec.number import Float
+from splatcore.spec.raster import block_count
+from splatcore.spec.schedule import PES
+
+AREA = SCRIPT[: SCRIPT.index("tee -o area.path")]
+"""The first of `sim.eda.synth`'s two mappings."""
+
+SMALL_ENTRIES = 16
+"""Entries of a sub-sorter that is synthesised for its slope, and of one twice as large."""
+
+FEW_BLOCKS = 4
+"""Blocks in the memories of lanes that are synthesised for their slope: a lane does not care."""
+
+
+def synthesised(component: wiring.Component) -> float:
+    """NAND2-equivalents of a part; synthesised unless they are known."""
+    macros = Macros()
+    text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
+
+    def compute(text: str, library: str) -> dict[str, float]:
+        stat = yosys(AREA, {"top.il": text, "macros.v": library})["area.stat"]
+        transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
+        return {"nand2": transistors / TRANSISTORS_PER_NAND2}
+
+    piece = Piece(text, tuple(f"{words} {bits}" for words, bits in macros.sizes))
+    return kept(compute, (AREA,), piece)["nand2"]
+
+
+PARTS: dict[str, tuple[Build, Callable[[Config], int]]] = {
+    **{name: (STAGES[name], lambda _: 1) for name in ("chunk", "cull", "place", "project", "bin")},
+    "sub_sorter": (PRIMITIVES["sub_sorter"], lambda config: config.sub_sorters),
+    **{name: (PRIMITIVES[name], lambda _: 1) for name in ("merge", "prepare", "setup", "mark")},
+    "evaluate": (PRIMITIVES["evaluate"], lambda config: config.rasterizers),
+    "first lane": (
+        lambda config: Blend(config, block_count(config), 1), lambda config: config.rasterizers,
+    ),
+    "lanes": (
+        lambda config: Blend(config, block_count(config), 2),
+        lambda config: config.rasterizers * (BLOCK**2 - 1),
+    ),
+}  # fmt: skip
+"""Each part, and how many of it a machine has. A rasterizer's further lanes are what a second one
+adds to the first, the part before."""
+
+
+def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
+    """NAND2-equivalents of all of a machine's parts of a name together. tell: called with the name
+    of the part that is next.
+    """
+    found, first = {}, 0.0
+    for name, (build, count) in PARTS.items():
+        tell(name)
+        one = synthesised(build(config))
+        found[name] = (one - first if name == "lanes" else one) * count(config)
+        first = one
+    return found
+
+
+@cache
+def _lane(config: Config) -> float:
+    """What a lane takes."""
+    one, two = (synthesised(Blend(config, FEW_BLOCKS, lanes)) for lanes in (1, 2))
+    return two - one
+
+
+def _pe(config: Config) -> float:
+    return synthesised(PRIMITIVES["multiply_add"](config))
+
+
+def _evaluate(config: Config) -> float:
+    return synthesised(PRIMITIVES["evaluate"](config))
+
+
+def _mark(config: Config) -> float:
+    return synthesised(PRIMITIVES["mark"](config))
+
+
+def _small_sorter(config: Config) -> float:
+    return synthesised(PRIMITIVES["sub_sorter"](replace(config, sub_sorter_entries=SMALL_ENTRIES)))
+
+
+def all_lanes(config: Config) -> int:
+    """Lanes of all rasterizers."""
+    return config.rasterizers * BLOCK**2
+
+
+def all_pes(config: Config) -> int:
+    """PEs of all arrays of stages 0 and 1."""
+    return config.pes * config.pe_arrays + sum(PES[name] for name in ("chunk", "cull", "place"))
+
+
+def all_entries(config: Config) -> float:
+    """Entries of all sub-sorters, counted in small ones."""
+    return config.sub_sorters * config.sub_sorter_entries / SMALL_ENTRIES
+
+
+Share = tuple[Callable[[Config], float], Callable[[Config], float]]
+LANE: Share = (_lane, all_lanes)
+EVALUATE: Share = (_evaluate, lambda config: config.rasterizers)
+
+SHARES: dict[str, tuple[Share, ...]] = {
+    "arithmetic": ((_pe, all_pes),),
+    "sort_digits": ((_small_sorter, all_entries),),
+    "exponent_fraction": (EVALUATE, (_mark, lambda _: 1)),
+    "pixel_fraction": (EVALUATE,),
+    "power_fraction": (LANE, EVALUATE),
+    "power_mantissa": (LANE,),
+    "transmittance": (LANE,),
+    "weight": (LANE,),
+    "colour_fraction": (LANE,),
+    "sum_fraction": (LANE,),
+}
+"""By format: the parts that most of its bits' gates are in, and how many a machine has."""
+
+
+def with_bits(config: Config, field: str, bits: int) -> Config:
+    """A machine with a format of so many bits: below the point, of a key for `sort_digits`.
+
+    Depths are those of the arithmetic that finds them.
+    """
+    if field == "sort_digits":
+        return replace(config, sort_digits=(1,) * bits)
+    if field == "arithmetic":
+        arithmetic: Float = replace(config.arithmetic, fraction=bits)
+        return replace(config, arithmetic=arithmetic, depth=replace(config.depth, fraction=bits))
+    return replace(config, **{field: bits})
+
+
+def bits_of(config: Config, field: str) -> int:
+    """What `with_bits` sets."""
+    if field == "sort_digits":
+        return config.sort_key_bits
+    return config.arithmetic.fraction if field == "arithmetic" else getattr(config, field)
+
+
+SLOPE_BITS = 2
+"""Bits fewer at which a format's slope is measured."""
+
+
+@cache
+def _slopes(field: str) -> tuple[float, ...]:
+    """NAND2-equivalents that a bit of a format takes in each of its shares' parts."""
+    narrow = with_bits(DEFAULT, field, bits_of(DEFAULT, field) - SLOPE_BITS)
+    return tuple((size(DEFAULT) - size(narrow)) / SLOPE_BITS for size, _ in SHARES[field])
+
+
+def bit_gates(config: Config, field: str) -> float:
+    """NAND2-equivalents that a bit of a format takes in a machine."""
+    counts = (count(config) for _, count in SHARES[field])
+    return sum(slope * count for slope, count in zip(_slopes(field), counts, strict=True))
+
+
+@cache
+def _line(name: str, field: str, values: tuple[int, int]) -> tuple[float, float]:
+    """A part's size at 0 of a field, and what each more takes."""
+    low, high = (synthesised(PRIMITIVES[name](replace(DEFAULT, **{field: v}))) for v in values)
+    slope = (high - low) / (values[1] - values[0])
+    return low - slope * values[0], slope
+
+
+def sort_gates(config: Config) -> float:
+    """NAND2-equivalents of stage 2's sub-sorters and merge."""
+    constant, slope = _line("sub_sorter", "sub_sorter_entries", (SMALL_ENTRIES, 2 * SMALL_ENTRIES))
+    sorters = config.sub_sorters * (constant + slope * config.sub_sorter_entries)
+    constant, slope = _line("merge", "merge_ways", (DEFAULT.merge_ways // 2, DEFAULT.merge_ways))
+    return sorters + constant + slope * config.merge_ways

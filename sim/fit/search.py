@@ -1,0 +1,183 @@
+"""The smallest machine for some views: so many frames a second, so many decibels.
+
+Speed and error hardly meet: sizes change no picture, and formats hardly change the work. So sizes
+are chosen first, with DEFAULT's formats; then formats, which are weighed with those sizes; then
+sizes again, with the frames that the formats make.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from splatcore.golden.pipeline import Frame
+from splatcore.sim.cycles.frame import Cycles
+from splatcore.sim.fit.formats import SEARCHED, Search, decibels, wider
+from splatcore.sim.fit.gates import SHARES, bits_of
+from splatcore.sim.fit.sizes import SIZES, Missed, Speed, budget, smaller
+from splatcore.sim.fit.views import View
+from splatcore.spec.config import DEFAULT, Config
+
+Tell = Callable[[str], None]
+
+OF_WORK = ("transmittance", "power_mantissa")
+"""Formats with which pixels end later or sooner, and so the work changes."""
+
+
+class Impossible(Exception):
+    """No machine does it; says why, and what the best one does."""
+
+
+@dataclass(eq=False)
+class Fit:
+    """A machine, and how it was chosen. errors: mean squared and largest of each view's picture."""
+
+    config: Config
+    speed: Speed
+    most: int  # cycles of a frame
+    errors: dict[str, tuple[float, float]]
+    psnr: float | None
+    search: Search | None = None  # of formats
+
+    def cycles(self, view: str) -> Cycles:
+        """What a view's frame takes."""
+        return self.speed.cycles(self.config, view)
+
+    def fps(self, view: str) -> float:
+        """Frames a second by the model, margins taken off."""
+        return fps_of(self.cycles(view).frame)
+
+
+def fps_of(cycles: int) -> float:
+    """Frames a second of which each takes so many cycles by the model: `budget` backwards."""
+    return budget(1.0) / cycles
+
+
+def fit(start: Config, views: list[View], fps: float, psnr: float | None, tell: Tell) -> Fit:
+    """The smallest machine from `start` on; Impossible if there is none."""
+    most = budget(fps)
+    frames, errors = rendered(start, views, tell)
+    if psnr is not None and worst(errors)[1] < psnr:
+        start = wider(start)
+        frames, errors = rendered(start, views, tell)
+        name, found = worst(errors)
+        if found < psnr:
+            raise Impossible(
+                f"--psnr {psnr:g}: {name} has {found:.2f} dB with the widest formats that are tried"
+            )
+    speed, sized = sized_for(start, frames, most, fps, tell)
+    if psnr is None:
+        return Fit(sized, speed, most, errors, psnr)
+    hardest = sorted(views, key=lambda view: -errors[view.name][0])[:SEARCHED]
+    search = Search(start, hardest, psnr, sized, tell)
+    for fixed in ((), OF_WORK):
+        search, formats = narrowed(search.without(fixed), views)
+        frames, errors = rendered(formats, views, tell)
+        speed, found = sized_for(formats, frames, most, fps, tell)
+        if found.rasterizers <= sized.rasterizers:
+            break
+    return Fit(found, speed, most, errors, psnr, search)
+
+
+def rendered(
+    config: Config, views: list[View], tell: Tell
+) -> tuple[dict[str, Frame], dict[str, tuple[float, float]]]:
+    """Frames, and errors of their pictures, by the views' names."""
+    frames, errors = {}, {}
+    for view in views:
+        tell(f"rendering {view.name}")
+        frames[view.name] = frame = view.frame(config)
+        errors[view.name] = view.square(frame.pixels), view.largest(frame.pixels)
+    return frames, errors
+
+
+def worst(errors: dict[str, tuple[float, float]]) -> tuple[str, float]:
+    """The view of the largest error, and its PSNR."""
+    name = max(errors, key=lambda name: errors[name][0])
+    return name, decibels(errors[name][0])
+
+
+def sized_for(
+    config: Config, frames: dict[str, Frame], most: int, fps: float, tell: Tell
+) -> tuple[Speed, Config]:
+    """The smallest sizes for some frames."""
+    speed = Speed(frames, tell)
+    try:
+        return speed, speed.choose(config, most)
+    except Missed as missed:
+        raise Impossible(
+            f"--fps {fps:g}: {missed.half} of {missed.view} takes {missed.cycles:,} of {most:,} "
+            f"cycles in the largest machine, most of them in {missed.stage}: "
+            f"{fps_of(missed.cycles):.1f} frames a second at best"
+        ) from None
+
+
+def narrowed(search: Search, views: list[View]) -> tuple[Search, Config]:
+    """The narrowest formats, for more views than are searched with if these are not enough."""
+    while True:
+        formats = search.run()
+        others = [view for view in views if view not in search.views]
+        missed = [v for v in others if v.square(v.frame(formats).pixels) > search.bound]
+        if not missed:
+            return search, formats
+        search = search.with_view(missed[0])
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A field that was chosen. before: DEFAULT's value; reason: what binds it."""
+
+    name: str
+    before: int
+    value: int
+    reason: str
+
+
+def knobs(found: Fit) -> list[Knob]:
+    """All that was chosen, with reasons."""
+    config = found.config
+    views = "the largest view"
+    sizes = [
+        Knob(name, getattr(DEFAULT, name), getattr(config, name), views)
+        for name in ("width_max", "height_max")
+    ]
+    why = "the scene has harmonics" if config.sh_degree else "the scene has no harmonics"
+    sizes.append(Knob("sh_degree", DEFAULT.sh_degree, config.sh_degree, why))
+    for name, half in SIZES.items():
+        before, value = (
+            c.pes * c.pe_arrays if name == "pes" else getattr(c, name) for c in (DEFAULT, config)
+        )
+        sizes.append(Knob(name, before, value, speed_reason(found, name, half)))
+    for name in SHARES:
+        sizes.append(
+            Knob(name, bits_of(DEFAULT, name), bits_of(config, name), format_reason(found, name))
+        )
+    return sizes
+
+
+def speed_reason(found: Fit, name: str, half: str) -> str:
+    """How much time is left, and what less would take."""
+    view, cycles = found.speed.slowest(found.config, half)
+    text = f"{half} of {view} takes {millions(cycles)} of {millions(found.most)}"
+    less = smaller(found.config, name)
+    if less is None:
+        return f"{text}; there is no less"
+    value = less.pes * less.pe_arrays if name == "pes" else getattr(less, name)
+    view, cycles = found.speed.slowest(less, half)
+    return f"{text}; {value} would take {millions(cycles)} ({view})"
+
+
+def format_reason(found: Fit, name: str) -> str:
+    """What a bit less would cost."""
+    if found.search is None:
+        return "as DEFAULT: no --psnr"
+    if name not in found.search.fields:
+        return "with less there is more to blend, and that takes more rasterizers"
+    if name not in found.search.less:
+        return "is as narrow as it is built"
+    less = found.search.less[name]
+    view, now = worst(found.errors)
+    return f"{view} has {now:.2f} of {found.psnr:g} dB; a bit less: {less:.2f} dB"
+
+
+def millions(cycles: int) -> str:
+    """Cycles in words."""
+    return f"{cycles / 1e6:.3g} M cycles"

@@ -1,0 +1,129 @@
+"""What `splatcore fit` fits a machine to: a packed model seen by some cameras."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.golden.pipeline import Frame, render
+from splatcore.golden.raster import rasterize
+from splatcore.golden.reference import render as render_reference
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.sim.common.metric import LEVELS
+from splatcore.sim.common.source import Source, open_camera
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format
+from splatcore.spec.packed import PackedModel
+
+OF_RASTER = (
+    "exponent_fraction", "pixel_fraction", "power_fraction", "power_mantissa", "transmittance",
+    "weight", "sum_fraction",
+)  # fmt: skip
+"""Fields that change nothing in front of stage 3."""
+
+
+def open_cameras(
+    camera: str | None, cameras: str | None, size: str | None, source: Source
+) -> list[Camera]:
+    """The camera of --camera, else all of --cameras FILE, else those of FILE:ID,ID,…; resized."""
+    if camera and cameras:
+        raise InputError("--camera and --cameras: one of them, not both")
+    if not cameras:
+        return [open_camera(camera, size, source)]
+    path, ids = cameras, ""
+    while not os.path.exists(path) and ":" in path:
+        path = path.rpartition(":")[0]
+        ids = cameras[len(path) + 1 :]
+    if ids:
+        return [open_camera(f"{path}:{one.strip()}", size, source) for one in ids.split(",")]
+    found = read_cameras(path)
+    shape = open_camera(path, size, source) if size else None
+    return [one.resized(shape.width, shape.height) if shape else one for one in found]
+
+
+@dataclass(eq=False)
+class View:
+    """A model as a camera sees it, by a name of its own.
+
+    exact: the reference's picture [H, W, 3], 0 … 1. base: a frame of the twins, from which those of
+    machines follow that are another one in stage 3 only.
+    """
+
+    name: str
+    model: PackedModel
+    camera: Camera
+    exact: np.ndarray = field(init=False)
+    base: tuple[Config, Frame] | None = None
+
+    def __post_init__(self):
+        image = render_reference(self.model.gaussians(), self.camera).image
+        self.exact = image.clip(0, 1).astype(np.float32)  # the machine's have 8 bits
+
+    def resized(self, width: int, height: int) -> "View":
+        """The same smaller or larger."""
+        return View(self.name, self.model, self.camera.resized(width, height))
+
+    def frame(self, config: Config) -> Frame:
+        """The twins' frame, without the points' numbers: what is left tells how much work it is."""
+        found = render(config, self.model, self.camera)
+        return replace(found, points=replace(found.points, projected={}))
+
+    def pixels(self, config: Config) -> np.ndarray:
+        """The twins' picture [H, W, 3]."""
+        if self.base is None:
+            self.base = config, self.frame(config)
+        known, frame = self.base
+        stage_3 = {name: getattr(config, name) for name in OF_RASTER}
+        if replace(known, **stage_3) != config:
+            return render(config, self.model, self.camera).pixels
+        entries = frame.binned.entries
+        return rasterize(
+            config, frame.binned.features, frame.start, entries["splat"][frame.order],
+            entries["mask"][frame.order], (self.camera.width, self.camera.height),
+        ).pixels  # fmt: skip
+
+    def square(self, pixels: np.ndarray) -> float:
+        """Mean squared error of a picture of 8 bits."""
+        return float(np.mean((pixels / LEVELS - self.exact) ** 2))
+
+    def largest(self, pixels: np.ndarray) -> float:
+        """Largest error of a picture of 8 bits."""
+        return float(np.abs(pixels / LEVELS - self.exact).max(initial=0))
+
+
+def start_config(name: str, model: PackedModel, cameras: list[Camera]) -> Config:
+    """DEFAULT as large as the pictures, and without harmonics if the model has none.
+
+    InputError for a model that is packed for another machine.
+    """
+    degree = model.format.sh_degree
+    if model.format != model_format(DEFAULT, degree):
+        raise InputError(f"{model.name}: is packed for another machine than {DEFAULT.name}")
+    sides = {"width": 0, "height": 0}
+    for camera, side in product(cameras, sides):
+        sides[side] = max(sides[side], getattr(camera, side))
+    try:
+        return replace(
+            DEFAULT, name=name, sh_degree=min(degree, DEFAULT.sh_degree),
+            width_max=sides["width"], height_max=sides["height"],
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"--size {sides['width']}x{sides['height']}: {error}") from None
+
+
+def views_of(
+    scene: str, model: PackedModel, cameras: list[Camera], tell: Callable[[int, int], None]
+) -> list[View]:
+    """Views of a model, called SCENE:CAMERA. tell: called with how many are done, of how many."""
+    views, scene = {}, Path(scene).name.split(".")[0]
+    for number, camera in enumerate(cameras):
+        tell(number, len(cameras))
+        name = scene if camera.name == scene else f"{scene}:{camera.name}"
+        name = name if name not in views else f"{name} ({number})"
+        views[name] = View(name, model, camera)
+    return list(views.values())

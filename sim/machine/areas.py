@@ -1,0 +1,117 @@
+"""Where models, work areas, scratch memory and images lie in the simulated memory."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.sim.machine.script import MAPPED, Region
+from splatcore.spec.axi import ADDRESS_BITS
+from splatcore.spec.binning import PAGE_BITS, groups_max
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.sort import AREAS
+from splatcore.spec.work import aligned, page_bytes, scratch_bytes, stride, work
+
+BASE = 1 << 28
+"""Address of memory's first byte: what reads or writes at 0 by mistake is found out."""
+
+GAP = 1 << 12
+"""Bytes between areas that must not be accessed."""
+
+WORK_AREAS = 2
+IMAGES = 2
+
+ENTRIES_A_GAUSSIAN, PAGES_A_GROUP = 8, 32
+"""List pages that are set apart before it is known how many a frame needs."""
+
+FILL = 1 << 20
+"""Bytes of noise that memory begins with, again and again."""
+
+
+@dataclass(frozen=True)
+class Areas:
+    """The memory of a run. models: addresses; pages, features, entries: what the areas hold."""
+
+    models: tuple[int, ...]
+    pages: int
+    features: int
+    entries: int
+    registers: dict[str, int]
+    images: tuple[int, ...]
+    regions: tuple[Region, ...]
+    end: int
+    base: int = BASE
+
+    def region(self, name: str) -> Region:
+        """The region of that name."""
+        return next(region for region in self.regions if region.name == name)
+
+    def read(self, memory: np.ndarray, name: str) -> np.ndarray:
+        """The bytes of a region in a run's memory."""
+        region = self.region(name)
+        return memory[region.begin - BASE : region.end - BASE]
+
+
+def generous_pages(config: Config, count: int) -> int:
+    """List pages that are likely to be enough for `count` Gaussians."""
+    pages = -(-count * ENTRIES_A_GAUSSIAN // (config.page - 1))
+    return min(pages + groups_max(config) * PAGES_A_GROUP, (1 << PAGE_BITS) - 1)
+
+
+def place_areas(
+    config: Config,
+    models: list[PackedModel],
+    sizes: list[tuple[int, int]],
+    pages: int | None = None,
+    features: int | None = None,
+    entries: int | None = None,
+) -> Areas:
+    """Areas for models and images of these sizes (width, height).
+
+    pages, features, entries: of a work area and of scratch memory, instead of what is enough for
+    any frame of the models, or (pages) likely to be. InputError if addresses do not suffice.
+    """
+    count = max([1, *map(len, models)])
+    pages = generous_pages(config, count) if pages is None else pages
+    features = count if features is None else features
+    entries = count if entries is None else entries
+    regions, place = [], BASE
+
+    def add(name: str, size: int, writable: bool = True) -> int:
+        nonlocal place
+        begin, place = place, place + aligned(size) + GAP
+        regions.append(Region(name, begin, size, writable))
+        return begin
+
+    starts = tuple(add(f"model{k}", len(model.image), False) for k, model in enumerate(models))
+    offsets = work(config, pages, features)
+    found = {}
+    for k in range(WORK_AREAS):
+        found[k] = (
+            add(f"groups{k}", offsets.lists - offsets.groups),
+            add(f"lists{k}", aligned(pages * page_bytes(config))),
+            add(f"features{k}", offsets.size - offsets.features),
+        )
+    scratch = [add(f"scratch{k}", scratch_bytes(entries) // AREAS) for k in range(AREAS)]
+    largest = max(stride(width) * height for width, height in sizes)
+    images = tuple(add(f"image{k}", largest) for k in range(IMAGES))
+    if place > 1 << ADDRESS_BITS:
+        raise InputError(f"memory of {place - BASE} bytes: there are addresses of 32 bits only")
+    registers = dict(zip(("GROUPS", "LISTS", "FEATURES"), found[0], strict=True))
+    registers |= {"WORK_AREA": found[1][0] - found[0][0], "LISTS_PAGES": pages}
+    registers |= {"FEATURES_MAX": features, "SCRATCH": scratch[0], "SCRATCH_ENTRIES": entries}
+    registers |= {"SCRATCH_AREA": scratch[1] - scratch[0]}
+    return Areas(
+        starts, pages, features, entries, registers, images, tuple(regions), place - GAP
+    )  # fmt: skip
+
+
+def make_memory(folder: Path, areas: Areas, models: list[PackedModel], seed: int = 0) -> None:
+    """The file of a run's memory: models, and noise everywhere else."""
+    noise = np.random.default_rng(seed).integers(0, 256, FILL, np.uint8)
+    memory = np.resize(noise, areas.end - BASE)
+    for address, model in zip(areas.models, models, strict=True):
+        memory[address - BASE : address - BASE + len(model.image)] = model.image
+    memory.tofile(folder / MAPPED)

@@ -1,0 +1,68 @@
+"""Engines of a frame: the golden model, the float64 reference, the simulated machine."""
+
+import numpy as np
+
+from splatcore.golden import pipeline
+from splatcore.golden.reference import Frame, render
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.machine.machine import Job, Run
+from splatcore.sim.machine.path import build, check_fits, simulate
+from splatcore.sim.machine.script import IDEAL
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import CLOCK_HZ, Config
+from splatcore.spec.convention import Convention
+from splatcore.spec.error import InputError
+from splatcore.spec.group import colour_format
+from splatcore.spec.packed import PackedModel
+
+
+def cycles(run: Run) -> dict[str, int | float | None]:
+    """Cycles of the halves and of a frame, and frames a second.
+
+    With several frames the mean of those whose next one's points were made meanwhile; a single
+    one's time is its slower half's, which had memory for itself.
+    """
+    first, second = run.preprocessing_cycles, run.rendering_cycles
+    if run.frame_cycles:
+        frame = round(float(np.mean(run.frame_cycles)))
+    else:
+        frame = max(first[0], second[0])
+    return {
+        "preprocessing": first[0],
+        "rendering": second[0],
+        "frame": frame,
+        "fps_at_800mhz": round(CLOCK_HZ / frame, 1),
+    }
+
+
+def traffic_megabytes(run: Run) -> float:
+    """Of the last frame, whose counters are all there."""
+    return sum(run.frames[-1].traffic.values()) / 1e6
+
+
+def background_codes(config: Config, background: tuple[float, float, float]) -> tuple[int, ...]:
+    """Codes of a colour 0 … 1, in units of 255/256."""
+    colour = colour_format(config).encode(np.array(background) * 255 / 256)
+    return tuple(int(code) for code in colour)
+
+
+def golden(config: Config, job: Job) -> pipeline.Frame:
+    """The twin's frame."""
+    with progress_bar("rendering by the golden model"):
+        return pipeline.render(config, *job)
+
+
+def reference(model: PackedModel, view: Camera, convention: Convention) -> Frame:
+    """The float64 reference's frame of a packed model."""
+    with progress_bar("rendering by the reference") as advance:
+        return render(model.gaussians(), view, convention, advance)
+
+
+def rtl_pixels(config: Config, model: PackedModel, view: Camera, background) -> np.ndarray:
+    """The picture of a single frame; InputError if the machine does not come to its end."""
+    check_fits(config, view)
+    job = Job(model, view, background_codes(config, background))
+    run = simulate(build(config), [job], IDEAL, "simulating")
+    if not run.done:
+        raise InputError(f"rtl: {run.why}")
+    return run.frames[0].pixels

@@ -1,0 +1,157 @@
+"""The host beside the machine, as C++ for `sim.machine.program`: it runs a script over AXI4-Lite.
+
+A wait takes what the interrupt says into `pending`, each time with the cycle at which it rose, and
+ends when a bit that it waits for is there. An error that nobody waits for, or a machine that stands
+still, ends the script; its last part, from `finally` on, is done all the same.
+"""
+
+HOST = r"""
+// One access of the host's AXI4-Lite master at a time.
+struct Lite {
+    Vtop& top;
+    Stall aw, w, b, ar, r;
+    bool aw_left = false, w_left = false, ar_left = false;           // not taken yet
+    bool aw_on = false, w_on = false, ar_on = false;                 // offered
+    bool writing = false, reading = false, b_held = false, r_held = false, moved = false;
+    uint32_t value = 0, response = 0, r_value = 0;
+    std::string rule;
+    Lite(Vtop& top, Settings& s)
+        : top(top), aw(s.stall()), w(s.stall()), b(s.stall()), ar(s.stall()), r(s.stall()) {}
+    bool busy() const { return writing || reading; }
+    void forget() {
+        aw_left = w_left = ar_left = aw_on = w_on = ar_on = writing = reading = false;
+        b_held = r_held = false;
+        top.@S@awvalid = top.@S@wvalid = top.@S@arvalid = 0;
+    }
+    void write(uint32_t address, uint32_t data) {
+        writing = aw_left = w_left = true;
+        top.@S@awaddr = address, top.@S@wdata = data, top.@S@wstrb = 15;
+    }
+    void read(uint32_t address) {
+        reading = ar_left = true;
+        top.@S@araddr = address;
+    }
+    void drive() {
+        aw_on = aw_left && (aw_on || !aw.idle());
+        w_on = w_left && (w_on || !w.idle());
+        ar_on = ar_left && (ar_on || !ar.idle());
+        top.@S@awvalid = aw_on, top.@S@wvalid = w_on, top.@S@arvalid = ar_on;
+        top.@S@bready = !b.idle(), top.@S@rready = !r.idle();
+    }
+    void clock() {
+        moved = false;
+        if (top.@S@bvalid && (!writing || aw_left || w_left)) rule = "B without a write";
+        if (top.@S@rvalid && (!reading || ar_left)) rule = "R without a read";
+        if (b_held && !top.@S@bvalid) rule = "B was not kept";
+        if (r_held && !(top.@S@rvalid && top.@S@rdata == r_value)) rule = "R was not kept";
+        b_held = top.@S@bvalid && !top.@S@bready;
+        r_held = top.@S@rvalid && !top.@S@rready;
+        r_value = top.@S@rdata;
+        if (aw_on && top.@S@awready) aw_left = aw_on = false, moved = true;
+        if (w_on && top.@S@wready) w_left = w_on = false, moved = true;
+        if (ar_on && top.@S@arready) ar_left = ar_on = false, moved = true;
+        if (top.@S@bvalid && top.@S@bready) {
+            writing = false, moved = true, response = top.@S@bresp;
+        }
+        if (top.@S@rvalid && top.@S@rready) {
+            reading = false, moved = true, response = top.@S@rresp, value = top.@S@rdata;
+        }
+    }
+};
+
+struct Host {
+    Vtop& top;
+    Memory& memory;
+    Settings& settings;
+    Lite lite;
+    std::vector<Line> script;
+    FILE* report;
+    uint32_t interrupt_register, pending = 0, mask = 0;
+    size_t next = 0, at = 0, last_resort = 0;
+    uint64_t left = 0, cycle = 0, rose = 0;
+    enum { nothing, access, waiting, asking, clearing, counting, resetting } doing = resetting;
+    bool raised = false, over = false, moved = false;
+    std::string result = "done";
+
+    Host(Vtop& top, Memory& memory, Settings& s)
+        : top(top), memory(memory), settings(s), lite(top, s), script(s.read("script")),
+          report(std::fopen((s.folder + "/report").c_str(), "w")),
+          interrupt_register(s.number("interrupt")), left(2) {
+        at = last_resort = script.size();
+        for (size_t k = 0; k < script.size(); k++)
+            if (script[k][0] == "finally") last_resort = k + 1;
+    }
+    uint64_t number(size_t k) const { return std::stoull(script[at][k]); }
+    void tell(uint64_t value, uint32_t response = 0) {
+        if (at < script.size())
+            std::fprintf(report, "%zu %llu %llu %u\n", at, (unsigned long long)cycle,
+                         (unsigned long long)value, response);
+        doing = nothing;
+    }
+    // What is left after a failure is done in the script's last part, and once only.
+    void fail(const char* why) {
+        over = next >= last_resort || lite.busy();
+        if (result == "done") result = why;
+        next = std::max(next, last_resort);
+        doing = nothing;
+    }
+    void begin() {
+        if (next == script.size()) { over = true; return; }
+        at = next++;
+        const std::string& command = script[at][0];
+        if (command == "write") { lite.write(number(1), number(2)); doing = access; }
+        else if (command == "read") { lite.read(number(1)); doing = access; }
+        else if (command == "wait") { mask = number(1); doing = waiting; wait(); }
+        else if (command == "cycles") { left = number(1); doing = counting; }
+        else if (command == "reset") { left = number(1); doing = resetting; pending = 0; }
+        else if (command == "save") { save(); tell(0); }
+    }
+    void save() {  // address, bytes, name of the file
+        FILE* file = std::fopen((settings.folder + "/" + script[at][3]).c_str(), "wb");
+        std::fwrite(memory.data + (number(1) - memory.base), 1, number(2), file);
+        std::fclose(file);
+    }
+    void wait() {
+        if (pending & mask) {
+            uint32_t found = pending & mask;
+            pending &= ~mask;
+            tell(found);
+        } else if (pending & @ERROR@) {
+            fail("error");
+        } else if (top.@INTERRUPT@) {
+            lite.read(interrupt_register);
+            doing = asking;
+        }
+    }
+    void drive() {
+        if (doing == waiting) wait();
+        while (doing == nothing && !over) begin();
+        top.rst = doing == resetting;
+        if (doing == resetting) { lite.forget(); memory.forget(); } else lite.drive();
+    }
+    void clock() {
+        moved = doing == counting || doing == resetting || lite.moved;
+        if (top.@INTERRUPT@ && !raised) rose = cycle;
+        raised = top.@INTERRUPT@;
+        cycle++;
+        if (doing == resetting || doing == counting) {
+            if (--left == 0) tell(0);
+            return;
+        }
+        lite.clock();
+        moved |= lite.moved;
+        if (lite.busy() || !lite.moved) return;
+        if (doing == access) {
+            tell(lite.value, lite.response);
+        } else if (doing == asking) {
+            std::fprintf(report, "event %llu %u\n", (unsigned long long)rose, lite.value);
+            pending |= lite.value;
+            lite.write(interrupt_register, lite.value);
+            doing = clearing;
+        } else if (doing == clearing) {
+            rose = cycle;  // of an interrupt that came meanwhile
+            doing = waiting;
+        }
+    }
+};
+"""

@@ -1,0 +1,278 @@
+"""The memory behind the machine's AXI4 master, as C++ for `sim.machine.program`.
+
+One array that a file holds, and in it the regions that may be accessed; what is outside of them, or
+written where it must not be, is answered by a decode error and counted. Reads and writes have paths
+of their own and share the memory's bandwidth; all answers come in the order of their requests.
+
+A read gives what memory held when it was asked for, and a write is seen from its answer on: a
+machine that relies on more gives wrong results here. Whatever breaks AXI's rules ends the run: an
+offer that is not kept, bursts that are no whole beats, cross a boundary or end where WLAST is not.
+
+**Timing**: `latency` cycles from a request's being taken to its first beat, and from a burst's last
+beat to its answer; at most `outstanding` requests of a path are inside. `bandwidth` bytes a cycle
+(0 for any number), of which an access takes a `granule` for each one that it touches. With `stall`
+each side that memory has idles with that probability, in phases (`sim.rtl.build.Stall`).
+"""
+
+MEMORY = r"""
+constexpr uint64_t BEAT = @BEAT@, BOUNDARY = @BOUNDARY@;
+constexpr uint32_t WHOLE = (1u << BEAT) - 1, BEAT_SIZE = @BEAT_BITS@, INCREASING = 1;
+constexpr uint8_t OKAY = 0, SLAVE_ERROR = 2, DECODE_ERROR = 3;
+constexpr size_t BEATS_WAITING = 32;  // written ones that wait for their request or for bandwidth
+constexpr size_t OUTSIDE_TOLD = 8;
+
+struct Region {
+    std::string name;
+    uint64_t begin, end;
+    bool writable;
+    uint64_t read = 0, written = 0;  // bytes
+};
+
+struct Request {
+    uint32_t id = 0, address = 0, length = 0, size = 0, burst = 0;
+    uint64_t bytes() const { return (length + 1) * BEAT; }
+    bool operator==(const Request& other) const {
+        return id == other.id && address == other.address && length == other.length &&
+               size == other.size && burst == other.burst;
+    }
+};
+
+struct ReadBeat {
+    uint64_t due;
+    uint32_t id;
+    uint8_t response;
+    bool last, costs;
+    uint8_t data[BEAT];
+};
+
+struct WriteBeat {
+    uint32_t strobe;
+    bool last;
+    uint8_t data[BEAT];
+    bool operator==(const WriteBeat& other) const {
+        return strobe == other.strobe && last == other.last &&
+               !std::memcmp(data, other.data, BEAT);
+    }
+};
+
+struct Burst {
+    Request request;
+    uint8_t response;
+    Region* region;
+    uint64_t due = 0;
+    std::vector<WriteBeat> beats;
+};
+
+// What a machine offered and was not taken: it must stay as it is.
+template <class Item> struct Held {
+    bool waiting = false;
+    Item item;
+    bool broken(bool valid, const Item& now) { return waiting && !(valid && now == item); }
+    void clock(bool valid, bool ready, const Item& now) {
+        waiting = valid && !ready;
+        if (waiting) item = now;
+    }
+};
+
+// The numbers, counted from 0, of what is to fail.
+struct Failing {
+    std::set<uint64_t> numbers;
+    uint64_t count = 0;
+    bool next() { return numbers.count(count++); }
+};
+
+struct Memory {
+    Vtop& top;
+    uint8_t* data;
+    uint64_t base, latency, granule;
+    double bandwidth, tokens = 0;
+    size_t outstanding;
+    std::vector<Region> regions;
+    Failing read_errors, write_errors;
+    Stall ar, r, aw, w, b;
+    Random noise;
+    bool scrambled, turn = false, moved = false, reading = false, answering = false;
+    uint64_t cycle = 0, image_bytes = 0, outside = 0, reads_inside = 0;
+    std::deque<ReadBeat> read_beats;
+    std::deque<Burst> bursts, answers;
+    std::deque<WriteBeat> write_beats;
+    Held<Request> ar_held, aw_held;
+    Held<WriteBeat> w_held;
+    std::map<uint32_t, uint64_t> beats_read, beats_written;
+    std::vector<std::string> outside_told;
+    std::string rule;
+    std::function<void(uint64_t, uint64_t)> on_read;    // address, bytes
+    std::function<void(uint64_t, uint32_t)> on_write;   // address, strobe
+
+    Memory(Vtop& top, Settings& s, uint8_t* data)
+        : top(top), data(data), base(s.number("base")), latency(s.number("latency")),
+          granule(s.number("granule")), bandwidth(s.real("bandwidth")),
+          outstanding(s.number("outstanding")), ar(s.stall()), r(s.stall()), aw(s.stall()),
+          w(s.stall()), b(s.stall()), noise(s.random()), scrambled(s.real("stall") > 0) {
+        auto number = [](const std::string& text) { return std::stoull(text); };
+        for (auto& line : s.all("region"))
+            regions.push_back({line[0], number(line[1]), number(line[2]), line[3] == "1"});
+        for (auto& line : s.all("read_error")) read_errors.numbers.insert(number(line[0]));
+        for (auto& line : s.all("write_error")) write_errors.numbers.insert(number(line[0]));
+    }
+    void forget() {
+        read_beats.clear(), bursts.clear(), answers.clear(), write_beats.clear();
+        reading = answering = ar_held.waiting = aw_held.waiting = w_held.waiting = false;
+        reads_inside = 0;
+        top.@M@rvalid = top.@M@bvalid = top.@M@arready = top.@M@awready = top.@M@wready = 0;
+    }
+    bool costs(uint64_t address, bool first) {
+        return bandwidth && (first || !granule || address % granule == 0);
+    }
+    bool afford(bool costs) {
+        double price = granule > BEAT ? granule : BEAT;
+        if (!costs || tokens >= price) {
+            tokens -= costs ? price : 0;
+            return true;
+        }
+        return false;
+    }
+    Region* find(const Request& request, bool write) {
+        for (auto& region : regions)
+            if (region.begin <= request.address && (!write || region.writable) &&
+                request.address + request.bytes() <= region.end)
+                return &region;
+        outside++;
+        if (outside_told.size() < OUTSIDE_TOLD)
+            outside_told.push_back(std::string(write ? "write " : "read ") +
+                                   std::to_string(request.id) + " " +
+                                   std::to_string(request.address) + " " +
+                                   std::to_string(request.bytes()) + " " + std::to_string(cycle));
+        return nullptr;
+    }
+    void break_rule(const char* what) {
+        if (rule.empty()) rule = what;
+    }
+    void check(const Request& request) {
+        if (request.size != BEAT_SIZE || request.burst != INCREASING || request.address % BEAT)
+            break_rule("a burst that is not of whole beats");
+        if (request.address % BOUNDARY + request.bytes() > BOUNDARY)
+            break_rule("a burst crosses a boundary");
+    }
+
+    void drive() {
+        double most = std::max(bandwidth, 2.0 * std::max(granule, BEAT));
+        tokens = std::min(tokens + bandwidth, most);
+        turn = !turn;
+        if (turn) { offer_read(); perform(); } else { perform(); offer_read(); }
+        if (!answering)
+            answering = !answers.empty() && answers.front().due <= cycle && !b.idle();
+        top.@M@bvalid = answering;
+        if (answering) {
+            top.@M@bid = answers.front().request.id;
+            top.@M@bresp = answers.front().response;
+        }
+        top.@M@arready = reads_inside < outstanding && !ar.idle();
+        top.@M@awready = bursts.size() + answers.size() < outstanding && !aw.idle();
+        top.@M@wready = write_beats.size() < BEATS_WAITING && !w.idle();
+    }
+    void offer_read() {
+        if (!reading && !read_beats.empty() && read_beats.front().due <= cycle && !r.idle() &&
+            afford(read_beats.front().costs)) {
+            const ReadBeat& beat = read_beats.front();
+            reading = true;
+            std::memcpy(&top.@M@rdata, beat.data, BEAT);
+            top.@M@rid = beat.id;
+            top.@M@rresp = beat.response;
+            top.@M@rlast = beat.last;
+        } else if (!reading && scrambled) {
+            uint64_t words[2] = {noise(), noise()};
+            std::memcpy(&top.@M@rdata, words, BEAT);
+        }
+        top.@M@rvalid = reading;
+    }
+    void perform() {  // a written beat, which has its request, at most
+        if (write_beats.empty() || bursts.empty()) return;
+        Burst& burst = bursts.front();
+        uint64_t address = burst.request.address + burst.beats.size() * BEAT;
+        if (!afford(costs(address, burst.beats.empty()))) return;
+        const WriteBeat& beat = write_beats.front();
+        bool last = burst.beats.size() == burst.request.length;
+        if (beat.last != last) break_rule("WLAST is not at a burst's last beat");
+        if (burst.region) {
+            uint64_t bytes = __builtin_popcount(beat.strobe);
+            burst.region->written += bytes;
+            if (burst.region->name.rfind("image", 0) == 0) image_bytes += bytes;
+        }
+        if (on_write) on_write(address, beat.strobe);
+        beats_written[burst.request.id]++;
+        burst.beats.push_back(beat);
+        write_beats.pop_front();
+        if (!last) return;
+        burst.due = cycle + latency;
+        answers.push_back(std::move(burst));
+        bursts.pop_front();
+    }
+
+    void clock() {
+        moved = false;
+        if (top.@M@rvalid && top.@M@rready) {
+            moved = true, reading = false;
+            reads_inside -= read_beats.front().last;
+            read_beats.pop_front();
+        }
+        if (top.@M@bvalid && top.@M@bready) {
+            moved = true, answering = false;
+            store(answers.front());
+            answers.pop_front();
+        }
+        Request read{top.@M@arid, top.@M@araddr, top.@M@arlen, top.@M@arsize, top.@M@arburst};
+        Request write{top.@M@awid, top.@M@awaddr, top.@M@awlen, top.@M@awsize, top.@M@awburst};
+        WriteBeat beat{top.@M@wstrb, bool(top.@M@wlast), {}};
+        std::memcpy(beat.data, &top.@M@wdata, BEAT);
+        if (ar_held.broken(top.@M@arvalid, read)) break_rule("AR was not kept");
+        if (aw_held.broken(top.@M@awvalid, write)) break_rule("AW was not kept");
+        if (w_held.broken(top.@M@wvalid, beat)) break_rule("W was not kept");
+        ar_held.clock(top.@M@arvalid, top.@M@arready, read);
+        aw_held.clock(top.@M@awvalid, top.@M@awready, write);
+        w_held.clock(top.@M@wvalid, top.@M@wready, beat);
+        if (top.@M@arvalid && top.@M@arready) { moved = true; ask(read); }
+        if (top.@M@awvalid && top.@M@awready) {
+            moved = true;
+            check(write);
+            Region* region = find(write, true);
+            uint8_t response = !region ? DECODE_ERROR : write_errors.next() ? SLAVE_ERROR : OKAY;
+            bursts.push_back({write, response, region});
+        }
+        if (top.@M@wvalid && top.@M@wready) { moved = true; write_beats.push_back(beat); }
+        cycle++;
+    }
+    void ask(const Request& request) {
+        check(request);
+        Region* region = find(request, false);
+        if (on_read) on_read(request.address, request.bytes());
+        for (uint32_t k = 0; k <= request.length; k++) {
+            uint64_t address = request.address + k * BEAT;
+            ReadBeat beat{cycle + latency, request.id, OKAY, k == request.length,
+                          costs(address, k == 0), {}};
+            if (read_errors.next()) beat.response = SLAVE_ERROR;
+            if (!region) beat.response = DECODE_ERROR;
+            for (uint64_t word = 0; word < BEAT; word += 8) {
+                uint64_t value = beat.response == OKAY ? 0 : noise();
+                std::memcpy(beat.data + word, &value, 8);
+            }
+            if (beat.response == OKAY) std::memcpy(beat.data, data + (address - base), BEAT);
+            read_beats.push_back(beat);
+        }
+        reads_inside++;
+        beats_read[request.id] += request.length + 1;
+        if (region) region->read += request.bytes();
+    }
+    void store(const Burst& burst) {
+        if (burst.response != OKAY) return;
+        uint8_t* place = data + (burst.request.address - base);
+        for (const WriteBeat& beat : burst.beats) {
+            if (beat.strobe == WHOLE) std::memcpy(place, beat.data, BEAT);
+            else
+                for (uint64_t k = 0; k < BEAT; k++)
+                    if (beat.strobe >> k & 1) place[k] = beat.data[k];
+            place += BEAT;
+        }
+    }
+};
+"""

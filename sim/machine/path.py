@@ -1,0 +1,84 @@
+"""A path of cameras, and machines that render it behind a progress bar."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.sim.machine.script import TIMINGS, Timing
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.convention import NEAR_PLANE, TILE
+from splatcore.spec.error import InputError
+from splatcore.spec.work import PIXEL
+
+STEP = np.radians(0.25)
+"""Angle from a frame of a path to the next: half a turn takes 12 seconds at 60 frames a second."""
+
+
+def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
+    """Cameras on a circle around what a camera looks at: the place in front of it that is as deep
+    as the points [N, 3] that it sees, on the average (median).
+    """
+    axis, forward = camera.rotation[1], camera.rotation[2]
+    target = camera.position + forward * _depth(camera, points)
+    cameras = []
+    for k in range(frames):
+        turn = _rotation(axis, k * STEP)
+        rotation = camera.rotation @ turn.T
+        position = target + turn @ (camera.position - target)
+        cameras.append(
+            replace(camera, rotation=rotation, translation=-rotation @ position) if k else camera
+        )
+    return cameras
+
+
+def _depth(camera: Camera, points: np.ndarray) -> float:
+    """The median depth of the points within a camera's image, 1 if there are none."""
+    x, y, z = (points @ camera.rotation.T + camera.translation).T
+    across, down = camera.tan_half_fov
+    seen = (z > NEAR_PLANE) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
+    return float(np.median(z[seen])) if seen.any() else 1.0
+
+
+def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    """The matrix [3, 3] that turns around a unit vector (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def check_fits(config: Config, camera: Camera):
+    """InputError for an image that is too large for a machine."""
+    if camera.width > config.width_max or camera.height > config.height_max:
+        most = f"{config.width_max}x{config.height_max}"
+        raise InputError(f"--size {camera.width}x{camera.height}: preset {config.name} has {most}")
+
+
+def find_timing(name: str) -> Timing:
+    """The timing of that name; InputError lists the names."""
+    try:
+        return TIMINGS[name.lower()]
+    except KeyError:
+        raise InputError(f"--timing '{name}': unknown (there are {', '.join(TIMINGS)})") from None
+
+
+def build(config: Config, trace: bool = False, source: str | None = None) -> Machine:
+    """The machine, compiled unless it is there. source: its Verilog, if that is known."""
+    with progress_bar(f"building the machine {config.name}, which takes minutes when it is new"):
+        return Machine(config, source, trace)
+
+
+def simulate(machine: Machine, jobs: list[Job], timing: Timing, label: str, **options) -> Run:
+    """Run frames behind a bar that tells how many tiles are written, and how fast it goes."""
+    begin, tile = time.perf_counter(), TILE**2 * PIXEL
+    with progress_bar(label) as advance:
+
+        def tell(cycles: int, written: int, total: int):
+            rate = cycles / (time.perf_counter() - begin)
+            text = f"{label}: {rate / 1000:.0f}k cycles/s, tiles"
+            advance(written // tile, -(-total // tile), text)
+
+        return machine.run(jobs, timing, tell, **options)

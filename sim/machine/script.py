@@ -1,0 +1,271 @@
+"""What the simulated host does, command by command, and what came of it."""
+
+import subprocess
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from splatcore.sim.rtl.streams import SimulationError
+from splatcore.spec.axi import BEAT, READERS, WRITERS
+from splatcore.spec.config import Config
+from splatcore.spec.registers import addresses
+
+IDLE_MAX = 200_000
+"""Cycles without any movement on the bus after which a waiting host gives up."""
+
+CYCLES_MAX = 1 << 62
+
+RESET_CYCLES = 4
+
+MAPPED = "memory"
+"""File of a run's folder with the bytes that the machine sees."""
+
+REASONS = {
+    "done": "the script was done",
+    "error": "the machine reported an error",
+    "hang": "nothing moved on the bus",
+    "limit": "the limit of cycles was reached",
+    "rule": "a rule of AXI was broken",
+}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How memory behaves (`sim.machine.memory`).
+
+    latency: cycles from a request to its first beat. bandwidth: bytes a cycle, shared by reads and
+    writes; 0 for any number. granule: bytes that an access moves at least. outstanding: requests of
+    a path that memory takes before the first is answered. stall: probability with which a side of
+    memory (and of the host) idles in a cycle, drawn from `seed`. read_errors, write_errors: numbers
+    of read beats and of written bursts, from 0 on, that are answered by an error.
+    """
+
+    name: str
+    latency: int
+    bandwidth: float = 0.0
+    granule: int = 0
+    outstanding: int = 64
+    stall: float = 0.0
+    seed: int = 0
+    read_errors: tuple[int, ...] = ()
+    write_errors: tuple[int, ...] = ()
+
+    @property
+    def settings(self) -> list[str]:
+        """Lines for the program."""
+        names = ("latency", "bandwidth", "granule", "outstanding", "stall", "seed")
+        lines = [f"{name} {getattr(self, name)}" for name in names]
+        lines += [f"read_error {number}" for number in self.read_errors]
+        return lines + [f"write_error {number}" for number in self.write_errors]
+
+
+IDEAL = Timing("ideal", latency=4)
+"""As good as memory on the chip."""
+
+LPDDR4 = Timing("lpddr4", latency=80, bandwidth=32.0, granule=32)
+"""64 bits of LPDDR4-3200 (JEDEC JESD209-4), seen at the paper's clock of 800 MHz.
+
+3200 million transfers a second of 8 bytes are 25.6 GB/s, 32 bytes a cycle. A burst of 16 transfers
+on one of the four 16-bit channels, the least that is moved, is 32 bytes. 100 ns = 80 cycles of
+latency are a guess on the safe side: 18 ns to open a row, 17.5 ns to read, 5 ns for the burst, and
+60 ns for controller, physical interface and interconnect. Refresh, turns of the bus and conflicts
+of banks are left out: they would take 10 to 30 % of the bandwidth.
+"""
+
+TIMINGS = {timing.name: timing for timing in (IDEAL, LPDDR4)}
+
+
+@dataclass(frozen=True)
+class Region:
+    """Bytes of memory that the machine may read, and write if `writable`."""
+
+    name: str
+    begin: int
+    size: int
+    writable: bool = True
+
+    @property
+    def end(self) -> int:
+        return self.begin + self.size
+
+
+class Memory(Protocol):
+    """What `execute` needs to know of memory. base: the address of its first byte."""
+
+    base: int
+    regions: tuple[Region, ...]
+
+
+@dataclass
+class Script:
+    """Commands of the host; each method that brings a result returns its number in the report."""
+
+    config: Config
+    lines: list[str] = field(default_factory=list)
+
+    def __post_init__(self):
+        self.addresses = addresses(self.config)
+
+    def _add(self, line: str) -> int:
+        self.lines.append(line)
+        return len(self.lines) - 1
+
+    def write(self, register: str | int, value: int) -> int:
+        """register: its name, or an address."""
+        return self._add(f"write {self.addresses.get(register, register)} {value}")
+
+    def read(self, register: str | int) -> int:
+        return self._add(f"read {self.addresses.get(register, register)}")
+
+    def wait(self, mask: int) -> int:
+        """Until a bit of INTERRUPT in `mask` has been set; what is set is cleared and kept."""
+        return self._add(f"wait {mask}")
+
+    def cycles(self, count: int) -> int:
+        return self._add(f"cycles {count}")
+
+    def reset(self, count: int = RESET_CYCLES) -> int:
+        """Reset the machine; memory forgets what it was asked for."""
+        return self._add(f"reset {count}")
+
+    def save(self, address: int, size: int, file: str) -> int:
+        """Keep what lies in memory now in a file of the run's folder."""
+        return self._add(f"save {address} {size} {file}")
+
+    def last_part(self) -> int:
+        """What follows is done in any case, after an error too."""
+        return self._add("finally")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a command. cycle: when it was through; response: of AXI4-Lite."""
+
+    cycle: int
+    value: int
+    response: int
+
+
+@dataclass
+class Report:
+    """A run. answers: by the number of the command, for those that were done. events: cycle and
+    bits of each interrupt. read, written: beats by reader and writer. regions: bytes read and
+    written. outside: accesses that no region allows, the first ones told. rule: of AXI that was
+    broken. command: that the script was at.
+    """
+
+    result: str = ""
+    cycles: int = 0
+    command: int = 0
+    rule: str = ""
+    answers: dict[int, Answer] = field(default_factory=dict)
+    events: list[tuple[int, int]] = field(default_factory=list)
+    read: dict[str, int] = field(default_factory=dict)
+    written: dict[str, int] = field(default_factory=dict)
+    regions: dict[str, tuple[int, int]] = field(default_factory=dict)
+    outside: int = 0
+    outside_told: list[str] = field(default_factory=list)
+    window: tuple[int, int] | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether the script came to its end without an error."""
+        return self.result == "done"
+
+    @property
+    def why(self) -> str:
+        """The result in words."""
+        text = f"{REASONS[self.result]}, cycle {self.cycles}, command {self.command}"
+        text += f": {self.rule}" if self.rule else ""
+        told = self.outside_told[0] if self.outside else ""
+        return text + (f"; {self.outside} accesses outside of memory: {told}" if told else "")
+
+    @property
+    def traffic(self) -> dict[str, int]:
+        """Bytes by cause, those of strobes that were not set included."""
+        found = {f"read_{name}": beats * BEAT for name, beats in self.read.items()}
+        return found | {f"write_{name}": beats * BEAT for name, beats in self.written.items()}
+
+
+def read_report(path: Path) -> Report:
+    """What the program has written down."""
+    report, readers, writers = Report(), list(READERS), list(WRITERS)
+    for line in path.read_text().splitlines():
+        kind, *rest = line.split()
+        if kind.isdigit():
+            cycle, value, response = map(int, rest)
+            report.answers[int(kind)] = Answer(cycle, value, response)
+        elif kind == "event":
+            report.events.append((int(rest[0]), int(rest[1])))
+        elif kind == "read":
+            report.read[readers[int(rest[0])]] = int(rest[1])
+        elif kind == "written":
+            report.written[writers[int(rest[0])]] = int(rest[1])
+        elif kind == "region":
+            report.regions[rest[0]] = int(rest[1]), int(rest[2])
+        elif kind == "outside":
+            report.outside = int(rest[1])
+        elif kind == "told":
+            what, number, address, size, cycle = rest
+            name = (readers if what == "read" else writers)[int(number)]
+            text = f"{what} of {name}, {size} bytes at 0x{int(address):x}, cycle {cycle}"
+            report.outside_told.append(text)
+        elif kind == "window":
+            report.window = int(rest[1]), int(rest[2])
+        elif kind == "end":
+            report.result, report.cycles, report.command = rest[0], int(rest[1]), int(rest[2])
+            report.rule = " ".join(rest[3:])
+    return report
+
+
+def execute(
+    program: Path,
+    folder: Path,
+    script: Script,
+    memory: Memory,
+    timing: Timing,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    idle_max: int = IDLE_MAX,
+    cycles_max: int = CYCLES_MAX,
+    mutant: int = 0,
+    settings: Mapping[str, str] | None = None,
+) -> Report:
+    """Run a script on the memory file of a folder.
+
+    progress: told of cycles and of the image's bytes that have been written, twice a second.
+    settings: more lines for the program. Raises SimulationError if the program breaks off.
+    """
+    size = (folder / MAPPED).stat().st_size
+    lines = [*timing.settings, f"base {memory.base}", f"size {size}", f"idle_max {idle_max}"]
+    lines += [f"cycles_max {cycles_max}", f"interrupt {script.addresses['INTERRUPT']}"]
+    lines += [f"region {r.name} {r.begin} {r.end} {int(r.writable)}" for r in memory.regions]
+    lines += [f"{name} {value}" for name, value in (settings or {}).items()]
+    (folder / "settings").write_text("\n".join(lines) + "\n")
+    (folder / "script").write_text("\n".join(script.lines) + "\n")
+    command = [program, str(folder), f"+mutant={mutant}"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as run:
+        try:
+            log = []
+            for line in run.stdout:
+                if line.startswith("progress "):
+                    if progress:
+                        progress(*map(int, line.split()[1:]))
+                else:
+                    log.append(line)
+        except BaseException:
+            run.kill()
+            raise
+    if run.returncode:
+        raise SimulationError(f"the simulation broke off: {''.join(log[-5:])}")
+    return read_report(folder / "report")
+
+
+def open_memory(folder: Path) -> np.ndarray:
+    """The memory file's bytes, which stay readable when the folder is gone."""
+    return np.memmap(folder / MAPPED, np.uint8, "r")

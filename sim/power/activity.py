@@ -1,0 +1,234 @@
+"""What frames switch in RTL simulation: changes of each part's nets, accesses of each memory.
+
+Two frames of a view are simulated from memory to pixels, so that both halves are at work at once.
+What is counted is a frame's time: from where the first one's tiles can be rendered until the second
+one's can, while that one's points were made. Nets are looked at once a cycle, when all has settled:
+what gates switch in between (hazards) is left out. Long frames are sampled in windows.
+"""
+
+import hashlib
+import json
+import re
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from amaranth.back import verilog
+
+from splatcore.hdl.top import Top
+from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.eda.machine_gates import PARTS, part_of
+from splatcore.sim.eda.macros import Macros, module
+from splatcore.sim.machine.engines import golden
+from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.sim.machine.path import simulate
+from splatcore.sim.machine.program import TOGGLES
+from splatcore.sim.machine.script import LPDDR4
+from splatcore.sim.power.saif import duration, nets
+from splatcore.spec.config import Config
+from splatcore.spec.energy import ENERGY
+from splatcore.spec.error import InputError
+from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY
+
+BUILD = Path("build") / "power"
+
+FRAMES = 2
+
+SAMPLE_LENGTH = 4096
+"""Cycles of a window. What changed since the window before counts as one change of a net."""
+
+COUNTED = 1 << 17
+"""Cycles of a frame that are looked at, about, unless one says otherwise."""
+
+MACRO = "macro"
+"""Instance of a memory (`sim.eda.macros`); its nets are the memory's own business."""
+
+TOP_DEPTH = 2
+"""Instances around the machine's own: Verilator's, which has its ports once more, and `top`."""
+
+
+@dataclass(frozen=True)
+class Activity:
+    """Bits of a part's nets, how often they changed in a frame, and bits that never did."""
+
+    bits: int
+    changes: float
+    still: int
+
+
+@dataclass(frozen=True)
+class Accesses:
+    """A memory: its part, its size, and the rows that are read and written in a frame."""
+
+    path: str
+    part: str
+    words: int
+    bits: int
+    reads: float
+    writes: float
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a frame switches. parts: by name, as in `sim.eda.machine_gates.PARTS`.
+    cycles: of a frame.
+    sample_every: one in so many windows was looked at; counted: cycles of these. simulated: cycles
+    of the run. traffic: bytes by cause.
+    """
+
+    parts: dict[str, Activity]
+    memories: list[Accesses]
+    cycles: int
+    pixels: int
+    sample_every: int
+    simulated: int
+    counted: int
+    traffic: dict[str, int]
+
+
+@cache
+def machine_source(config: Config) -> str:
+    """The machine's Verilog with memories as modules, so that their enables are nets."""
+    macros = Macros()
+    text = verilog.convert(Top(config), name="top", platform=macros, emit_src=False)
+    return text + "".join(module(*size) for size in sorted(set(macros.sizes)))
+
+
+def plain(name: str) -> str:
+    """A path without the numbers that Amaranth tells equal names apart by."""
+    return re.sub(r"\$\d+", "", name)
+
+
+def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
+    """Words and bits of each memory by the path of the module that it is in."""
+    sizes = {}
+    for body in re.split(r"^module \\?top\.?", source, flags=re.M)[1:]:
+        path = plain(body.split(maxsplit=1)[0])
+        for words, bits in re.findall(
+            rf"^  splatcore_memory_(\d+)x(\d+) {MACRO} \(", body, re.M
+        ):  # fmt: skip
+            if path in sizes:
+                raise ValueError(f"two memories at {path}")
+            sizes[path] = int(words), int(bits)
+    return sizes
+
+
+@cache
+def part_around(path: str) -> str:
+    """Name of the innermost part that an instance is in; a path of names with dots between them."""
+    while (part := part_of(path)) is None:
+        path = path.rpartition(".")[0]
+    return part.name
+
+
+def read_counts(
+    path: Path, sizes: dict[str, tuple[int, int]], scale: float
+) -> tuple[dict[str, Activity], list[Accesses]]:
+    """Activity by part and accesses by memory from a SAIF file; numbers times `scale`."""
+    bits, changes, still = Counter(), Counter(), Counter()
+    enables: dict[tuple[str, str], int] = {}
+    for net in nets(path):
+        if len(net.path) < TOP_DEPTH:
+            continue
+        instance = plain(".".join(net.path[TOP_DEPTH:]))
+        if net.path[-1] == MACRO:
+            if net.name in ("read_enable", "write_enable"):
+                enables[instance.removesuffix(f".{MACRO}"), net.name] = net.high
+            continue
+        name = part_around(instance)
+        bits[name] += 1
+        changes[name] += net.changes
+        still[name] += not net.changes
+    if {place for place, _ in enables} != set(sizes):
+        raise ValueError(f"{path}: has other memories than the machine")
+    activity = {
+        part.name: Activity(bits[part.name], changes[part.name] * scale, still[part.name])
+        for part in PARTS
+        if bits[part.name]
+    }
+    accesses = [
+        Accesses(
+            place, part_around(place), *sizes[place],
+            enables[place, "read_enable"] * scale, enables[place, "write_enable"] * scale,
+        )
+        for place in sorted(sizes)
+    ]  # fmt: skip
+    return activity, accesses
+
+
+def run_counts(config: Config, run: Run, path: Path, sample_every: int) -> Counts:
+    """Counts of a run of two equal frames that has been written to a SAIF file."""
+    counted, (cycles,) = duration(path), run.frame_cycles
+    sizes = memory_sizes(machine_source(config))
+    parts, memories = read_counts(path, sizes, cycles / counted)
+    last = run.frames[-1]
+    return Counts(
+        parts, memories, cycles, last.pixels.shape[0] * last.pixels.shape[1], sample_every,
+        run.report.cycles, counted, last.traffic,
+    )  # fmt: skip
+
+
+def sampled(config: Config, job: Job) -> tuple[np.ndarray, int]:
+    """The golden model's picture of a frame, and one in how many windows is to be looked at."""
+    twin = golden(config, job)
+    return twin.pixels, max(1, round(frame_cycles(config, twin).frame / COUNTED))
+
+
+def counts_of(config: Config, job: Job, sample_every: int | None, label: str) -> Counts:
+    """What a frame of a view switches, with LPDDR4 behind the machine; kept in `BUILD`.
+
+    sample_every: looks at one in so many windows; by itself at about `COUNTED` cycles. InputError
+    if the machine does not come to its end or its picture is not the golden model's.
+    """
+    with progress_bar(f"writing the machine {config.name}"):
+        source = machine_source(config)
+    key = key_of(source, config, job, sample_every)
+    path = BUILD / f"{key}.json"
+    if path.exists():
+        return from_json(json.loads(path.read_text()))
+    pixels, every = sampled(config, job)
+    every = sample_every or every
+    with progress_bar(f"building the machine {config.name} that counts, which takes minutes"):
+        machine = Machine(config, source, toggles=True)
+    lines = settings(every) | {"steady": f"{INTERRUPT_READY} {INTERRUPT_FRAME}"}
+    with TemporaryDirectory(prefix="splatcore") as name:
+        run = simulate(
+            machine, [job] * FRAMES, LPDDR4, label, settings=lambda areas: lines, keep=Path(name)
+        )
+        if not run.done:
+            raise InputError(f"{label}: the machine failed: {run.why}")
+        if any(not np.array_equal(frame.pixels, pixels) for frame in run.frames):
+            raise InputError(f"{label}: the picture is not the golden model's")
+        with progress_bar("counting"):
+            counts = run_counts(config, run, Path(name) / "waves.saif", every)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write(path, (json.dumps(asdict(counts), indent=2) + "\n").encode())
+    return counts
+
+
+def settings(sample_every: int) -> dict[str, str]:
+    """Lines for the program."""
+    return {"sample_every": str(sample_every), "sample_length": str(SAMPLE_LENGTH)}
+
+
+def key_of(source: str, config: Config, job: Job, sample_every: int | None) -> str:
+    """Stands for all that decides on the counts; the constants of energy do not."""
+    camera = {k: v for k, v in vars(job.camera).items() if k != "name"}
+    facts = [
+        source, repr(replace(config, energy=ENERGY)), repr(LPDDR4), repr(job.background),
+        {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in camera.items()},
+        [TOGGLES, FRAMES, SAMPLE_LENGTH, COUNTED, sample_every],
+    ]  # fmt: skip
+    made_from = json.dumps(facts).encode() + job.model.image.tobytes()
+    return hashlib.sha256(made_from).hexdigest()[:32]
+
+
+def from_json(facts: dict) -> Counts:
+    """Counts as they were written."""
+    parts = {name: Activity(**found) for name, found in facts["parts"].items()}
+    memories = [Accesses(**found) for found in facts["memories"]]
+    return Counts(**facts | {"parts": parts, "memories": memories})

@@ -1,0 +1,186 @@
+"""Power, first order, an ESTIMATE: what a frame switches, times the energies of `spec.energy`.
+
+A part's gates take activity × NAND2-equivalents × energy of a switching NAND2 for each cycle. Its
+activity is that of its nets in RTL, changes for each bit and cycle, which stand for the nets of
+gates that synthesis makes of them. Both are rough: RTL has nets that synthesis takes out (constants
+and names of the same wire, which count more than once), gates have more nets than RTL, and hazards
+are left out. Flip-flops are clocked in each cycle of a frame, as there are no clock gates;
+memories take energy when they are read or written only.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from splatcore.sim.eda.machine_gates import PARTS, Size
+from splatcore.sim.power.activity import Counts
+from splatcore.spec.config import CLOCK_HZ
+from splatcore.spec.energy import Energy
+
+FEMTO, PICO, NANO = 1e-15, 1e-12, 1e-9
+
+STAGE_OF = {part.name: part.stage for part in PARTS}
+
+STAGES = tuple(dict.fromkeys(STAGE_OF.values()))
+
+PAPER_LOGIC = {
+    "stage 0": (12_900, 2.14e-3),
+    "stage 1": (71_600, 6.66e-3),
+    "stage 2": (761_400, 102.88e-3),
+    "stage 3": (88_900, 8.92e-3),
+    "control": (208_900, 19.78e-3),
+}
+"""NAND2-equivalents and W of the paper's table of gate count, area and power."""
+
+PAPER_MEMORY = {
+    "stage 1": ("codebook", 5.43e-3),
+    "stage 2": ("sorting", 42.74e-3),
+    "stage 3": ("feature", 15.15e-3),
+    "control": ("view, process", 15.72e-3),
+}
+"""Its memories; it does not say whose the view and process memories are."""
+
+PAPER_ALL = 219.41e-3
+"""W of all of it, as its text says; the table's lines sum up to 0.01 mW more."""
+
+
+class Gates(NamedTuple):
+    """Size of a part."""
+
+    nand2: float
+    flip_flops: int
+
+
+@dataclass(frozen=True)
+class Logic:
+    """A part or a stage. activity: changes of a net's bit in a cycle; switching, clock: J of a
+    frame; leakage: W.
+    """
+
+    nand2: float
+    flip_flops: int
+    activity: float
+    switching: float
+    clock: float
+    leakage: float
+
+    @property
+    def frame(self) -> float:
+        """J of a frame, without leakage."""
+        return self.switching + self.clock
+
+
+@dataclass(frozen=True)
+class Memory:
+    """A memory, or those of a stage. access: J of a frame; leakage: W."""
+
+    kilobits: float
+    reads: float
+    writes: float
+    access: float
+    leakage: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """J of a frame and W of leakage: logic by part, memories by (path, stage), DRAM by cause."""
+
+    cycles: int
+    pixels: int
+    logic: dict[str, Logic]
+    memories: dict[tuple[str, str], Memory]
+    dram: dict[str, float]
+
+    @property
+    def stages(self) -> dict[str, Logic]:
+        """Logic by stage; a stage's activity is that of its mean NAND2."""
+        found = {
+            stage: [logic for name, logic in self.logic.items() if STAGE_OF[name] == stage]
+            for stage in STAGES
+        }
+        return {stage: sum_of(parts) for stage, parts in found.items() if parts}
+
+    @property
+    def stage_memories(self) -> dict[str, Memory]:
+        """Memories by stage."""
+        found = {
+            stage: [memory for (_, whose), memory in self.memories.items() if whose == stage]
+            for stage in STAGES
+        }
+        return {stage: _memories(memories) for stage, memories in found.items() if memories}
+
+    @property
+    def frame(self) -> float:
+        """J of a frame on the chip, without leakage."""
+        return sum(part.frame for part in self.logic.values()) + sum(
+            memory.access for memory in self.memories.values()
+        )
+
+    @property
+    def leakage(self) -> float:
+        """W of all of the chip."""
+        return sum(part.leakage for part in (*self.logic.values(), *self.memories.values()))
+
+    @property
+    def fps_max(self) -> float:
+        """Frames a second at full speed."""
+        return CLOCK_HZ / self.cycles
+
+    def power(self, fps: float) -> float:
+        """W of the chip at so many frames a second. Between frames the clock stands still."""
+        return self.frame * fps + self.leakage
+
+    def pixels_per_joule(self, fps: float, with_dram: bool) -> float:
+        """Pixels that a joule makes."""
+        dram = sum(self.dram.values()) if with_dram else 0.0
+        return self.pixels / (self.power(fps) / fps + dram)
+
+
+def gates_of(sizes: Iterable[Size]) -> dict[str, Gates]:
+    """Parts' sizes as synthesis has found them, mapped for area."""
+    return {size.part.name: Gates(size.nand2, size.flip_flops) for size in sizes}
+
+
+def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimate:
+    """What a frame takes. gates: by part, as many as `counts` has."""
+    if set(gates) != set(counts.parts):
+        raise ValueError(f"sizes and counts of other parts: {set(gates) ^ set(counts.parts)}")
+    logic = {}
+    for name, (nand2, flip_flops) in gates.items():
+        found = counts.parts[name]
+        changes = found.changes / found.bits
+        logic[name] = Logic(
+            nand2, flip_flops, changes / counts.cycles,
+            switching=changes * nand2 * energy.switching * FEMTO,
+            clock=counts.cycles * flip_flops * energy.clock * FEMTO,
+            leakage=nand2 * energy.gate_leakage * NANO,
+        )  # fmt: skip
+    memories = {}
+    for found in counts.memories:
+        accesses, bits = found.reads + found.writes, found.words * found.bits
+        memories[found.path, STAGE_OF[found.part]] = Memory(
+            bits / 1024, found.reads, found.writes,
+            access=accesses * energy.access(found.words, found.bits) * FEMTO,
+            leakage=bits * energy.memory_leakage * NANO,
+        )  # fmt: skip
+    dram = {cause: bytes * energy.dram_byte * PICO for cause, bytes in counts.traffic.items()}
+    return Estimate(counts.cycles, counts.pixels, logic, memories, dram)
+
+
+def sum_of(parts: list[Logic]) -> Logic:
+    """Parts together; their activity is that of the mean NAND2."""
+    nand2 = sum(part.nand2 for part in parts)
+    return Logic(
+        nand2,
+        sum(part.flip_flops for part in parts),
+        sum(part.activity * part.nand2 for part in parts) / nand2,
+        sum(part.switching for part in parts),
+        sum(part.clock for part in parts),
+        sum(part.leakage for part in parts),
+    )
+
+
+def _memories(memories: list[Memory]) -> Memory:
+    """Memories together."""
+    names = ("kilobits", "reads", "writes", "access", "leakage")
+    return Memory(*(sum(getattr(memory, name) for memory in memories) for name in names))

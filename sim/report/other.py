@@ -1,0 +1,105 @@
+"""The report's sections of FPGA and of machines made to measure."""
+
+import shlex
+from collections.abc import Iterator
+
+from splatcore.sim.report.page import Column, Item, Table, Text
+from splatcore.sim.report.results import PROGRAM, Facts, Results, read
+from splatcore.sim.report.scenes import MILLION
+from splatcore.spec.error import InputError
+
+
+def placed(results: Results) -> Iterator[Item]:
+    """Parts of both machines on a device."""
+    rows = []
+    for facts in results.each(("fpga-tiny", "fpga")):
+        for name, why in facts["failed"].items():
+            results.troubles.append(f"{facts.file}: {name} is not placed: {why}")
+        try:
+            rows += parts(facts)
+        except InputError as error:
+            results.troubles.append(str(error))
+    if not rows:
+        return
+    yield Table(
+        "fpga",
+        "Parts placed and routed on a Lattice ECP5 by yosys and nextpnr, with the ends of the path "
+        "that limits Fmax. What the registers around a part take is subtracted.",
+        [
+            Column("machine"), Column("device"), Column("part"), Column("LUTs", "", 0),
+            Column("flip-flops", "", 0), Column("multipliers", "MULT18X18D", 0),
+            Column("block RAMs", "DP16KD", 0), Column("Fmax", "MHz", 1), Column("from"),
+            Column("to"),
+        ],
+        rows, ("fpga-tiny", "fpga"),
+    )  # fmt: skip
+
+
+def parts(facts: Facts) -> list[list]:
+    """Cells of a machine's parts."""
+    return [
+        [
+            facts["preset"], f"LFE5U-{facts['device'].upper()}", name, part["luts"],
+            part["flip_flops"], part["multipliers"], part["block_rams"], part["fmax_mhz"],
+            part["begin"], part["end"],
+        ]
+        for name, part in facts["parts"].items()
+    ]  # fmt: skip
+
+
+def fitted(results: Results) -> Iterator[Item]:
+    """Machines that `splatcore fit` has found; there need be none."""
+    place = results.folder / "fit"
+    paths = sorted(place.glob("*.json"))
+    if not paths:
+        yield Text((
+            f"There is none in {place}. One is made by: {PROGRAM} fit SCENE --fps F -o "
+            f"{place}/NAME.toml --json {place}/NAME.json",
+        ))  # fmt: skip
+        return
+    knobs, views, commands = [], [], []
+    for path in paths:
+        try:
+            facts = read(path)
+            psnr = facts["psnr_db"]
+            asked = f"{facts['scene']}, {facts['fps']:g} FPS" + (f", {psnr:g} dB" if psnr else "")
+            words = [PROGRAM, "fit", facts["scene"], "--fps", f"{facts['fps']:g}"]
+            words += ["--psnr", f"{psnr:g}"] if psnr else []
+            words += ["-o", str(path.with_suffix(".toml")), "--json", str(path)]
+            knobs += [
+                [path.stem, name, field["default"], field["chosen"], field["reason"]]
+                for name, field in facts["fields"].items()
+            ]
+            views += [
+                [path.stem, asked, name, view["frame"] / MILLION, view["fps"], view["psnr_db"]]
+                for name, view in facts["views"].items()
+            ]
+            commands.append(shlex.join(words))
+        except InputError as error:
+            results.troubles.append(str(error))
+    if not views:
+        return
+    yield Table(
+        "fit",
+        "The machines view by view, by cycle model and golden model. The commands are those that "
+        "their results tell of; cameras and sizes may have been named besides.",
+        [
+            Column("machine"), Column("asked for"), Column("view"), Column("frame", "M cycles", 2),
+            Column("FPS", "at 800 MHz", 1), Column("PSNR", "dB", 2, none="exact"),
+        ],
+        views, commands=list(commands),
+    )  # fmt: skip
+    yield Table(
+        "fit-knobs",
+        "What each of them is made of, and what keeps it from being smaller.",
+        [
+            Column("machine"), Column("what"), Column("DEFAULT"), Column("chosen"),
+            Column("what binds it"),
+        ],
+        knobs, commands=list(commands),
+    )  # fmt: skip
+
+
+FPGA = (placed,)
+
+FIT = (fitted,)

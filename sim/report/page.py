@@ -1,0 +1,216 @@
+"""What a report consists of, and how it is written: one HTML page, one JSON object, CSV tables."""
+
+import base64
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+
+TEMPLATE = "report.html.jinja"
+
+NONE = "–"
+"""In place of a number that there is not."""
+
+LONG_TABLE = 28
+"""Rows of a table that may be broken over pages in print."""
+
+QUESTIONS = ("How fast", "How exact", "How large", "What each idea buys")
+"""What the page answers, at its top."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Of a table. digits: behind the point, None for text; none: what stands for no value; wide:
+    whether its texts are long.
+    """
+
+    name: str
+    unit: str = ""
+    digits: int | None = None
+    none: str = NONE
+    wide: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Name and unit, as JSON and CSV have it."""
+        return f"{self.name}, {self.unit}" if self.unit else self.name
+
+    @property
+    def style(self) -> str:
+        """The class of its cells: numbers stand on the right."""
+        return "right" if self.digits is not None else "wide" if self.wide else "left"
+
+    def cell(self, value: object) -> str:
+        """A value as it is printed."""
+        if value is None:
+            return self.none
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, int | float) and self.digits is not None:
+            return f"{value:,.{self.digits}f}".replace("-", "−")
+        return str(value)
+
+
+@dataclass
+class Table:
+    """Rows of values, as many as columns. key: its file's name; sources: results it is made of;
+    strong: rows that sum up or stand out.
+    """
+
+    key: str
+    caption: str
+    columns: Sequence[Column]
+    rows: list[Sequence[object]]
+    sources: Sequence[str] = ()
+    strong: frozenset[int] = frozenset()
+    commands: list[str] = field(default_factory=list)
+
+    def cells(self) -> list[list[str]]:
+        """All of it as printed."""
+        return [
+            [column.cell(value) for column, value in zip(self.columns, row, strict=True)]
+            for row in self.rows
+        ]
+
+    def facts(self) -> dict:
+        """For the JSON file."""
+        columns = [column.heading for column in self.columns]
+        rows = [list(row) for row in self.rows]
+        return {"caption": self.caption, "commands": self.commands} | {
+            "columns": columns, "rows": rows
+        }  # fmt: skip
+
+    def comma_separated(self) -> str:
+        """For a CSV file: the JSON file's values; nothing for none."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(column.heading for column in self.columns)
+        writer.writerows(self.rows)
+        return text.getvalue()
+
+
+@dataclass
+class Figure:
+    """A plot (SVG) or a picture (data URI), and what it shows for those who do not see it."""
+
+    key: str
+    caption: str
+    about: str
+    svg: str = ""
+    uri: str = ""
+    sources: Sequence[str] = ()
+    commands: list[str] = field(default_factory=list)
+
+    @property
+    def markup(self) -> Markup:
+        """The plot, which `sim.common.plot` has made: it needs no escaping."""
+        return Markup(self.svg)
+
+
+@dataclass
+class Text:
+    """Paragraphs, with a heading if there is one."""
+
+    paragraphs: Sequence[str]
+    heading: str = ""
+    points: Sequence[str] = ()
+
+
+@dataclass
+class Card:
+    """A number at the top of the page that answers one of `QUESTIONS`."""
+
+    question: str
+    value: str
+    about: str
+    section: str = ""
+
+
+Item = Table | Figure | Text | Card
+
+
+@dataclass
+class Part:
+    """A section of the page as it has come out. problems: what it lacks."""
+
+    name: str
+    title: str
+    about: str
+    items: list[Item] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+    def shown(self, kind: str) -> list[Item]:
+        """Its tables, figures, texts or cards."""
+        return [item for item in self.items if kind_of(item) == kind]
+
+
+def kind_of(item: Item) -> str:
+    """A word for what an item is."""
+    return type(item).__name__.lower()
+
+
+def png_uri(data: bytes) -> str:
+    """A PNG as a data URI."""
+    return "data:image/png;base64," + base64.b64encode(data).decode()
+
+
+def html(parts: list[Part]) -> str:
+    """The whole page."""
+    loader = PackageLoader("splatcore.sim.report", package_path="")
+    environment = Environment(
+        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )  # fmt: skip
+    environment.tests["kind"] = lambda item, kind: kind_of(item) == kind
+    cards = [card for part in parts for card in part.shown("card")]
+    asked = {q: [card for card in cards if card.question == q] for q in QUESTIONS}
+    return environment.get_template(TEMPLATE).render(
+        parts=parts,
+        questions={question: found for question, found in asked.items() if found},
+        numbers=numbers(parts),
+        long_table=LONG_TABLE,
+        problems=[(part, text) for part in parts for text in part.problems],
+    )
+
+
+def numbers(parts: list[Part]) -> dict[str, str]:
+    """What each table and figure is called, by its key: counted through the page."""
+    found = {}
+    for kind in ("table", "figure"):
+        items = [item for part in parts for item in part.shown(kind)]
+        for number, item in enumerate(items, 1):
+            if item.key in found:
+                raise ValueError(f"two items of a report are called {item.key}")
+            found[item.key] = f"{kind.capitalize()} {number}"
+    return found
+
+
+def facts(parts: list[Part]) -> dict:
+    """The JSON file's object."""
+    return {
+        "sections": {
+            part.name: {
+                "title": part.title,
+                "summary": [vars(card) for card in part.shown("card")],
+                "tables": {table.key: table.facts() for table in part.shown("table")},
+                "figures": {
+                    figure.key: {"caption": figure.caption, "commands": figure.commands}
+                    for figure in part.shown("figure")
+                },
+                "problems": part.problems,
+            }
+            for part in parts
+        }
+    }
+
+
+def tables(parts: list[Part]) -> dict[Path, str]:
+    """CSV files by name."""
+    return {
+        Path(f"{table.key}.csv"): table.comma_separated()
+        for part in parts
+        for table in part.shown("table")
+    }

@@ -1,0 +1,179 @@
+"""The paper's tables with ours beside them: operations of stage 1, gates, memories."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from matplotlib.figure import Figure as Canvas
+
+from splatcore.hdl.stages import PAPER_ALL, PAPER_MEMORIES
+from splatcore.sim.common.paper import OPERATIONS, PES, PES_BUSY, PES_DENSE
+from splatcore.sim.common.plot import legend_below, plot, side_by_side
+from splatcore.sim.eda.gate_table import PAPER as PAPER_STAGES
+from splatcore.sim.eda.synth import DEPTH_MAX
+from splatcore.sim.report.page import Card, Column, Figure, Item, Table
+from splatcore.sim.report.results import Facts, Results
+from splatcore.spec.config import KB, MEMORY_MAX
+from splatcore.spec.microprogram import projection
+from splatcore.spec.preset import find_preset
+
+THOUSAND = 1e3
+
+BITS = 8
+"""Of a byte."""
+
+
+def operations(results: Results) -> Iterator[Item]:
+    """Operation counts of stage 1 with and without products with zeros."""
+    rows = [
+        paper_row(what, pes, busy)
+        for what, pes, busy in (("with zeros", PES_DENSE, None), ("without zeros", PES, PES_BUSY))
+    ]
+    for facts in results.each(("programs", "programs-paper")):
+        rows += [
+            own_row(facts, what, skip)
+            for what, skip in (("with zeros", False), ("without zeros", True))
+        ]
+    yield Table(
+        "operations",
+        "Operations of stage 1 for a Gaussian with harmonics of degree 1, with and without "
+        "products with the zeros of the Jacobian. Ours multiply by L of Σ = L·Lᵀ from the packed "
+        "model, fold camera and focal lengths into constants of the frame, and add extents for "
+        "binning; the last column is what leaving out the zeros saves.",
+        [
+            Column("machine"), Column("products"), Column("all", "operations", 0),
+            Column("×", "", 0), Column("+ and −", "", 0), Column("÷ and √", "", 0),
+            Column("clamp, maximum", "", 0), Column("PEs", "", 0),
+            Column("a Gaussian", "cycles", 0), Column("PEs busy", "%", 1),
+            Column("saved", "% of operations", 1),
+        ],
+        [
+            [*row, None if n % 2 == 0 else 100 * (1 - row[2] / rows[n - 1][2])]
+            for n, row in enumerate(rows)
+        ],
+        ("programs", "programs-paper"),
+    )  # fmt: skip
+    if len(rows) > 2:
+        yield Card(
+            "What each idea buys", f"{rows[2][2]} → {rows[3][2]}",
+            "operations of stage 1 for a Gaussian without products with zeros; the paper: "
+            f"{rows[0][2]} → {rows[1][2]}", "paper",
+        )  # fmt: skip
+
+
+def paper_row(what: str, pes: int, busy: float | None) -> list:
+    """The paper's counts; it prints no clamps and no cycles."""
+    counts = OPERATIONS[what]
+    return [
+        "the paper", what, counts["operations"], counts["multiply"],
+        counts["add"] + counts["subtract"], counts["divide"], None, pes, None,
+        busy and 100 * busy,
+    ]  # fmt: skip
+
+
+def own_row(facts: Facts, what: str, skip_zeros: bool) -> list:
+    """Those of a machine's program for the harmonics that it has."""
+    config = replace(find_preset(facts["preset"]), skip_zeros=skip_zeros)
+    row = facts["programs"][projection(config).name]
+    return [
+        facts["preset"], what, row["operations"], row["multiply"], row["add"],
+        row["divide_or_root"], row["choose"], row["pes"], row["cycles_an_item"],
+        100 * row["pes_busy"],
+    ]  # fmt: skip
+
+
+def stage_gates(facts: Facts) -> dict[str, float]:
+    """NAND2-equivalents by stage."""
+    found: dict[str, float] = {}
+    for part in facts["top"]["parts"].values():
+        found[part["stage"]] = found.get(part["stage"], 0) + part["nand2"]
+    return found
+
+
+def gates(results: Results) -> Iterator[Item]:
+    """Gates of each stage and part."""
+    facts = results.facts("synth")
+    top, stages = facts["top"], stage_gates(facts)
+    ratio = top["nand2"] / PAPER_ALL
+    yield Card(
+        "How large", f"{top['nand2'] / THOUSAND:,.0f} k",
+        f"NAND2-equivalents without memories, {ratio:.0%} of the paper's "
+        f"{PAPER_ALL / THOUSAND:,.0f} k", "paper",
+    )  # fmt: skip
+
+    def draw(figure: Canvas):
+        axes = figure.subplots()
+        kilo = {
+            facts["preset"]: [nand2 / THOUSAND for nand2 in stages.values()],
+            "the paper": [PAPER_STAGES.get(s, float("nan")) / THOUSAND for s in stages],
+        }
+        side_by_side(axes, list(stages), kilo)
+        axes.set_xlabel("thousands of NAND2-equivalents")
+        legend_below(figure, axes, 2)
+
+    yield Figure(
+        "gates-by-stage",
+        "Gates by stage. The paper has no stage of its own for binning; its sorters are four of "
+        "256 entries that find the largest of all at once.",
+        "Bars of each stage, ours and the paper's.",
+        plot("gates-by-stage", 1 + 0.34 * len(stages), draw),
+        sources=("synth",),
+    )
+    rows, strong = [], set()
+    for stage, nand2 in stages.items():
+        paper = PAPER_STAGES.get(stage)
+        strong.add(len(rows))
+        rows.append([stage, None, nand2 / THOUSAND, None, None, paper and paper / THOUSAND])
+        rows += [
+            [
+                f"{stage}: {name.replace('_', ' ')}", part["count"], part["nand2"] / THOUSAND,
+                part["speed_nand2"] / THOUSAND, part["speed_depth"], None,
+            ]
+            for name, part in top["parts"].items()
+            if part["stage"] == stage
+        ]  # fmt: skip
+    strong.add(len(rows))
+    rows.append(
+        ["all", None, top["nand2"] / THOUSAND, top["speed_nand2"] / THOUSAND, None,
+         PAPER_ALL / THOUSAND]
+    )  # fmt: skip
+    yield Table(
+        "gates",
+        "Gates of the whole machine, flip-flops with them, memories without, mapped for area and "
+        "for speed. Depth: of the longest path between registers, for speed; 800 MHz in 28 nm "
+        f"leave room for {DEPTH_MAX}.",
+        [
+            Column("part"), Column("how many", "", 0, none=""), Column("for area", "k NAND2", 1),
+            Column("for speed", "k NAND2", 1, none=""), Column("depth", "gates", 0, none=""),
+            Column("the paper", "k", 1, none=""),
+        ],
+        rows, ("synth",), frozenset(strong),
+    )  # fmt: skip
+
+
+def memories(results: Results) -> Iterator[Item]:
+    """On-chip memories by stage, and the paper's five."""
+    facts = results.facts("memories")
+    sizes = {
+        stage: sum(m["words"] * m["bits"] * m["count"] for m in parts) / BITS / KB
+        for stage, parts in facts["stages"].items()
+    }
+    yield Card(
+        "How large", f"{facts['kilobytes']:.1f} KB",
+        f"of on-chip memory; the paper: {MEMORY_MAX // KB}", "paper",
+    )  # fmt: skip
+    rows = [[facts["preset"], stage, size] for stage, size in sizes.items()]
+    rows.append([facts["preset"], "all", facts["kilobytes"]])
+    strong = {len(rows) - 1}
+    rows += [["the paper", name, size] for name, size in PAPER_MEMORIES.items()]
+    rows.append(["the paper", "all", sum(PAPER_MEMORIES.values())])
+    strong.add(len(rows) - 1)
+    yield Table(
+        "memories",
+        "On-chip memories. The paper's are divided otherwise: its lists lie on chip as far as they "
+        "fit, ours go through DRAM in order.",
+        [Column("machine"), Column("of"), Column("size", "KB", 2)],
+        rows, ("memories",), frozenset(strong),
+    )  # fmt: skip
+
+
+BLOCKS = (operations, gates, memories)

@@ -1,0 +1,197 @@
+"""The report's section of the sweep: speed, picture, gates of machines with one thing changed."""
+
+from collections.abc import Iterator
+
+from splatcore.hdl.stages import PAPER_ALL
+from splatcore.sim.common.metric import LEVELS
+from splatcore.sim.common.paper import FPS
+from splatcore.sim.report.page import NONE, Card, Column, Figure, Item, Table
+from splatcore.sim.report.results import Facts, Results
+from splatcore.sim.report.scenes import CYCLES_MAX, MILLION
+from splatcore.sim.report.sweep_plot import THOUSAND, knobs, plane
+from splatcore.spec.error import InputError
+
+BASES = ("DEFAULT", "PAPER")
+"""Points whose scenes are listed one by one."""
+
+EXACT = "exact"
+
+
+def swept(results: Results) -> tuple[Facts, Facts]:
+    """The sweep and its points; what failed in it is a trouble."""
+    facts = results.facts("sweep")
+    for failed in facts["failed"]:
+        results.troubles.append(f"{facts.file}: {failed['what']}: {failed['why']}")
+    if not facts["points"]:
+        raise InputError(f"{facts.file}: holds no point")
+    return facts, facts["points"]
+
+
+def in_units(point: Facts, key: str, unit: float) -> float | None:
+    """A number of a point in another unit; None for a point that failed there."""
+    value = point.get(key)
+    return None if value is None else value / unit
+
+
+def summary(results: Results) -> Iterator[Item]:
+    """What the paper's choices cost, and the table of all points."""
+    _, points = swept(results)
+    yield from formats(points)
+    yield Table(
+        "sweep",
+        "All machines of the sweep: cycles and frames a second of the slowest scene, PSNR and "
+        "largest error of a channel over all scenes. Front: no other machine is better in one of "
+        "cycles, mean PSNR and gates without being worse in another.",
+        [
+            Column("machine"), Column("what"), Column("value"), Column("gates", "k NAND2", 1),
+            Column("memory", "KB", 1), Column("frame", "M cycles", 2),
+            Column("FPS", "at 800 MHz", 1), Column("PSNR, lowest", "dB", 2, EXACT),
+            Column("PSNR, mean", "dB", 2, EXACT), Column("max error", f"of {LEVELS}", 0),
+            Column("front"),
+        ],
+        [
+            [
+                name, point["knob"], point["value"], in_units(point, "nand2", THOUSAND),
+                point["memory_kb"], in_units(point, "frame_cycles_max", MILLION),
+                point.get("fps_min"), point.get("psnr_db_min"), point.get("psnr_db_mean"),
+                in_units(point, "max_error_max", 1 / LEVELS), point["front"],
+            ]
+            for name, point in points.items()
+        ],
+        ("sweep",),
+        frozenset(n for n, name in enumerate(points) if name in BASES),
+    )  # fmt: skip
+
+
+def formats(points: Facts) -> Iterator[Item]:
+    """DEFAULT's picture beside that of the paper's number formats."""
+    own, paper = (points[name].get("psnr_db_mean") if name in points else None for name in BASES)
+    if own is not None and paper is not None:
+        yield Card(
+            "What each idea buys", f"{own - paper:+.1f} dB",
+            f"mean PSNR by DEFAULT's number formats ({own:.1f} dB) over the paper's "
+            f"({paper:.1f} dB)", "sweep",
+        )  # fmt: skip
+
+
+FRONT = (
+    "Filled and named: machines on the front of all three, cycles, PSNR and gates; open: beaten by "
+    "another one. Dotted: the front of this plot's two axes."
+)
+
+
+def cycles_and_picture(results: Results) -> Iterator[Item]:
+    """Cycles of the slowest scene against mean PSNR."""
+    facts, points = swept(results)
+    yield Figure(
+        "cycles-psnr",
+        f"Frame of the slowest scene against mean PSNR, {facts['size']}; up and left is better. "
+        f"{FRONT} Dashed: the paper's {FPS} frames a second.",
+        f"Scatter plot of {len(points)} machines.",
+        plane("cycles-psnr", points, "cycles", "psnr", {"cycles": CYCLES_MAX / MILLION}),
+        sources=("sweep",),
+    )
+
+
+def gates_and_the_rest(results: Results) -> Iterator[Item]:
+    """Gates against PSNR, and speed against gates."""
+    facts, points = swept(results)
+    if all(point["nand2"] is None for point in points.values()):
+        raise InputError(f"{facts.file}: no point of it has gates")
+    gates = PAPER_ALL / THOUSAND
+    yield Figure(
+        "gates-psnr",
+        "Gates against PSNR: the marker is the mean over all scenes, the line reaches down to the "
+        f"lowest. {FRONT} Dashed: the paper's gates.",
+        f"Scatter plot of {len(points)} machines.",
+        plane("gates-psnr", points, "gates", "psnr", {"gates": gates}),
+        sources=("sweep",),
+    )
+    yield Figure(
+        "fps-gates",
+        f"Frames a second of the slowest scene against gates, {facts['size']}; up and left is "
+        f"better. {FRONT} Dashed: the paper's gates and frames a second.",
+        f"Scatter plot of {len(points)} machines.",
+        plane("fps-gates", points, "gates", "fps", {"gates": gates, "fps": FPS}),
+        sources=("sweep",),
+    )
+
+
+def one_by_one(results: Results) -> Iterator[Item]:
+    """A small plot for each knob."""
+    _, points = swept(results)
+    yield Figure(
+        "knobs",
+        "One thing changed at a time: frame of the slowest scene, PSNR (marker: mean, line: down "
+        "to the lowest), gates. The dashed lines are DEFAULT's.",
+        "For each thing that is changed a row of three dot plots.",
+        knobs("knobs", points),
+        sources=("sweep",),
+    )
+
+
+def by_scene(results: Results) -> Iterator[Item]:
+    """DEFAULT and PAPER scene by scene."""
+    facts, _ = swept(results)
+    views: dict[tuple[str, str], dict[str, Facts]] = {}
+    for row in results.of_scenes(facts["rows"]):
+        if row["point"] in BASES:
+            views.setdefault((row["scene"], row["camera"]), {})[row["point"]] = row
+    if not views:
+        raise InputError(f"{facts.file}: rows has none of {', '.join(BASES)}")
+    columns = [Column("scene"), Column("camera")]
+    for name in BASES:
+        columns += [
+            Column(f"{name}: frame", "M cycles", 2), Column("FPS", "at 800 MHz", 1),
+            Column("PSNR", "dB", 2, EXACT), Column("max error", f"of {LEVELS}", 0),
+        ]  # fmt: skip
+    yield Table(
+        "sweep-scenes",
+        f"DEFAULT and PAPER scene by scene, {facts['size']}, by cycle model and golden model.",
+        columns,
+        [
+            [*view, *(cell for name in BASES for cell in cells(rows.get(name)))]
+            for view, rows in views.items()
+        ],
+        ("sweep",),
+    )
+
+
+def cells(row: Facts | None) -> list:
+    """Frame, frames a second and error of a view; text where there is none, as no PSNR is exact."""
+    if row is None:
+        return [NONE] * 4
+    return [
+        row["cycles"]["frame"] / MILLION, row["fps_at_800mhz"], row["psnr_db"],
+        row["max_error"] * LEVELS,
+    ]  # fmt: skip
+
+
+def confirmed(results: Results) -> Iterator[Item]:
+    """Points that were simulated in RTL."""
+    _, points = swept(results)
+    found = {name: point["rtl"] for name, point in points.items() if point["rtl"]}
+    if not found:
+        return
+    yield Table(
+        "sweep-rtl",
+        "Machines of the sweep that were built and simulated in RTL; identical: whether the "
+        "picture is the golden model's, every bit of it.",
+        [
+            Column("machine"), Column("scene"), Column("camera"), Column("size"),
+            Column("cycle model", "M cycles", 3), Column("RTL", "M cycles", 3),
+            Column("model off by", "%", 2), Column("identical"),
+        ],
+        [
+            [
+                name, rtl["scene"], rtl["camera"], rtl["size"], rtl["model_cycles"] / MILLION,
+                rtl["cycles"] / MILLION, 100 * (rtl["model_cycles"] / rtl["cycles"] - 1),
+                rtl["identical"],
+            ]
+            for name, rtl in found.items()
+        ],
+        ("sweep",),
+    )  # fmt: skip
+
+
+BLOCKS = (summary, cycles_and_picture, gates_and_the_rest, one_by_one, confirmed, by_scene)

@@ -1,0 +1,156 @@
+"""Plots of the sweep."""
+
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
+
+from splatcore.sim.common.plot import COLOURS, GREY, INK, MARKERS, legend_below, name_points, plot
+from splatcore.sim.report.results import Facts
+from splatcore.sim.report.scenes import MILLION
+
+THOUSAND = 1e3
+
+LABELS = {
+    "cycles": "frame of the slowest scene, M cycles",
+    "gates": "thousands of NAND2-equivalents",
+    "psnr": "mean PSNR, dB",
+    "fps": "frames a second at 800 MHz, slowest scene",
+}
+
+PLANE_HEIGHT = 3.7
+"""Inches of a plot of one number over another."""
+
+ROW = 0.17
+"""Inches of a value in the plots of knobs; BETWEEN: of what is between two of them."""
+
+BETWEEN = 0.36
+
+
+def values(points: Facts, what: str) -> dict[str, float]:
+    """One number of each point that has it."""
+    key, unit = {
+        "cycles": ("frame_cycles_max", MILLION), "gates": ("nand2", THOUSAND),
+        "fps": ("fps_min", 1), "psnr": ("psnr_db_mean", 1), "lowest": ("psnr_db_min", 1),
+    }[what]  # fmt: skip
+    found = {name: point.get(key) for name, point in points.items()}
+    return {name: value / unit for name, value in found.items() if value is not None}
+
+
+def beaten_by_none(places: dict[str, tuple[float, float]]) -> list[str]:
+    """Points that no other one beats, in their order; less of the first number is better, and more
+    of the second.
+    """
+    found = []
+    for name in sorted(places, key=lambda name: (places[name][0], -places[name][1])):
+        if not found or places[name][1] > places[found[-1]][1]:
+            found.append(name)
+    return found
+
+
+def scatter(axes: Axes, points: Facts, across: str, up: str) -> dict[str, tuple[float, float]]:
+    """Points by knob, those of the front filled, the front of this plane as steps; returns the
+    points to be named.
+    """
+    x, y = values(points, across), values(points, up)
+    places = {name: (x[name], y[name]) for name in points if name in x and name in y}
+    for number, knob in enumerate(dict.fromkeys(point["knob"] for point in points.values())):
+        label, colour = knob, COLOURS[number % len(COLOURS)]
+        for front in (True, False):
+            found = [
+                places[name] for name in places
+                if points[name]["knob"] == knob and points[name]["front"] == front
+            ]  # fmt: skip
+            if found:
+                axes.plot(
+                    *zip(*found, strict=True), label=label, color=colour, linestyle="", zorder=3,
+                    marker=MARKERS[number % len(MARKERS)],
+                    markerfacecolor=colour if front else "white",
+                )  # fmt: skip
+                label = None
+    steps = [places[name] for name in beaten_by_none(places)]
+    line = {"color": GREY, "linestyle": ":", "drawstyle": "steps-post", "zorder": 1}
+    axes.plot([place[0] for place in steps], [place[1] for place in steps], **line)
+    named = [name for name in places if points[name]["front"] or points[name]["knob"] == "preset"]
+    return {name: places[name] for name in named}
+
+
+def whiskers(axes: Axes, points: Facts, across: str):
+    """Lines from the mean PSNR down to the lowest."""
+    x, mean, lowest = (values(points, what) for what in (across, "psnr", "lowest"))
+    for name in x:
+        if name in mean and name in lowest:
+            axes.plot([x[name]] * 2, [lowest[name], mean[name]], color=GREY, lw=0.9, zorder=2)
+
+
+def plane(key: str, points: Facts, across: str, up: str, lines: dict[str, float]) -> str:
+    """One number over another; lines: across the plane, at values of either."""
+
+    def draw(figure: Figure):
+        axes = figure.subplots()
+        axes.set_xscale("log")
+        plain_ticks(axes.xaxis)
+        if up != "psnr":
+            axes.set_yscale("log")
+            plain_ticks(axes.yaxis)
+        if across == "gates" and up == "psnr":
+            whiskers(axes, points, across)
+        named = scatter(axes, points, across, up)
+        for what, value in lines.items():
+            style = {"color": INK, "linestyle": "--", "linewidth": 0.9, "zorder": 1}
+            (axes.axvline if what == across else axes.axhline)(value, **style)
+        axes.margins(0.1)
+        axes.set_xlabel(LABELS[across])
+        axes.set_ylabel(LABELS[up])
+        legend_below(figure, axes, 4)
+        name_points(figure, axes, named)
+
+    return plot(key, PLANE_HEIGHT, draw)
+
+
+def plain_ticks(axis: Axis):
+    """Few numbers on a logarithmic axis, as they are and not as powers of ten."""
+    axis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 8)))
+    axis.set_major_formatter("{x:,g}")
+    axis.set_minor_locator(NullLocator())
+
+
+def knobs(key: str, points: Facts) -> str:
+    """A row of three dot plots for each knob, DEFAULT's values as lines through all of them."""
+    groups: dict[str, list[str]] = {}
+    for name, point in points.items():
+        groups.setdefault(point["knob"], []).append(name)
+    heights = [len(names) * ROW + BETWEEN for names in groups.values()]
+
+    def draw(figure: Figure):
+        grid = figure.subplots(
+            len(groups), 3, sharex="col", squeeze=False, gridspec_kw={"height_ratios": heights}
+        )
+        columns = ("cycles", "psnr", "gates")
+        for row, (knob, names) in zip(grid, groups.items(), strict=True):
+            for axes, what in zip(row, columns, strict=True):
+                dots(axes, points, names, what)
+            row[0].set_yticks(range(len(names)), [str(points[name]["value"]) for name in names])
+            for axes in row[1:]:
+                axes.set_yticks(range(len(names)), [""] * len(names))
+            row[0].set_title(knob, loc="left", fontweight="bold", fontsize=8.5)
+        for axes, label in zip(grid[-1], ("M cycles", "PSNR, dB", "k NAND2"), strict=True):
+            axes.set_xlabel(label)
+
+    return plot(key, sum(heights) + 0.4, draw)
+
+
+def dots(axes: Axes, points: Facts, names: list[str], what: str):
+    """One number of some points, a line each."""
+    found, lowest = values(points, what), values(points, "lowest")
+    for place, name in enumerate(names):
+        if name not in found:
+            continue
+        if what == "psnr" and name in lowest:
+            axes.plot([lowest[name], found[name]], [place] * 2, color=GREY, linewidth=1)
+        axes.plot(found[name], place, "o", color=COLOURS[0])
+    if "DEFAULT" in found:
+        axes.axvline(found["DEFAULT"], color=INK, linestyle="--", linewidth=0.8, zorder=1)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.tick_params(axis="y", length=0)
+    axes.margins(x=0.1)

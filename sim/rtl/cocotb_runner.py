@@ -1,0 +1,192 @@
+"""Runs cocotb benches: a component becomes Verilog, the Verilog a simulation, a module its test.
+
+`tb` holds the benches; this is what starts them, from pytest as from the command line.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+import cocotb
+import cocotb_tools.config
+from amaranth.back import verilog
+from amaranth.lib import wiring
+from cocotb_tools.runner import get_runner
+
+from splatcore.sim.rtl.verilator import environment
+
+BUILD = Path("build") / "bench"
+"""Where compiled simulations are kept, by the hash of what they were made from."""
+
+PARAMETERS = "SPLATCORE_BENCH"
+"""Environment variable that carries a bench's parameters into the simulation, as JSON."""
+
+PROGRAM = {"verilator": "verilator", "icarus": "iverilog"}
+"""What each simulator's compiler is called."""
+
+ARGS = {
+    # Amaranth's output is full of width warnings; signals made public cost most of the speed.
+    "verilator": ["-O3", "-Wno-fatal", "--assert", "--no-public-flat-rw"],
+    "icarus": [],
+}
+
+LOG_LINES = 40
+"""Lines of the simulation's log that a failure shows."""
+
+COMPLAINT = re.compile("WARNING|ERROR|%Error|error:")
+"""How cocotb, Verilator, Icarus and g++ mark what went wrong; not Verilator's lint warnings."""
+
+
+def run_bench(
+    component: wiring.Component,
+    module: str,
+    *,
+    simulator: str | None = None,
+    seed: int = 0,
+    public: dict[str, list[str]] | None = None,
+    **parameters,
+) -> None:
+    """Run all cocotb tests of `module` on `component`, whose Verilog module is `top`.
+
+    simulator: "verilator" or "icarus"; by default what the environment's SIM says, else Verilator.
+    seed: what Python's `random` starts from in each test.
+    public: inner signals that the bench reaches besides the ports, by Verilog module.
+    parameters: what `parameters()` returns in the bench; anything that JSON can hold.
+
+    The build folder is used again as long as the Verilog stays the same. With WAVES=1 in the
+    environment the waveform is left there. AssertionError names the tests that failed.
+    """
+    simulator = simulator or os.environ.get("SIM", "verilator")
+    if simulator not in PROGRAM:
+        raise ValueError(f"simulator {simulator!r} is not one of {', '.join(PROGRAM)}")
+    variables = environment() if simulator == "verilator" else dict(os.environ)
+    with _environment(variables | {PARAMETERS: json.dumps(parameters)}):
+        folder = build(component, simulator, public or {})
+        with TemporaryDirectory() as results:
+            _run(simulator, module, seed, folder, Path(results))
+
+
+def parameters() -> dict:
+    """The parameters of the running bench: for the bench's own use, inside the simulation."""
+    return json.loads(os.environ[PARAMETERS])
+
+
+def build(component: wiring.Component, simulator: str, public: dict[str, list[str]]) -> Path:
+    """Folder of the compiled simulation, made unless it is there already."""
+    sources = {"top.v": verilog.convert(component, name="top", emit_src=False)}
+    if simulator == "verilator":
+        public = {"top": ["clk", "rst", *port_names(component)], **public}
+        sources["top.vlt"] = _control_file(public)
+    compiler = shutil.which(PROGRAM[simulator])
+    if compiler is None:
+        raise RuntimeError(f"no {PROGRAM[simulator]} on PATH")
+    waves = os.environ.get("WAVES", "0")
+    # cocotb's libraries are linked by their path, so a build belongs to one installation.
+    made_from = [sources, ARGS[simulator], compiler, waves, cocotb.__version__]
+    made_from.append(str(cocotb_tools.config.libs_dir))
+    digest = hashlib.sha256(json.dumps(made_from).encode()).hexdigest()[:16]
+    folder = (BUILD / digest).absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another process may be at the same build
+        if not (folder / "built").exists():
+            _compile(simulator, folder, sources)
+            (folder / "built").touch()
+    return folder
+
+
+def port_names(component: wiring.Component) -> list[str]:
+    """Verilog names of a component's ports."""
+    flat = component.signature.flatten(component)
+    return ["__".join(map(str, path)) for path, _, _ in flat]
+
+
+def failures(results: Path) -> list[str]:
+    """Name and message of each test that failed, from cocotb's results; none ran is a failure."""
+    tests = list(ElementTree.parse(results).getroot().iter("testcase"))
+    if not tests:
+        return ["no tests found"]
+    failed = []
+    for test in tests:
+        for kind in ("failure", "error"):
+            for node in test.iter(kind):
+                message = node.get("error_msg") or node.get("message") or ""
+                failed.append(f"{test.get('classname')}.{test.get('name')}: {message}".rstrip(": "))
+    return failed
+
+
+def _control_file(public: dict[str, list[str]]) -> str:
+    """A Verilator control file that makes the named signals of each module public."""
+    lines = ["`verilator_config"]
+    for module, names in public.items():
+        lines += [f'public_flat_rw -module "{module}" -var "{name}"' for name in names]
+    return "\n".join(lines) + "\n"
+
+
+def _compile(simulator: str, folder: Path, sources: dict[str, str]) -> None:
+    """Write the sources and have cocotb's runner compile them; AssertionError with the log."""
+    for name, text in sources.items():
+        (folder / name).write_text(text)
+    log = folder / "build.log"
+    try:
+        get_runner(simulator).build(
+            sources=[folder / name for name in sorted(sources, reverse=True)],
+            hdl_toplevel="top",
+            build_dir=folder,
+            build_args=ARGS[simulator],
+            timescale=("1ns", "1ps"),
+            log_file=log,
+        )
+    except RuntimeError as error:
+        raise AssertionError(f"{simulator} failed: {log}\n{_excerpt(log)}") from error
+
+
+def _run(simulator: str, module: str, seed: int, folder: Path, results: Path) -> None:
+    """Run a bench on a compiled simulation; AssertionError with failed tests and log."""
+    log, xml = results / "log", results / "results.xml"
+    try:
+        get_runner(simulator).test(
+            test_module=module,
+            hdl_toplevel="top",
+            hdl_toplevel_lang="verilog",
+            build_dir=folder,
+            test_dir=folder,
+            seed=seed,
+            results_xml=str(xml),
+            log_file=log,
+            waves=os.environ.get("WAVES", "0") != "0",
+        )
+    except (RuntimeError, SystemExit) as error:  # how the runner tells of failed tests
+        if not xml.exists():
+            raise AssertionError(f"{simulator} ended without results\n{_excerpt(log)}") from error
+    failed = failures(xml)
+    if failed:
+        listed = "\n".join(f"  {line}" for line in failed)
+        raise AssertionError(f"{simulator}, seed {seed}: failed\n{listed}\n{_excerpt(log)}")
+
+
+def _excerpt(log: Path) -> str:
+    """The lines of a log from the first complaint on, or else the last ones."""
+    lines = log.read_text(errors="replace").splitlines() if log.exists() else []
+    first = next((k for k, line in enumerate(lines) if COMPLAINT.search(line)), -LOG_LINES)
+    return "\n".join(line.strip() for line in lines[first:][:LOG_LINES])
+
+
+@contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """The process's environment replaced for a while: the runner takes what it needs from there."""
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)

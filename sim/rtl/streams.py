@@ -1,0 +1,319 @@
+"""Runs a component with streams on arrays of packed records, compiled by Verilator.
+
+The C++ main that drives it is generated (`sim.rtl.build`), there is no Python inside: millions of
+cycles in seconds. Rows are uint8 [N, bytes], one payload each, as `spec.record.Record.pack` makes
+them and `unpack` reads them.
+"""
+
+import subprocess
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from amaranth.back import verilog
+from amaranth.hdl import Shape
+from amaranth.lib import stream, wiring
+
+from splatcore.sim.rtl.build import MAIN, TAIL, build
+
+IDLE_MAX = 20_000
+"""Cycles without any movement after which a run is given up."""
+
+CYCLES_MAX = 1 << 62  # nothing runs that long
+WORD = 64  # the widest port whose values are an array of numbers
+
+Rows = dict[str, np.ndarray]
+"""Packed payloads, uint8 [N, bytes], by the name of the stream."""
+
+
+class StreamRuleError(AssertionError):
+    """A component took back or changed what it had offered on a stream.
+
+    result: what the run had brought until then.
+    """
+
+    def __init__(self, message: str, result: "Result"):
+        super().__init__(message)
+        self.result = result
+
+
+class SimulationError(AssertionError):
+    """The simulation broke off: an assertion failed in the component, or logic did not settle."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run has brought.
+
+    outputs: rows by out stream. taken: how many rows of each in stream the component took.
+    ports: values at the end of the outputs that are no streams. samples: of the ports asked for,
+    the value in each cycle: uint64 [cycles], or for ports over 64 bits rows.
+    cycles: until the last expected row was taken, or in all if the run did not finish.
+    finished: whether all came that was expected; without expectations, whether all inputs were
+    taken. stopped: why the run ended, in words.
+    """
+
+    outputs: Rows
+    cycles: int
+    finished: bool
+    stopped: str
+    ports: dict[str, int]
+    samples: dict[str, np.ndarray]
+    taken: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Widths of a component's ports by their Verilog names, a stream's under the stream's name."""
+
+    sources: dict[str, int]
+    sinks: dict[str, int]
+    driven: dict[str, int]
+    read: dict[str, int]
+    out: dict[str, int]  # all outputs, those of streams as well
+
+    @classmethod
+    def of(cls, component: wiring.Component) -> "Ports":
+        streams = {"__".join(map(str, path)) for path in _streams(component.signature)}
+        ports = cls({}, {}, {}, {}, {})
+        for path, member, _ in component.signature.flatten(component):
+            name, owner = "__".join(map(str, path)), "__".join(map(str, path[:-1]))
+            width, drives = Shape.cast(member.shape).width, member.flow is wiring.In
+            if not drives and width:
+                ports.out[name] = width
+            if owner not in streams and width:  # Verilog knows no port without bits
+                (ports.driven if drives else ports.read)[name] = width
+            elif owner in streams and path[-1] == "payload":
+                if width == 0:
+                    raise ValueError(f"stream {owner} has a payload of no bits")
+                (ports.sources if drives else ports.sinks)[owner] = width
+        return ports
+
+
+def run_streams(
+    component: wiring.Component,
+    inputs: Rows,
+    *,
+    constants: Mapping | None = None,
+    samples: Iterable[str] = (),
+    **options,
+) -> Result:
+    """Run a component on the rows of its in streams; what its out streams gave and why it ended.
+
+    samples: outputs (Verilog names, those of streams too) whose value in every cycle is wanted.
+    For the others see `Simulation.run`. Compiles unless the same was compiled before.
+    """
+    return Simulation(component, samples).run(inputs, constants=constants, **options)
+
+
+class Simulation:
+    """A compiled component. source: Verilog to take instead of the component's own."""
+
+    def __init__(
+        self, component: wiring.Component, samples: Iterable[str] = (), source: str | None = None
+    ):
+        self.ports, self.samples = Ports.of(component), tuple(samples)
+        _check_names("output", self.samples, self.ports.out)
+        source = source or verilog.convert(component, name="top", emit_src=False)
+        self.program = build(source, _main(self.ports, self.samples, source))
+
+    def run(
+        self,
+        inputs: Rows,
+        *,
+        constants: Mapping | None = None,
+        stall: float = 0.0,
+        seed: int = 0,
+        expected: Mapping[str, int] | None = None,
+        first: Iterable[str] = (),
+        cycles_max: int | None = None,
+        idle_max: int = IDLE_MAX,
+        mutant: int = 0,
+    ) -> Result:
+        """Reset, then run until all has come, nothing moves any more, or time is up.
+
+        inputs: rows for every in stream, possibly none. constants: for every other input a number
+        that it holds, or one for each cycle, [N] (rows if wider than 64 bits), the last of which
+        stays. first: in streams that are through before the others begin. stall: probability with
+        which each side of each stream idles in a cycle in which it could act, in phases of random
+        and of constant behaviour drawn from `seed`. expected: rows by out stream that end the run
+        together with the last input taken; 64 more cycles with all outputs ready show what comes
+        too much. Streams that are not named are not waited for. Without `expected` the run goes on
+        until nothing has moved for `idle_max` cycles.
+        mutant: the fault that `sim.planted.mutation` has put in, 0 for none.
+
+        Raises StreamRuleError if an offer is not kept, SimulationError if an assertion fails.
+        """
+        if not 0 <= stall < 1:
+            raise ValueError(f"stall {stall} is no probability below 1")
+        _check_names("out stream", expected or {}, self.ports.sinks)
+        _check_names("in stream", first, self.ports.sources)
+        counts = [(expected or {}).get(name, -1) for name in self.ports.sinks]
+        settings = [CYCLES_MAX if cycles_max is None else cycles_max, idle_max, seed % (1 << 64)]
+        settings += [float(stall), int(expected is None and bool(self.ports.sinks)), *counts]
+        files = self._files(inputs, constants or {})
+        with TemporaryDirectory() as scratch:
+            for name, rows in files.items():
+                (Path(scratch) / name).write_bytes(rows.tobytes())
+            command = [self.program, scratch, *map(str, settings), f"+mutant={mutant}"]
+            command += [f"+first:{name}:" for name in first]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                log = "\n".join((done.stdout + done.stderr).splitlines()[-5:])
+                raise SimulationError(f"the simulation broke off, seed {seed}: {log}")
+            return self._result(Path(scratch), done.stdout.splitlines(), files, expected, idle_max)
+
+    def _files(self, inputs: Rows, constants: Mapping) -> Rows:
+        """Rows for every source and driven port."""
+        for what, given, named in (
+            ("inputs", inputs, self.ports.sources),
+            ("constants", constants, self.ports.driven),
+        ):
+            if set(given) != set(named):
+                raise ValueError(f"{what} {sorted(given)} are not {sorted(named)}")
+        files = {name: _checked(name, inputs[name], w) for name, w in self.ports.sources.items()}
+        for name, width in self.ports.driven.items():
+            files[name] = _checked(name, _rows(name, constants[name], width), width)
+        return files
+
+    def _result(self, folder: Path, report: list, files: Rows, expected, idle_max: int) -> Result:
+        """What the program left in its folder and said."""
+        why, total, last, rule = report[:4]
+        total, last = int(total), int(last)
+
+        def read(name: str, width: int) -> np.ndarray:
+            return np.fromfile(folder / name, np.uint8).reshape(-1, ceil(width / 8))
+
+        outputs = {name: read(name, width) for name, width in self.ports.sinks.items()}
+        taken = dict(zip(self.ports.sources, map(int, report[4:]), strict=True))
+        rest = [f"{name} took {n} of {len(files[name])}" for name, n in taken.items()]
+        complete = all(n == len(files[name]) for name, n in taken.items())
+        if expected is None:
+            rest += [f"{name} gave {len(rows)}" for name, rows in outputs.items()]
+            finished = why == "done" or (why == "idle" and complete)
+        else:
+            rest += [f"{name} gave {len(outputs[name])} of {n}" for name, n in expected.items()]
+            finished = why != "rule" and all(len(outputs[k]) >= n for k, n in expected.items())
+        reasons = {
+            "done": f"all rows came, then {TAIL} more cycles passed",
+            "idle": f"nothing moved for {idle_max} cycles, up to cycle {total}",
+            "limit": f"the limit of {total} cycles was reached",
+            "rule": f"the stream rule was broken in cycle {total}",
+        }
+        result = Result(
+            outputs=outputs,
+            cycles=last if finished else total,
+            finished=finished,
+            stopped=f"{reasons[why]}: {', '.join(rest)} rows" if rest else reasons[why],
+            ports={
+                name: int.from_bytes(read(f"end.{name}", width).tobytes(), "little")
+                for name, width in self.ports.read.items()
+            },
+            samples={
+                name: _values(read(f"sample.{name}", self.ports.out[name])) for name in self.samples
+            },
+            taken=taken,
+        )
+        if why == "rule":
+            name, what = rule.split(" ", 1)
+            raise StreamRuleError(
+                f"stream {name}: {what} before ready came, in cycle {total}", result
+            )
+        return result
+
+
+def _streams(signature: wiring.Signature, path: tuple = ()) -> Iterator[tuple]:
+    """Paths of the streams among a signature's members."""
+    for name, member in signature.members.items():
+        if member.is_port:
+            continue
+        for index in np.ndindex(*member.dimensions):
+            inner = (*path, name, *index)
+            if isinstance(member.signature, stream.Signature):
+                yield inner
+            else:
+                yield from _streams(member.signature, inner)
+
+
+def _main(ports: Ports, samples: tuple[str, ...], source: str) -> str:
+    """The C++ main for a component's ports."""
+
+    def port(name: str) -> str:  # Verilator writes two underscores in this way
+        return "top." + name.replace("__", "___05F")
+
+    def of_stream(name: str) -> str:
+        members = ("payload", "valid", "ready")
+        return f'settings, "{name}", ' + ", ".join(port(f"{name}__{part}") for part in members)
+
+    sources = [f"Source({of_stream(name)}, {width})" for name, width in ports.sources.items()]
+    sinks = [
+        f"Sink({of_stream(name)}, {width}, std::atoll(expected[{k}]))"
+        for k, (name, width) in enumerate(ports.sinks.items())
+    ]
+    driven = [
+        f'Driven(settings, "{name}", {port(name)}, {width})' for name, width in ports.driven.items()
+    ]
+    sampled = [f'Sampled("sample.{k}", {port(k)}, {ports.out[k]}, true)' for k in samples]
+    sampled += [f'Sampled("end.{k}", {port(k)}, {width}, false)' for k, width in ports.read.items()]
+    clocked, reset = "\n  input clk;" in source, "\n  input rst;" in source
+    texts = {
+        "SOURCES": ", ".join(sources),
+        "SINKS": ", ".join(sinks),
+        "DRIVEN": ", ".join(driven),
+        "SAMPLED": ", ".join(sampled),
+        "RISE": "top.clk = 1; top.eval();" if clocked else "",
+        "FALL": "top.clk = 0; top.eval();" if clocked else "top.eval();",
+        "RESET": "top.rst = 1;" if reset else "",
+        "RUN": "top.rst = 0;" if reset else "",
+        "TAIL": str(TAIL),
+    }
+    main = MAIN
+    for key, text in texts.items():
+        main = main.replace(f"@{key}@", text)
+    return main
+
+
+def _check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise ValueError(f"no {what} {', '.join(unknown)}: {', '.join(known)}")
+
+
+def _checked(name: str, rows: np.ndarray, width: int) -> np.ndarray:
+    """Rows, after a look at their shape and at the bits above the width."""
+    rows, size = np.asarray(rows), ceil(width / 8)
+    if rows.dtype != np.uint8 or rows.ndim != 2 or rows.shape[1] != size:
+        raise ValueError(f"{name}: {rows.dtype} {rows.shape} is not uint8 [N, {size}]")
+    if width % 8 and (rows[:, -1] >> (width % 8)).any():
+        raise ValueError(f"{name}: a row has bits above its {width}")
+    return rows
+
+
+def _rows(name: str, value, width: int) -> np.ndarray:
+    """A number, numbers [N] or rows as rows."""
+    if isinstance(value, np.ndarray) and value.ndim == 2:
+        return value
+    if np.ndim(value) == 0:
+        value = int(value)
+        if not -(1 << width) // 2 <= value < 1 << width:
+            raise ValueError(f"{name}: {value} does not fit in {width} bits")
+        value = (value % (1 << width)).to_bytes(ceil(width / 8), "little")
+        return np.frombuffer(value, np.uint8)[np.newaxis]
+    if width > WORD:
+        raise ValueError(f"{name}: numbers for a port of {width} bits; give rows")
+    words = np.ascontiguousarray(value, "<u8").view(np.uint8).reshape(-1, WORD // 8)
+    if words[:, ceil(width / 8) :].any():
+        raise ValueError(f"{name}: a number does not fit in {width} bits")
+    return words[:, : ceil(width / 8)]
+
+
+def _values(rows: np.ndarray) -> np.ndarray:
+    """Rows as numbers, unless they are too wide."""
+    if rows.shape[1] > WORD // 8:
+        return rows
+    padded = np.zeros((len(rows), WORD // 8), np.uint8)
+    padded[:, : rows.shape[1]] = rows
+    return padded.view("<u8")[:, 0]

@@ -1,0 +1,274 @@
+"""The command line as a user meets it: results on disk, one-line errors, exit status."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.packed import read_model
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import GENERATORS
+from splatcore.sim.common.picture import read_png
+from splatcore.sim.common.result import Result
+from tb.helpers.clouds import cloud
+from tb.helpers.command import KEYS, load, run
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder with a small scene and two cameras."""
+    monkeypatch.chdir(tmp_path)
+    write_ply("scene.ply", cloud(0, count=200))
+    cameras = [
+        {"id": n, "img_name": f"view_{n}", "width": 64, "height": 48, "fx": 60.0, "fy": 60.0,
+         "position": [0.1 * n, 0, -3], "rotation": np.eye(3).tolist()}
+        for n in (4, 7)
+    ]  # fmt: skip
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras))
+    return tmp_path
+
+
+def test_render(folder, capsys):
+    assert run("render", "scene.ply", "--camera", "cameras.json:7", "-o", "a.png",
+               "--json", "a.json", "--heat-map", "tiles.png") == 0  # fmt: skip
+    result = load(folder / "a.json")
+    assert list(result) == KEYS
+    assert result["engine"] == "reference" and result["preset"] == "DEFAULT"
+    assert result["size"] == [64, 48] and result["camera"] == "cameras.json:7"
+    assert result["counts"]["gaussians"] == 200 and result["seconds"] > 0
+    assert result["psnr_db"] is None and result["cycles"] is None
+    picture = read_png("a.png")
+    assert picture.shape == (48, 64, 3) and picture.std() > 5
+    assert read_png("tiles.png").shape[2] == 3
+    assert "contributions" in capsys.readouterr().out
+
+
+def test_size_scales_the_intrinsics(folder):
+    run("render", "scene.ply", "--camera", "cameras.json:4", "-o", "a.png")
+    run("render", "scene.ply", "--camera", "cameras.json:4", "--size", "256x192", "-o", "b.png")
+    small, large = read_png("a.png").astype(float), read_png("b.png").astype(float)
+    shrunk = large.reshape(48, 4, 64, 4, 3).mean((1, 3))
+    assert np.abs(shrunk - small).mean() < 6  # the same view
+
+
+def test_options_reach_the_renderer(folder):
+    run("render", "scene.ply", "--camera", "cameras.json", "-o", "a.png")
+    run("render", "scene.ply", "--camera", "cameras.json", "-o", "b.png", "--background", "0,0,1")
+    run("render", "scene.ply", "--camera", "cameras.json", "-o", "c.png", "--original",
+        "--json", "c.json")  # fmt: skip
+    a, b = read_png("a.png").astype(int), read_png("b.png").astype(int)
+    assert (b - a)[..., 2].max() > 100 and (a[..., :2] == b[..., :2]).all()
+    counts = load(folder / "c.json")["counts"]
+    assert counts["pairs"] == counts["pairs_3sigma"]
+
+
+def test_a_generated_scene_by_name(folder):
+    assert run("render", "needles", "-o", "a.png", "--json", "a.json") == 0
+    assert load(folder / "a.json")["scene"] == "needles"
+
+
+def test_an_empty_scene_is_a_black_picture(folder):
+    """A scene of no Gaussians is false in Python; it is a scene all the same."""
+    assert run("render", "empty", "-o", "a.png", "--json", "a.json") == 0
+    assert load(folder / "a.json")["counts"]["gaussians"] == 0 and not read_png("a.png").any()
+    assert run("info", "empty") == 0
+    assert run("pack", "empty", "-o", "empty.splatcore") == 0
+    assert run("info", "empty.splatcore") == 0
+    assert run("render", "empty.splatcore", "--size", "20x10", "-o", "b.png") == 0
+    assert not read_png("b.png").any()
+
+
+def test_without_a_camera_there_is_something_to_see(folder):
+    assert run("render", "scene.ply", "--size", "96x54", "-o", "a.png") == 0
+    assert read_png("a.png").shape == (54, 96, 3) and read_png("a.png").std() > 5
+
+
+def test_pack_render_compare(folder, capsys):
+    assert run("pack", "scene.ply", "-o", "scene.splatcore", "--json", "pack.json",
+               "--camera", "cameras.json") == 0  # fmt: skip
+    report = load(folder / "pack.json")
+    assert report["packed"] + report["transparent"] == 200 and report["psnr_db"] > 30
+    assert len(read_model("scene.splatcore")) == report["packed"]
+    for name in ("scene.ply", "scene.splatcore"):
+        run("render", name, "--camera", "cameras.json", "-o", name + ".png")
+    assert run("compare", "scene.ply.png", "scene.splatcore.png", "-o", "map.png",
+               "--json", "c.json") == 0  # fmt: skip
+    result = load(folder / "c.json")
+    assert list(result) == KEYS
+    assert result["psnr_db"] == pytest.approx(report["psnr_db"]) and not result["identical"]
+    assert read_png("map.png").size > 0
+    run("compare", "scene.ply.png", "reference", "scene.ply.png", "--scene", "scene.ply",
+        "--camera", "cameras.json", "--json", "three.json")  # fmt: skip
+    images = load(folder / "three.json")["images"]
+    assert [image["identical"] for image in images] == [True, True]
+    assert "identical" in capsys.readouterr().out
+
+
+def test_scene_and_info(folder, capsys):
+    assert run("scene", "garden", "-o", "g.ply", "--count", "500", "--cameras", "g.json") == 0
+    assert len(read_scene("g.ply")) == 500 and len(read_cameras("g.json")) == 1
+    assert run("info", "g.ply", "--json", "info.json") == 0
+    facts = load(folder / "info.json")
+    assert facts["gaussians"] == 500 and facts["sh_degree"] == 1 and facts["notes"] == []
+    run("pack", "g.ply", "-o", "g.splatcore", "--camera", "g.json", "--size", "32x18")
+    assert run("info", "g.splatcore", "--json", "info.json") == 0
+    assert load(folder / "info.json")["bytes_per_gaussian"] > 20
+    assert "SH degree 1" in capsys.readouterr().out
+
+
+BAD = {
+    "missing scene": ("render none.ply -o a.png", "none.ply"),
+    "not a scene": ("render cameras.json -o a.png", "cameras.json"),
+    "missing camera file": ("render scene.ply --camera none.json -o a.png", "none.json"),
+    "unknown camera": ("render scene.ply --camera cameras.json:5 -o a.png", "cameras.json.*5"),
+    "no intrinsics": ("render scene.ply --camera bare.json -o a.png", "bare.json.*fx"),
+    "size 0": ("render scene.ply --size 0x10 -o a.png", "width 0"),
+    "huge size": ("render scene.ply --size 99999x10 -o a.png", "width 99999"),
+    "size": ("render scene.ply --size big -o a.png", "--size 'big'"),
+    "golden": ("render scene.ply --engine golden --original -o a.png", "golden: no --original"),
+    "rtl": ("render scene.ply --engine rtl --heat-map h.png -o a.png", "rtl: no --original"),
+    "too large": ("render scene.ply --engine rtl --preset tiny -o a.png", "1920x1080.*64x64"),
+    "frames": ("render scene.ply --frames 2 -o a.png", "--frames: goes with --engine rtl"),
+    "no frames": ("render scene.ply --engine rtl --frames 0 -o a.png", "--frames 0"),
+    "timing": ("render scene.ply --engine rtl --timing x -o a.png", "'x'.*ideal, lpddr4"),
+    "waves of what": ("render scene.ply --engine rtl --waves w.vcd -o a.png", "--window or --tile"),
+    "window of what": ("render scene.ply --engine rtl --window 1:2 -o a.png", "--waves"),
+    "window": (
+        "render scene.ply --engine rtl --preset tiny --size 9x9 --waves w.vcd --window 2 -o a.png",
+        "--window '2'",
+    ),
+    "no such tile": (
+        "render scene.ply --engine rtl --preset tiny --size 9x9 --waves w.vcd --tile 1,0 -o a.png",
+        "--tile 1,0.*9x9",
+    ),
+    "scenes of no folder": ("bench scenes --out out scene.ply --timing x", "'x'.*ideal, lpddr4"),
+    "no such camera": ("bench scenes --out out --cameras 3 scene.splatcore", "no file of cameras"),
+    "engine": ("render scene.ply --engine gpu -o a.png", "gpu"),
+    "preset": ("render scene.ply --preset HUGE -o a.png", "HUGE.*DEFAULT, PAPER, TINY"),
+    "no folder": ("render scene.ply -o none/a.png", "none/a.png"),
+    "no folder for results": ("render scene.ply -o a.png --json none/a.json", "none/a.json"),
+    "no folder for the map": ("render scene.ply -o a.png --heat-map none/h.png", "none/h.png"),
+    "width": ("error scene.ply --width wide", "'wide'.*7/16"),
+    "error of nothing": ("error empty", "empty: no Gaussian is visible"),
+    "error of a stage": ("error scene.ply --stage roof", "'roof'"),
+    "stage": ("synth --stage roof", "'roof'.*project"),
+    "program": ("programs --show roof", "'roof'.*cull"),
+    "no folder for Verilog": ("verilog -o none/rtl", "none/rtl"),
+    "background": ("render scene.ply --background 1,2 -o a.png", "--background '1,2'"),
+    "truncated": ("pack cut.ply -o a.splatcore", "cut.ply"),
+    "property": ("info less.ply", "less.ply.*rot_3"),
+    "model twice": ("pack scene.splatcore -o a.splatcore", "scene.splatcore.*packed"),
+    "damaged model": ("render damaged.splatcore -o a.png", "damaged.splatcore: checksum"),
+    "generator": ("scene jungle -o a.ply", "jungle.*garden"),
+    "count": ("scene garden --count 0 -o a.ply", "count: 0"),
+    "one image": ("compare scene.ply", "two images"),
+    "no png": ("compare scene.ply scene.ply -o a.png", "scene.ply: is not an image"),
+    "engine without scene": ("compare reference reference -o a.png", "--scene"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(folder, capsys, case):
+    run("pack", "scene.ply", "-o", "scene.splatcore", "--camera", "cameras.json")
+    image = bytearray((folder / "scene.splatcore").read_bytes())
+    image[1000] ^= 1
+    (folder / "damaged.splatcore").write_bytes(image)
+    (folder / "bare.json").write_text('[{"id": 0, "width": 4, "height": 4}]')
+    data = (folder / "scene.ply").read_bytes()
+    (folder / "cut.ply").write_bytes(data[:5000])
+    (folder / "less.ply").write_bytes(data.replace(b"property float rot_3\n", b"", 1))
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    capsys.readouterr()
+    arguments, message = BAD[case]
+    assert run(*arguments.split()) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert re.fullmatch(r"error: [^\n]+\n", printed.err), printed.err
+    assert re.search(message, printed.err), printed.err
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_programs(folder, capsys):
+    assert run("programs", "--json", "p.json") == 0
+    facts = load(folder / "p.json")["programs"]
+    assert facts["project_sh"]["cycles_an_item"] == 11 and facts["project_sh"]["pes_busy"] > 0.9
+    assert facts["project_sh_dense"]["operations"] > facts["project_sh"]["operations"]
+    capsys.readouterr()
+    assert run("programs", "--show", "cull") == 0
+    assert "z1 = vz1 * ray_y + z0" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_synth_and_verilog(folder, capsys):
+    assert run("synth", "--stage", "add", "--stage", "cull", "--json", "s.json") == 0
+    stages = load(folder / "s.json")["stages"]
+    assert 1000 < stages["add"]["nand2"] < stages["cull"]["nand2"] < stages["cull"]["speed_nand2"]
+    assert stages["cull"]["paper_nand2"] == 12_900
+    assert stages["add"]["flip_flops"] > 50 and stages["add"]["depth"] > 5
+    assert run("verilog", "--part", "stages", "-o", "rtl") == 0
+    for name in ("chunk", "cull", "place", "project"):
+        text = (folder / "rtl" / f"splatcore_{name}.v").read_text()
+        assert text.startswith(f"// Splatcore {name}, preset DEFAULT")
+        assert f"module splatcore_{name}(" in text
+
+
+def test_empty_model(folder, capsys):
+    """A model of no Gaussians is false in Python and a model none the less."""
+    assert run("pack", "empty", "-o", "empty.splatcore") == 0
+    assert run("render", "empty.splatcore", "--engine", "golden", "-o", "e.png") == 0
+    assert run("compare", "reference", "golden", "--scene", "empty.splatcore") == 0
+    assert "identical" in capsys.readouterr().out
+    assert run("cycles", "empty.splatcore", "--json", "e.json") == 0
+    assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db"] is None
+
+
+def test_memories(folder, capsys):
+    assert run("memories", "--json", "m.json") == 0
+    facts = load(folder / "m.json")
+    bits = [m["words"] * m["bits"] * m["count"] for part in facts["stages"].values() for m in part]
+    assert sum(bits) / 8192 == pytest.approx(facts["kilobytes"]) and facts["kilobytes"] > 50
+    assert "The paper: 120 KB" in capsys.readouterr().out
+
+
+COMMANDS = "scene info pack render compare error programs verilog synth memories cycles".split()
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help(command, capsys):
+    assert run(*command.split(), "--help") == 0
+    text = capsys.readouterr().out
+    assert len(text) > 300
+    if command == "scene":
+        assert all(name in text for name in list(GENERATORS)[:3])
+
+
+def test_usage_errors_exit_with_2(capsys):
+    assert run("render") == 2
+    assert run("fly") == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_result_has_the_documented_keys():
+    assert list(vars(Result("reference", "DEFAULT"))) == KEYS
+    with open("docs/json.md") as file:
+        documented = file.read()
+    for key in (
+        *KEYS,
+        "psnr_db_all_harmonics",
+        "bytes_per_gaussian",
+        "middle_98_percent",
+        "pes_busy",
+        "nand2",
+    ):
+        assert f"`{key}`" in documented
+
+
+def test_python_m_sim():
+    command = [sys.executable, "-m", "splatcore", "render", "none.ply", "-o", "none.png"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr == "error: none.ply: No such file or directory\n"

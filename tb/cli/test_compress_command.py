@@ -1,0 +1,152 @@
+"""The commands `train` and `compress`: from files to files, and what they refuse."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("flip_evaluator")
+
+from PIL import Image
+
+from splatcore.model.cameras.surround import surrounding_views
+from splatcore.model.compress.teacher import pictures
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.packed import read_model
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import generate
+from splatcore.spec.packed import SH_C0
+from tb.helpers.command import run
+
+pytestmark = pytest.mark.compress
+
+QUICK = "--steps 4 --distill-steps 3 --quantize-steps 4 --views 5 --size 96x64".split()
+
+
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "small.ply"
+    write_ply(path, generate("garden", 600))
+    return path
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory):
+    """A transforms.json with nine photographs of a garden, and its points as COLMAP has them."""
+    folder = tmp_path_factory.mktemp("photographs")
+    garden = generate("garden", 500)
+    cameras = surrounding_views(garden.gaussians(), 9, 64, 48)
+    sparse = folder / "sparse" / "0"
+    sparse.mkdir(parents=True)
+    (folder / "images").mkdir()
+    lines, frames = [], []
+    for k, target in enumerate(pictures(garden, cameras, lambda *_: None)):
+        name = f"{k}.png"
+        Image.fromarray(target.image).save(folder / "images" / name)
+        camera = target.camera
+        w, x, y, z = quaternion(camera.rotation)
+        place = " ".join(map(str, camera.translation))
+        lines.append(f"{k + 1} {w} {x} {y} {z} {place} {k + 1} {name}\n\n")
+        size = f"{camera.width} {camera.height} {camera.fx} {camera.fy} {camera.cx} {camera.cy}"
+        frames.append(f"{k + 1} PINHOLE {size}\n")
+    (sparse / "images.txt").write_text("".join(lines))
+    (sparse / "cameras.txt").write_text("".join(frames))
+    colour = np.clip(garden.sh[:, 0] * SH_C0 + 0.5, 0, 1) * 255
+    points = [
+        f"{k} {x} {y} {z} {int(r)} {int(g)} {int(b)} 0.1\n"
+        for k, ((x, y, z), (r, g, b)) in enumerate(zip(garden.position, colour, strict=True))
+    ]
+    (sparse / "points3D.txt").write_text("".join(points))
+    return folder
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+
+
+def test_compress(scene_file, tmp_path, capsys):
+    """A scene file to a model that the machine renders; the same command again does nothing."""
+    model, facts = tmp_path / "small.splatcore", tmp_path / "facts.json"
+    command = ["compress", str(scene_file), "-o", str(model), *QUICK, "--json", str(facts)]
+    assert run(*command) == 0
+    shown = capsys.readouterr().out
+    assert "prune 0.4 (2)" in shown and "times smaller" in shown and "4 other views" in shown
+    found = json.loads(facts.read_text())
+    assert found["bytes"] == model.stat().st_size
+    assert found["ratio"] == found["original_bytes"] / found["bytes"] > 5
+    assert [step["kind"] for step in found["steps"]][:5] == ["original"] + 4 * ["prune"]
+    assert found["psnr_db"] > 15 and found["psnr_db_before"] is None
+    assert len(read_model(model)) == found["gaussians"]
+    assert (tmp_path / "small.splatcore.steps" / "steps.json").is_file()
+    before = model.read_bytes()
+    assert run(*command) == 0 and model.read_bytes() == before
+    picture = tmp_path / "picture.png"
+    rendering = ["render", str(model), "--engine", "golden", "--size", "96x64", "-o", str(picture)]
+    assert run(*rendering) == 0 and picture.is_file()
+    assert run(*command, "--seed", "1") == 2
+    assert "holds another compression's steps" in capsys.readouterr().err
+
+
+def test_cameras_of_a_file(scene_file, photographs, tmp_path, capsys):
+    """They are learned from beside the generated views, so the model is another one."""
+    for name, options in (("a", []), ("b", ["--cameras", str(photographs)])):
+        assert run("compress", str(scene_file), "-o", str(tmp_path / name), *QUICK, *options) == 0
+    assert (tmp_path / "a").read_bytes() != (tmp_path / "b").read_bytes()
+    assert run("compress", str(scene_file), "-o", str(tmp_path / "c"), "--cameras", "no") == 2
+    assert "no" in capsys.readouterr().err
+
+
+def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
+    """`train`, then `compress` with the photographs, each with what was held out."""
+    scene, model = tmp_path / "trained.ply", tmp_path / "model"
+    assert run("train", str(photographs), "-o", str(scene), "--steps", "30", "--hold-out", "4") == 0
+    assert "dB on 3 held-out photographs" in capsys.readouterr().out
+    assert read_scene(scene).sh_degree == 3 and len(read_cameras(photographs)) == 9
+    options = ["--images", str(photographs), "--target-ratio", "12", "--hold-out", "4"]
+    assert run("compress", str(scene), "-o", str(model), *QUICK, *options) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "dB on 3 held-out photographs" in shown and "before" in shown
+    (photographs / "images" / "1.png").unlink()
+    assert run("compress", str(scene), "-o", str(tmp_path / "b"), *QUICK, *options) == 0
+    assert "1 photographs are missing or broken" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    (
+        (["--schedule", "0.4,x"], "--schedule '0.4,x': is not a list of shares"),
+        (["--schedule", "1.2"], "--schedule: 1.2 is not in 0 … 1"),
+        (["--max-drop", "1"], "--max-drop: needs photographs"),
+        (["--target-ratio", "9999999"], "--target-ratio: 1e+07 leaves"),
+        (["--images", "nowhere"], "nowhere"),
+        (["--size", "0x5"], "--size 0x5: width 0"),
+        (["--scale", "2", "--images", "nowhere"], "--scale 2: is not in 0 … 1"),
+    ),
+)
+def test_bad_options(scene_file, tmp_path, capsys, options, message):
+    model = tmp_path / "m"
+    assert run("compress", str(scene_file), "-o", str(model), *QUICK, *options) == 2
+    error = capsys.readouterr().err
+    assert message in " ".join(error.split()) and not model.exists()
+
+
+def test_bad_input(scene_file, tmp_path, capsys):
+    model = tmp_path / "m.splatcore"
+    assert run("pack", str(scene_file), "-o", str(model), "--size", "32x32") == 0
+    assert run("compress", str(model), "-o", str(tmp_path / "n")) == 2
+    assert "is a packed model already" in capsys.readouterr().err
+    assert run("train", str(tmp_path), "-o", str(tmp_path / "s.ply")) == 2
+    assert "no cameras.bin or cameras.txt" in capsys.readouterr().err
+
+
+def test_without_pytorch(scene_file, tmp_path, capsys, monkeypatch):
+    from splatcore.sim.compression import run as compression_run
+
+    monkeypatch.setattr(compression_run, "find_spec", lambda name: None)
+    for command in (["compress", str(scene_file)], ["train", str(tmp_path)]):
+        assert run(*command, "-o", str(tmp_path / "m")) == 2
+        assert "pip install 'splatcore[compress]'" in capsys.readouterr().err

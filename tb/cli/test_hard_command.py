@@ -1,0 +1,244 @@
+"""`splatcore hard`: every case meets its bound, and what does not is told."""
+
+import json
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.pipeline import render
+from splatcore.golden.reference import render as render_reference
+from splatcore.model.generate.hard import HARD
+from splatcore.model.pack.pack import pack
+from splatcore.sim.bench import hard_cases
+from splatcore.sim.bench.hard_cases import PSNR_MIN
+from splatcore.sim.cli import hard as hard_command
+from splatcore.sim.common.picture import read_png
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.spec.config import TINY
+from splatcore.spec.error import InputError
+from tb.helpers.bounds import BOUND
+from tb.helpers.command import ROOT, run
+
+QUICK = ("opacity_edge", "empty", "one", "one_pixel")
+"""Cases of less than a tenth of a second."""
+
+
+def measured(path, *arguments: str, status: int = 0) -> dict:
+    """What `splatcore hard ARGUMENTS` on the small machine writes as JSON."""
+    file = path / "hard.json"
+    assert run("hard", *arguments, "--preset", "tiny", "--json", file) == status
+    return json.loads(file.read_text())
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """As if there were no other cases."""
+    monkeypatch.setattr(hard_command, "HARD", {name: HARD[name] for name in QUICK})
+
+
+def check_documented(facts: dict):
+    """docs/json.md has every key."""
+    text = (ROOT / "docs" / "json.md").read_text()
+    section = text.partition("## `splatcore hard`")[2].partition("\n## ")[0]
+    case = next(iter(facts["cases"].values()))
+    for key in (*facts, *case, *case["left_out"], *case["packing"]):
+        assert f"`{key}`" in section, key
+
+
+@pytest.mark.slow
+def test_all_cases_of_the_golden_model(tmp_path, capsys):
+    folder = tmp_path / "pictures"
+    facts = measured(tmp_path, "-o", str(folder))
+    check_documented(facts)
+    assert facts["passed"] and facts["engine"] == "golden" and facts["timing"] is None
+    cases = facts["cases"]
+    assert list(cases) == list(HARD)
+    assert all(case["passed"] and case["cycles"] > 0 for case in cases.values())
+    assert {name for name, case in cases.items() if case["psnr_db"] is None} == {"empty"}
+    assert cases["empty"]["reason"] == "an empty scene: identical pictures"
+    assert cases["not_finite"]["left_out"]["not_finite"] == 15
+    assert cases["opacity_edge"]["left_out"]["transparent"] == 64
+    assert cases["near_plane"]["left_out"]["near_culled"] > 0
+    assert cases["one_pixel"]["ssim"] is None
+    assert {path.stem for path in folder.glob("*.png")} == {*HARD, "hard-cases"}
+    assert read_png(folder / "hard-cases.png").std() > 20
+    text = capsys.readouterr().out
+    assert text.count(": pass (") == 20 and "20 of 20 pass" in text and "FAIL" not in text
+
+
+def test_what_is_measured(tmp_path, capsys):
+    """PSNR as the pipeline's test has it, the cycle model's frame, the twin's picture."""
+    assert PSNR_MIN == BOUND
+    case = measured(tmp_path, "one", "-o", str(tmp_path))["cases"]["one"]
+    hard = HARD["one"](0)
+    model, _ = pack(hard.scene, TINY)
+    twin = render(TINY, model, hard.camera)
+    exact = render_reference(model.gaussians(), hard.camera)
+    error = twin.pixels / 255 - np.clip(exact.image, 0, 1)
+    assert case["psnr_db"] == pytest.approx(-10 * np.log10(np.mean(error**2)))
+    worst = np.abs(twin.pixels.astype(int) - exact.pixels.astype(int)).max()
+    assert case["max_error"] == pytest.approx(worst / 255)
+    assert case["cycles"] == frame_cycles(TINY, twin).frame
+    np.testing.assert_array_equal(read_png(tmp_path / "one.png"), twin.pixels)
+    whole = render_reference(hard.scene.gaussians(), hard.camera).pixels / 255
+    packing = -10 * np.log10(np.mean((exact.pixels / 255 - whole) ** 2))
+    assert case["packing"]["psnr_db"] == pytest.approx(packing)
+    assert f"one: pass (≥ 52 dB): {case['psnr_db']:.2f} dB" in capsys.readouterr().out
+
+
+def test_reference(tmp_path, quick, capsys):
+    facts = measured(tmp_path, "--engine", "reference", "-o", str(tmp_path / "pictures"))
+    assert facts["passed"] and list(facts["cases"]) == list(QUICK)
+    one = facts["cases"]["one"]
+    assert one["psnr_db"] is None and one["cycles"] is None and one["packing"]["psnr_db"] > 50
+    assert facts["cases"]["opacity_edge"]["left_out"]["unseen"] == 64
+    hard = HARD["one"](0)
+    expected = render_reference(hard.scene.gaussians(), hard.camera).pixels
+    np.testing.assert_array_equal(read_png(tmp_path / "pictures" / "one.png"), expected)
+    assert "the reference itself" in capsys.readouterr().out
+
+
+def test_nan_in_the_reference(tmp_path):
+    facts = measured(tmp_path, "not_finite", "--engine", "reference")
+    assert facts["cases"]["not_finite"]["left_out"]["not_finite"] == 15
+
+
+def test_size(tmp_path):
+    case = measured(tmp_path, "one", "--size", "20x10", "-o", str(tmp_path))["cases"]["one"]
+    assert case["size"] == [20, 10] and case["passed"] and case["ssim"] is None
+    assert read_png(tmp_path / "one.png").shape == (10, 20, 3)
+
+
+def changed(twin, place: tuple[int, int, int], by: int):
+    """A frame of the golden model with a colour changed."""
+    pixels = twin.pixels.copy()
+    pixels[place] ^= by
+    return replace(twin, raster=replace(twin.raster, pixels=pixels))
+
+
+def test_a_wrong_picture(tmp_path, monkeypatch, quick, capsys):
+    """All cases of more than a pixel fail; the command goes on to the last of them."""
+
+    def wrong(config, model, camera):
+        twin = render(config, model, camera)
+        return changed(twin, (20, 30, 1), 128) if camera.height > 20 else twin
+
+    monkeypatch.setattr(hard_cases.pipeline, "render", wrong)
+    facts = measured(tmp_path, "-o", str(tmp_path), status=1)
+    assert not facts["passed"]
+    failed = [name for name, case in facts["cases"].items() if not case["passed"]]
+    assert failed == ["opacity_edge", "empty", "one"]
+    text = capsys.readouterr().out
+    assert re.search(
+        r"one: FAIL \(≥ 52 dB\): 4\d\.\d\d dB against the reference, below 52 dB", text
+    )
+    assert "1 of 4 pass; not: opacity_edge, empty, one\n" in text
+
+
+def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
+    """A Gaussian too many, and one that only the reference sees."""
+
+    def careless(scene, config):
+        model, report = pack(scene, config)
+        return model, replace(report, not_finite=1)
+
+    monkeypatch.setattr(hard_cases, "pack", careless)
+    measured(tmp_path, "one", status=1)
+    assert "1 Gaussians left out for NaN or Inf, 0 of the scene" in capsys.readouterr().out
+
+    def infinite(gaussians, camera):
+        frame = render_reference(gaussians, camera)
+        frame.image[3, 4] = np.inf
+        return frame
+
+    monkeypatch.setattr(hard_cases, "render", infinite)
+    facts = measured(tmp_path, "one", "--engine", "reference", status=1)
+    assert facts["cases"]["one"]["failures"] == ["a pixel is not finite"]
+
+
+def test_what_cannot_be_packed(tmp_path, monkeypatch, quick):
+    """Fails and is told; the others stand."""
+
+    def refuse(scene, config):
+        if len(scene) == 1:
+            raise InputError("a position is too large")
+        return pack(scene, config)
+
+    monkeypatch.setattr(hard_cases, "pack", refuse)
+    cases = measured(tmp_path, "-o", str(tmp_path / "pictures"), status=1)["cases"]
+    assert cases["one"]["failures"] == ["a position is too large"] and cases["empty"]["passed"]
+    found = {path.stem for path in (tmp_path / "pictures").iterdir()}
+    assert found == {*QUICK, "hard-cases"} - {"one"}
+
+
+def test_a_machine_that_hangs(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(hard_command, "build", lambda config: SimpleNamespace(config=config))
+    monkeypatch.setattr(
+        hard_cases, "simulate", lambda *_: SimpleNamespace(done=False, why="stands still")
+    )
+    case = measured(tmp_path, "one", "--engine", "rtl", status=1)["cases"]["one"]
+    assert case["identical"] is False and case["cycles"] is None
+    assert "one: FAIL (golden's, ≥ 52 dB): the machine failed: stands" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["empty", "one", "near_plane", "not_finite", "one_pixel"])
+def test_hardware(name, tmp_path):
+    """The golden model's picture, and the same Gaussians left out by the counters."""
+    golden = measured(tmp_path, name, "-o", str(tmp_path))["cases"][name]
+    picture = read_png(tmp_path / f"{name}.png")
+    facts = measured(tmp_path, name, "--engine", "rtl", "-o", str(tmp_path))
+    check_documented(facts)
+    case = facts["cases"][name]
+    assert facts["timing"] == "lpddr4" and case["passed"] and case["identical"]
+    np.testing.assert_array_equal(read_png(tmp_path / f"{name}.png"), picture)
+    for key in ("psnr_db", "ssim", "max_error", "left_out", "packing", "reason"):
+        assert case[key] == golden[key], key
+    assert case["cycles"] > golden["cycles"]  # memory's latency comes on top
+
+
+@pytest.mark.slow
+def test_a_bit_of_the_hardware(tmp_path, monkeypatch, capsys):
+    """The least one of a pixel is enough, which no PSNR would tell."""
+    monkeypatch.setattr(
+        hard_cases.pipeline, "render", lambda *job: changed(render(*job), (20, 30, 1), 1)
+    )
+    case = measured(tmp_path, "one", "--engine", "rtl", status=1)["cases"]["one"]
+    assert not case["identical"] and not case["passed"] and case["psnr_db"] > PSNR_MIN
+    text = capsys.readouterr().out
+    assert "1 pixels differ from the golden model's, first (30, 20)" in text and "0 of 1" in text
+
+
+BAD = {
+    "name": ("roof", "hard case 'roof'.*needles, flakes.*one_pixel"),
+    "engine": ("one --engine gpu", "'gpu'"),
+    "preset": ("one --preset huge", "'huge'"),
+    "size": ("one --size wide", "'wide'"),
+    "too large": ("one --preset tiny --size 65x64", "65x64.*64x64"),
+    "timing": ("one --engine rtl --timing slow", "'slow'.*ideal, lpddr4"),
+    "timing of what": ("one --timing ideal", "--timing: goes with --engine rtl"),
+    "no folder": ("one -o none/pictures", "none/pictures: there is no folder"),
+    "a file": ("one -o file", "file: is no folder"),
+    "results": ("one --json none/a.json", "none/a.json"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(case, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    arguments, message = BAD[case]
+    assert run("hard", *arguments.split()) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and re.fullmatch(r"error: [^\n]+\n", printed.err), printed.err
+    assert re.search(message, printed.err), printed.err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_help(capsys):
+    assert run("hard", "--help") == 0
+    text = re.sub(r"\s|│", "", capsys.readouterr().out)
+    assert all(name in text for name in HARD) and "52dB" in text

@@ -1,0 +1,1 @@
+"""Tests of training and compression; most need the extra [compress]."""

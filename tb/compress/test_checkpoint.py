@@ -1,0 +1,138 @@
+"""Steps of a compression: kept whole, found again, and told from what is none."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.model.compress.checkpoint import ARRAYS, STEPS, Checkpoints, Step, ply_bytes
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.pack.pack import pack
+from splatcore.spec.config import TINY
+from splatcore.spec.error import InputError
+from tb.helpers.scenes import random_scene
+
+SCENE = replace(random_scene(40, 3), name="cube")
+ORIGINAL = Step("original", "original", 40, 3, ply_bytes(40, 3), 0.0, None)
+PRUNED = Step("prune 0.4 (2)", "prune", 24, 3, ply_bytes(24, 3), 1.5, 0.25)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A folder with three steps, and its key."""
+    kept = Checkpoints(tmp_path / "a" / "run", "cube, 7 steps")
+    kept.save(ORIGINAL, SCENE)
+    kept.save(PRUNED, SCENE[:24])
+    model = pack(SCENE[:24], TINY)[0]
+    kept.save(Step("quantize", "quantize", 24, 1, len(model.image), 2.0, 0.5), model=model)
+    return kept
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_ply_bytes_is_the_size_of_a_ply(tmp_path, degree):
+    for count in (9, 10, 123):
+        scene = random_scene(count, degree)
+        write_ply(tmp_path / "a.ply", scene)
+        data = (tmp_path / "a.ply").read_bytes()
+        assert ply_bytes(count, degree) == len(data) and b"property float nx" in data
+    assert ply_bytes(1000, 3) - ply_bytes(999, 3) == 62 * 4 + 1  # one more digit in the header
+
+
+def test_steps_are_found_again(kept):
+    again = Checkpoints(kept.folder, kept.key)
+    assert again.steps == kept.steps and again.last.name == "quantize"
+    assert [step.file for step in again.steps] == [
+        "00-original.npz", "01-prune-0.4-2.npz", "02-quantize.splatcore",
+    ]  # fmt: skip
+    assert again.has("prune 0.4 (2)") and not again.has("prune 0.4")
+    for name in ARRAYS:
+        found = getattr(again.scene(again.steps[1]), name)
+        assert np.array_equal(found, getattr(SCENE[:24], name).astype(np.float32)), name
+    assert again.scene(again.steps[0]).name == "cube"
+    assert np.array_equal(again.model(again.last).image, kept.model(kept.last).image)
+    assert sorted(path.name for path in kept.folder.iterdir()) == sorted(
+        [STEPS, *(step.file for step in kept.steps)]
+    )
+
+
+def test_new_folder_is_empty(tmp_path):
+    empty = Checkpoints(tmp_path / "none", "key")
+    assert empty.steps == () and empty.last is None and not empty.folder.exists()
+
+
+def test_another_computation_is_refused_and_stays(kept):
+    before = {path.name: path.read_bytes() for path in kept.folder.iterdir()}
+    with pytest.raises(InputError, match=r"run: holds another .* choose another folder or remove"):
+        Checkpoints(kept.folder, "cube, 8 steps")
+    assert before == {path.name: path.read_bytes() for path in kept.folder.iterdir()}
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_cut_off_files_are_named(kept, share):
+    for step in kept.steps:
+        path = kept.folder / step.file
+        path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        load = kept.model if step.kind == "quantize" else kept.scene
+        with pytest.raises(InputError, match=step.file):
+            load(step)
+
+
+def test_missing_and_exchanged_files_are_named(kept):
+    first, second, third = (kept.folder / step.file for step in kept.steps)
+    second.write_bytes(first.read_bytes())
+    with pytest.raises(InputError, match=r"01-prune-0.4-2.npz: is not the scene of step"):
+        kept.scene(kept.steps[1])
+    first.write_bytes(third.read_bytes())
+    with pytest.raises(InputError, match=r"00-original.npz: is not a step's scene"):
+        kept.scene(kept.steps[0])
+    pack(SCENE[:23], TINY)[0].image.tofile(third)
+    with pytest.raises(InputError, match=r"02-quantize.splatcore: is not the model of step"):
+        kept.model(kept.steps[2])
+    third.unlink()
+    with pytest.raises(InputError, match=r"02-quantize.splatcore"):
+        kept.model(kept.steps[2])
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda table: table.pop("key"), "'key' is missing"),
+        (lambda table: table["steps"].append(3), "step 3: is 3"),
+        (lambda table: table["steps"][1].pop("bytes"), "step 1: 'bytes' is missing"),
+        (lambda table: table["steps"][0].update(kind="burn"), "step 0: 'kind' 'burn'"),
+        (lambda table: table["steps"][2].update(file="../a.npz"), "'file' '../a.npz'"),
+        (lambda table: table["steps"][2].update(loss="much"), "step 2: 'loss'"),
+    ],
+)
+def test_foreign_steps_are_refused(kept, change, message):
+    path = kept.folder / STEPS
+    table = json.loads(path.read_text())
+    change(table)
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match=r"steps.json") as error:
+        Checkpoints(kept.folder, kept.key)
+    assert message in str(error.value)
+    path.write_text(path.read_text()[:-9])
+    with pytest.raises(InputError, match=r"steps.json: is not valid JSON"):
+        Checkpoints(kept.folder, kept.key)
+
+
+def test_a_step_is_kept_once_and_with_what_it_left(kept):
+    for arguments in ({"scene": SCENE}, {}):
+        step = replace(ORIGINAL, name="original" if arguments else "new")
+        with pytest.raises(ValueError):
+            kept.save(step, **arguments)
+    with pytest.raises(ValueError):
+        kept.save(replace(ORIGINAL, name="new", loss=float("nan")), SCENE)
+    assert Checkpoints(kept.folder, kept.key).steps == kept.steps
+
+
+def test_what_cannot_be_written_leaves_the_steps(kept):
+    """A failure between the step's file and the list of steps loses the step, not the list."""
+    (kept.folder / ".part.npz").mkdir()
+    with pytest.raises(InputError, match=r"run: cannot be written"):
+        kept.save(replace(ORIGINAL, name="new"), SCENE)
+    again = Checkpoints(kept.folder, kept.key)
+    assert [step.name for step in again.steps] == ["original", "prune 0.4 (2)", "quantize"]
+    assert again.steps == kept.steps

@@ -1,0 +1,280 @@
+"""Compression, from a scene to a packed model: each step, and all of them on a generated scene."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+
+from splatcore.golden.pipeline import render as golden_render
+from splatcore.golden.reference import render as reference
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
+from splatcore.model.compress.compress import Compression, compress, decibels
+from splatcore.model.compress.prune import prune, sound
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.significance import significance, view_weights
+from splatcore.model.compress.teacher import teacher_targets
+from splatcore.model.formats.photographs import Target
+from splatcore.model.generate.generate import generated_camera
+from splatcore.model.gradients import finetune as finetune_module
+from splatcore.model.gradients.finetune import difference, finetune, optimise, views_in_turn
+from splatcore.model.gradients.trainable import optimizers, rendered, scene_of, tensors_of
+from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format
+from splatcore.spec.scene import Scene
+from tb.helpers.compression_scene import RECIPE, SIZE, garden_with_harmonics, nothing
+
+pytestmark = pytest.mark.compress
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return garden_with_harmonics()
+
+
+@pytest.fixture(scope="module")
+def targets(scene):
+    return teacher_targets(scene, 6, SIZE, 0, nothing)
+
+
+@pytest.fixture(scope="module")
+def finished(scene, targets, tmp_path_factory):
+    """The folder of a whole compression."""
+    folder = tmp_path_factory.mktemp("whole") / "steps"
+    checkpoints = Checkpoints(folder, "key")
+    compress(scene, targets, RECIPE, checkpoints)
+    return checkpoints
+
+
+def test_steps(scene, finished):
+    steps = finished.steps
+    names = [step.name for step in steps]
+    assert names[:5] == ["original", "distill 2", "distill 1", "prune 0.3", "prune 0.2"]
+    assert names[-1] == "quantize" and set(names[5:-1]) <= {"distill 0"}
+    assert [step.kind for step in steps[:4]] == ["original", "distill", "distill", "prune"]
+    assert steps[0].bytes == ply_bytes(len(scene), 3)
+    assert abs(steps[3].gaussians - 0.7 * len(scene)) < 0.02 * len(scene)
+    assert [step.sh_degree for step in steps[:5]] == [3, 2, 1, 1, 1]
+    assert steps[-1].bytes == len(finished.model(steps[-1]).image) < steps[0].bytes / 8
+    assert all(np.isfinite(step.loss) for step in steps[1:])
+
+
+def test_as_the_paper_has_it(scene, targets, tmp_path):
+    """Pruning first, harmonics afterwards."""
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    compress(scene, targets, replace(RECIPE, order="prune-first"), checkpoints)
+    names = [step.name for step in checkpoints.steps]
+    assert names[:5] == ["original", "prune 0.3", "prune 0.2", "distill 2", "distill 1"]
+    assert [step.sh_degree for step in checkpoints.steps[:5]] == [3, 3, 3, 2, 1]
+
+
+def test_the_machine_renders_it(finished):
+    """The packed model is any packed model: the golden machine draws what the reference draws."""
+    model = finished.model(finished.last)
+    camera = generated_camera("garden").resized(*SIZE)
+    exact = reference(model.gaussians(), camera).pixels.astype(float)
+    for config in (DEFAULT, TINY):
+        drawn = golden_render(config, model, camera).pixels.astype(float)
+        assert -10 * np.log10(((drawn - exact) ** 2).mean() / 255**2) > 45
+        assert drawn.max() > 100
+
+
+def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path, monkeypatch):
+    """Stopped after every step, it ends with the same model as without a stop."""
+
+    class Stop(Exception):
+        pass
+
+    for _ in range(20):
+        checkpoints = Checkpoints(tmp_path / "steps", "key")
+        begun = len(checkpoints.steps)
+
+        def tell(*_, checkpoints=checkpoints, begun=begun):
+            if len(checkpoints.steps) > begun:
+                raise Stop
+
+        try:
+            compress(scene, targets, RECIPE, checkpoints, tell=tell)
+            break
+        except Stop:
+            continue
+    assert [step.name for step in checkpoints.steps] == [step.name for step in finished.steps]
+    first, second = (each.model(each.last).image for each in (finished, checkpoints))
+    assert np.array_equal(first, second)
+    before = checkpoints.last
+    monkeypatch.delattr(Compression, "worth_harmonics")  # decided already
+    assert compress(scene, targets, RECIPE, checkpoints, tell=nothing) == before
+
+
+def test_another_seed_is_another_model(scene, targets, finished, tmp_path):
+    other = Checkpoints(tmp_path / "steps", "key")
+    compress(scene, targets, replace(RECIPE, seed=1), other)
+    assert not np.array_equal(other.model(other.last).image, finished.model(finished.last).image)
+
+
+@pytest.mark.parametrize("worth", [False, True])
+def test_harmonics_that_are_not_worth_it(scene, targets, tmp_path, monkeypatch, worth):
+    """They go before quantisation, and a second call comes to the same steps."""
+    monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: worth)
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    last = compress(scene, targets, RECIPE, checkpoints)
+    assert last.sh_degree == worth and checkpoints.has("distill 0") != worth
+    monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: not worth)
+    assert compress(scene, targets, RECIPE, Checkpoints(tmp_path / "steps", "key")) == last
+
+
+def test_target_ratio(scene, targets, tmp_path):
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    recipe = replace(RECIPE, target_ratio=15.0)
+    step = compress(scene, targets, recipe, checkpoints)
+    assert 15 <= ply_bytes(len(scene), 3) / step.bytes < 20
+    with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves"):
+        compress(scene, targets, replace(recipe, target_ratio=1e6), Checkpoints(tmp_path / "b", ""))
+
+
+def test_room_for_the_larger_codebooks(scene, targets):
+    """A ratio is kept with harmonics and without."""
+    either = Compression(targets, RECIPE, None, DEFAULT, nothing).largest_format(scene)
+    flat = Compression(targets, replace(RECIPE, sh_degree=0), None, DEFAULT, nothing)
+    sizes = [model_format(DEFAULT, degree).layout(0).end for degree in (0, 1)]
+    assert either.layout(0).end == max(sizes) > min(sizes)
+    assert flat.largest_format(scene).sh_degree == 0
+
+
+def test_a_ratio_that_packing_alone_gives(scene, targets, tmp_path):
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    compress(scene, targets, replace(RECIPE, target_ratio=1.5), checkpoints)
+    assert not any(step.kind == "prune" for step in checkpoints.steps)
+
+
+def test_nan_in_the_loss(scene, targets, tmp_path, monkeypatch):
+    """Stops, says at which step, and what was done before stays."""
+    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    calls = []
+    right = finetune_module.difference
+
+    def wrong(*arguments):
+        calls.append(1)
+        return right(*arguments) * (float("nan") if len(calls) == RECIPE.steps + 3 else 1)
+
+    monkeypatch.setattr(finetune_module, "difference", wrong)
+    with pytest.raises(InputError, match=r"prune 0.2: the loss is nan at step 3 of 6.*steps"):
+        compress(scene, targets, RECIPE, checkpoints)
+    assert [step.name for step in checkpoints.steps][-2:] == ["distill 1", "prune 0.3"]
+    assert np.isfinite(checkpoints.scene(checkpoints.last).position).all()
+    monkeypatch.undo()
+    assert compress(scene, targets, RECIPE, checkpoints).kind == "quantize"
+
+
+def test_nothing_to_see(scene, targets, tmp_path):
+    clear = replace(scene, opacity=np.full(len(scene), 1e-3), name="clear.ply")
+    with pytest.raises(InputError, match=r"clear.ply: no Gaussian can be seen"):
+        compress(clear, targets, RECIPE, Checkpoints(tmp_path / "a", ""))
+    away = replace(scene, position=scene.position + 1e4, name="away.ply")
+    with pytest.raises(InputError, match=r"away.ply: none of the views shows a Gaussian"):
+        compress(away, targets, RECIPE, Checkpoints(tmp_path / "b", ""))
+    with pytest.raises(InputError, match="there is no picture to learn from"):
+        compress(scene, (), RECIPE, Checkpoints(tmp_path / "c", ""))
+
+
+def test_significance(scene, targets):
+    """Of a Gaussian hidden by another, and of one outside, nothing is left; views add up."""
+    cameras = [target.camera for target in targets]
+    found = significance(scene, cameras)
+    assert found.shape == (len(scene),) and (found >= 0).all() and found.any()
+    parts = [significance(scene, [camera]) for camera in cameras]
+    assert np.allclose(sum(parts), found, rtol=1e-5)
+    camera = generated_camera("garden").resized(*SIZE)
+    forward = camera.rotation[2]
+    place = camera.position + np.outer([2.0, 3.0, -3.0], forward)
+    size = np.repeat([[1.0], [0.1], [1.0]], 3, axis=1)
+    stack = Scene(place, size, np.eye(4)[[0, 0, 0]], [0.999] * 3, np.zeros((3, 1, 3)))
+    front, hidden, behind = significance(stack, [camera])
+    (seen,) = significance(stack[[1]], [camera])
+    assert 0 < hidden < 0.03 * seen < front and behind == 0
+    volume = scene.scale.prod(axis=1)
+    term = np.minimum(volume / np.percentile(volume, 90), 1) ** 0.1
+    assert np.allclose(sum(view_weights(scene, cameras)) * term, found)
+
+
+def test_merging_loses_less_than_dropping(scene, targets):
+    weight = significance(scene, [target.camera for target in targets])
+    order = np.argsort(weight, kind="stable")
+    dropped = scene[np.sort(order[round(0.8 * len(scene)) :])]
+    assert decibels(prune(scene, weight, 0.8), targets) > decibels(dropped, targets) + 0.3
+
+
+def test_views_in_turn():
+    views = views_in_turn(list(range(5)), 3)
+    first = [next(views) for _ in range(10)]
+    assert sorted(first[:5]) == sorted(first[5:]) == list(range(5))
+    assert first[:5] != first[5:] and sorted(first[:5]) != first[:5]
+    again = views_in_turn(list(range(5)), 3)
+    assert [next(again) for _ in range(10)] == first
+
+
+def test_difference_is_that_of_the_clipped_picture():
+    picture = torch.tensor([[-0.5, 0.5, 1.5]], requires_grad=True)
+    loss = difference(picture, torch.tensor([[0.0, 0.2, 1.0]]))
+    loss.backward()
+    assert float(loss.detach()) == pytest.approx(0.1) and picture.grad.tolist()[0][::2] == [0, 0]
+
+
+def test_finetuning_helps(scene, targets):
+    tensors = tensors_of(replace(scene, sh=scene.sh * 0.9))
+    before = decibels(scene_of(tensors), targets)
+    finetune(tensors, optimizers(tensors, 1.0), targets, 30, 0, nothing, "test")
+    assert decibels(scene_of(tensors), targets) > before + 1
+
+
+def test_learning_rates_rise_then_fall():
+    """From a tenth to the whole in ten steps, and down to a tenth; positions to a hundredth."""
+    leaves = {name: torch.zeros(1, requires_grad=True) for name in ("means", "scales")}
+    adams = {name: torch.optim.Adam([leaf], lr=2.0) for name, leaf in leaves.items()}
+    seen = []
+
+    def tell(*_):
+        seen.append([adam.param_groups[0]["lr"] for adam in adams.values()])
+
+    optimise(adams, 200, lambda _: sum(leaf.sum() for leaf in leaves.values()), tell, "test")
+    rates = np.array(seen)
+    assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
+    assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
+    assert np.allclose(rates[-1], [0.02, 0.2], rtol=0.03)
+
+
+def test_rendered_parameters(scene):
+    """Tensors of a scene and back: the same scene to float32."""
+    kept = sound(scene)
+    back = scene_of(tensors_of(kept))
+    for name in ("position", "scale", "quaternion", "opacity", "sh"):
+        assert np.allclose(getattr(back, name), getattr(kept, name), rtol=2e-5, atol=1e-7), name
+    factor = rendered(tensors_of(kept))[1].detach().numpy()
+    assert np.allclose(factor, kept.gaussians().factor, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "change, option",
+    (
+        ({"schedule": (0.4, 1.0)}, "--schedule"), ({"steps": -1}, "--steps"),
+        ({"target_ratio": 0.5}, "--target-ratio"), ({"max_drop": 0.0}, "--max-drop"),
+        ({"sh_degree": 2}, "--sh-degree"), ({"rate": 0.0}, "--rate"),
+        ({"order": "both"}, "--order"),
+        ({"target_ratio": 5.0, "max_drop": 1.0}, "--target-ratio, --max-drop"),
+    ),
+)  # fmt: skip
+def test_recipes_that_cannot_be(change, option):
+    with pytest.raises(InputError, match=f"^{option}: "):
+        Recipe(**change)
+
+
+def test_targets_are_the_scene_itself(scene, targets):
+    assert all(isinstance(target, Target) for target in targets)
+    assert targets[0].image.shape == (SIZE[1], SIZE[0], 3)
+    exact = reference(sound(scene).gaussians(), targets[0].camera).pixels
+    off = np.abs(exact.astype(int) - targets[0].image)
+    assert off.mean() < 0.01 and off.max() <= 2

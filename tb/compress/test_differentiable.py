@@ -1,0 +1,251 @@
+"""The differentiable renderer against a dense one by torch, finite differences, the reference."""
+
+# ruff: noqa: E402 (without torch the file ends before the imports that need it)
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from splatcore.golden.reference import render as reference
+from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
+from splatcore.model.gradients.differentiable import blending_weights, render
+from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, SPLATCORE
+from tb.helpers.dense_splatting import PARAMETERS, dense_render
+from tb.helpers.splatting_scenes import MAKERS, loss, scene, tensors, view
+
+pytestmark = pytest.mark.compress
+
+EXACT = 1e-8
+"""Float64, relatively: the kernels' exponential is within 4e-10; 2e-9 is the worst seen."""
+
+SINGLE = 1e-4
+"""Float32, relatively: needles reach 3.4e-5, the rest 1e-5."""
+
+BACKGROUND = (0.125, 0.25, 0.5)
+
+REACHED = {
+    "opaque": "opaque", "dark": "dark", "slanted": "slanted", "faint": "faint", "ended": "ended",
+    "one pixel": "slanted",
+}  # fmt: skip
+"""The clamp or threshold that a scene is about."""
+
+
+def gradients(arrays, camera, kind=torch.float64, convention=SPLATCORE):
+    """The picture, and the gradients of its loss by name."""
+    leaves = tensors(arrays, kind, gradient=True)
+    found = render(**leaves, camera=camera, convention=convention)
+    loss(found).backward()
+    return found, {name: leaf.grad.numpy() for name, leaf in leaves.items()}
+
+
+def dense_gradients(arrays, camera, convention=SPLATCORE):
+    """The same by the dense renderer."""
+    leaves = tensors(arrays, gradient=True)
+    found = dense_render(**leaves, camera=camera, convention=convention)
+    loss(found).backward()
+    return found, {name: leaf.grad.numpy() for name, leaf in leaves.items()}
+
+
+def worst(found: np.ndarray, wanted: np.ndarray) -> float:
+    """Largest difference relative to the largest value of the same Gaussian; 0/0 is 0."""
+    error = np.abs(found - wanted).reshape(len(wanted), -1).max(1)
+    size = np.abs(wanted).reshape(len(wanted), -1).max(1)
+    assert (error[size == 0] == 0).all(), "a gradient that has to be 0"
+    return float((error[size > 0] / size[size > 0]).max(initial=0))
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_equals_the_dense_renderer(name):
+    arrays, camera, dense = scene(name)
+    if name in REACHED:
+        assert dense.clamped[REACHED[name]] > 0
+    wanted_image, wanted = dense_gradients(arrays, camera)
+    found, gradient = gradients(arrays, camera)
+    assert float((found.image - wanted_image.image).detach().abs().max()) < EXACT
+    assert float((found.transmittance - dense.transmittance).detach().abs().max()) < EXACT
+    for key in PARAMETERS:
+        assert worst(gradient[key], wanted[key]) < EXACT, key
+    assert (np.abs(wanted["sh"]).max((1, 2)) > 0).sum() >= len(wanted["sh"]) // 2
+    found, gradient = gradients(arrays, camera, torch.float32)
+    assert found.image.dtype == torch.float32
+    assert float((found.image - wanted_image.image).detach().abs().max()) < SINGLE
+    for key in PARAMETERS:
+        assert np.abs(gradient[key] - wanted[key]).max() < SINGLE * np.abs(wanted[key]).max(), key
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MAKERS)
+def test_finite_differences(name):
+    """Central ones of every parameter; steps of 3e-6 of the largest of its kind."""
+    arrays, camera, _ = scene(name)
+    _, gradient = gradients(arrays, camera)
+    for key in PARAMETERS:
+        found = np.zeros_like(arrays[key])
+        step = 3e-6 * np.abs(arrays[key]).max()
+        for place in np.ndindex(found.shape):
+            values = []
+            for sign in (1, -1):
+                moved = {**arrays, key: arrays[key].copy()}
+                moved[key][place] += sign * step
+                with torch.no_grad():
+                    values.append(float(loss(render(**tensors(moved), camera=camera))))
+            found[place] = (values[0] - values[1]) / (2 * step)
+        rounding = 1e-13 / step
+        error = np.abs(found - gradient[key]).max()
+        assert error < 1e-6 * np.abs(found).max() + rounding, key
+
+
+def test_other_conventions():
+    """Every number of a convention is used."""
+    arrays, camera, _ = scene("ordinary")
+    for change in (
+        {"background": BACKGROUND}, {"alpha_max": 0.5}, {"alpha_min": 0.02},
+        {"transmittance_min": 0.3}, {"covariance_blur": 0.1}, {"frustum_margin": 0.5},
+        {"near_plane": 3.0}, {"pixel_centre": 0.5}, {"principal_point_shift": 0.0},
+        {"colour_offset": 0.1},
+    ):  # fmt: skip
+        convention = replace(SPLATCORE, **change)
+        dense, wanted = dense_gradients(arrays, camera, convention)
+        found, gradient = gradients(arrays, camera, convention=convention)
+        plain, _ = gradients(arrays, camera)
+        assert not torch.allclose(plain.image, found.image), change
+        assert float((found.image - dense.image).detach().abs().max()) < EXACT, change
+        for key in PARAMETERS:
+            assert worst(gradient[key], wanted[key]) < EXACT, (change, key)
+
+
+def invisible(kind: str, arrays: dict, camera) -> None:
+    """Take Gaussian 0 out of the picture, just so."""
+    point = arrays["position"][0] @ camera.rotation.T + camera.translation
+    if kind == "near":
+        point *= NEAR_PLANE * (1 - 1e-9) / point[2]
+    elif kind == "behind":
+        point *= -1
+    elif kind == "outside":
+        point[0] = 40 * point[2]
+    arrays["position"][0] = (point - camera.translation) @ camera.rotation
+    if kind == "transparent":
+        arrays["opacity"][0] = ALPHA_MIN * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("kind", ["near", "behind", "outside", "transparent"])
+def test_invisible_gaussians_have_no_gradient(kind):
+    arrays, camera, _ = scene("ordinary")
+    invisible(kind, arrays, camera)
+    found, gradient = gradients(arrays, camera)
+    assert 0 not in found.visible and len(found.visible) > 4
+    others, wanted = gradients({key: a[1:] for key, a in arrays.items()}, camera)
+    assert torch.equal(found.image, others.image)
+    for key in PARAMETERS:
+        assert not gradient[key][0].any(), key
+        assert np.array_equal(gradient[key][1:], wanted[key]), key
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_nothing_visible(count):
+    arrays = {key: array[:count] for key, array in scene("ordinary")[0].items()}
+    arrays["opacity"][:] = 0.001
+    convention = replace(SPLATCORE, background=BACKGROUND)
+    found, gradient = gradients(arrays, view(), convention=convention)
+    assert found.visible.shape == (0,) and (found.transmittance == 1).all()
+    assert torch.equal(found.image, torch.tensor(BACKGROUND).double().expand(21, 37, 3))
+    for key in PARAMETERS:
+        assert gradient[key].shape == arrays[key].shape and not gradient[key].any()
+    assert blending_weights(*[arrays[key] for key in PARAMETERS[:4]], view()).shape == (count,)
+
+
+AT_THRESHOLDS = {"opacity_edge": 64, "transmittance_edge": 64}
+"""Hard cases with values exactly at a threshold: pixels that may decide otherwise (45 do)."""
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_picture_of_the_reference(name):
+    made = generate(name, 3000 if name == "garden" else None)
+    camera = generated_camera(name)
+    if name == "garden":
+        camera = camera.resized(133, 75)
+    gaussians = made.gaussians()
+    arrays = [gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh]
+    if name == "not_finite":  # they are the reader's to drop
+        sound = np.all([np.isfinite(a).reshape(len(a), -1).all(1) for a in arrays], axis=0)
+        arrays = [a[sound] for a in arrays]
+    wanted = reference(gaussians, camera)
+    found = render(*(torch.tensor(a) for a in arrays), camera)
+    error = np.abs(found.image.numpy() - wanted.image).max(2)
+    error = np.maximum(error, np.abs(found.transmittance.numpy() - wanted.transmittance))
+    assert (error > EXACT).sum() <= AT_THRESHOLDS.get(name, 0) and error.max() < ALPHA_MIN
+    assert len(found.visible) == wanted.counts["visible"]
+    if name == "near_plane":  # in float32 they are on its other side
+        return
+    single = render(*(torch.tensor(a, dtype=torch.float32) for a in arrays), camera)
+    error = np.abs(single.image.numpy() - wanted.image).max(2)
+    most = {"far_from_origin": 1e-2}.get(name, SINGLE)  # positions of many digits
+    assert (error > most).sum() <= AT_THRESHOLDS.get(name, 0) and error.max() < 1e-2
+
+
+@pytest.mark.parametrize("name", ["ordinary", "opaque", "dark", "ended"])
+def test_blending_weights(name):
+    arrays, camera, _ = scene(name)
+    arrays["shift"][:] = 0
+    dense = dense_render(**tensors(arrays), camera=camera)
+    for kind, most in ((np.float64, EXACT), (np.float32, SINGLE)):
+        four = [arrays[key].astype(kind) for key in PARAMETERS[:4]]
+        found = blending_weights(*four, camera)
+        assert np.abs(found - dense.weight.numpy()).max() < most * float(dense.weight.max())
+    if name == "ended":
+        assert not blending_weights(*four, camera)[dense.weight.numpy() == 0].any()
+
+
+def test_arrangement_in_memory_does_not_matter():
+    arrays, camera, _ = scene("degree 2")
+    _, wanted = gradients(arrays, camera)
+    leaves = {}
+    for key, array in arrays.items():
+        wide = torch.full((*array.shape, 2), torch.nan, dtype=torch.float64)
+        wide[..., 0] = torch.tensor(array)
+        turned = wide[..., 0] if array.ndim == 1 else wide[..., 0].mT.contiguous().mT
+        leaves[key] = turned.detach().requires_grad_()
+        assert len(array) == 1 or not leaves[key].is_contiguous()
+    found = render(**leaves, camera=camera)
+    turned = torch.empty(37, 21, 3, dtype=torch.float64).transpose(0, 1)  # a gradient so arranged
+    generator = np.random.default_rng(1)
+    turned[:] = torch.tensor(generator.normal(size=found.image.shape))
+    rest = torch.tensor(generator.normal(size=found.transmittance.shape))
+    torch.autograd.backward([found.image, found.transmittance], [turned, rest])
+    for key in PARAMETERS:
+        assert np.array_equal(leaves[key].grad.numpy(), wanted[key]), key
+
+
+@pytest.mark.parametrize("wanted", PARAMETERS)
+def test_some_parameters_need_no_gradient(wanted):
+    arrays, camera, _ = scene("ordinary")
+    leaves = tensors(arrays)
+    leaves[wanted].requires_grad_()
+    loss(render(**leaves, camera=camera)).backward()
+    assert np.array_equal(leaves[wanted].grad.numpy(), gradients(arrays, camera)[1][wanted])
+    assert all(leaf.grad is None for key, leaf in leaves.items() if key != wanted)
+    assert not render(**tensors(arrays), camera=camera).image.requires_grad
+
+
+def test_gradient_of_a_part_of_the_result():
+    arrays, camera, _ = scene("opaque")
+    for part in (lambda found: found.transmittance[3:, ::2].square().sum(),
+                 lambda found: found.image[..., 1].mean()):  # fmt: skip
+        leaves, dense = tensors(arrays, gradient=True), tensors(arrays, gradient=True)
+        part(render(**leaves, camera=camera)).backward()
+        part(dense_render(**dense, camera=camera)).backward()
+        for key in PARAMETERS:
+            wanted = torch.zeros_like(dense[key]) if dense[key].grad is None else dense[key].grad
+            assert worst(leaves[key].grad.numpy(), wanted.numpy()) < EXACT, key
+
+
+def test_shift_may_be_left_out():
+    arrays, camera, _ = scene("ordinary")
+    arrays["shift"][:] = 0
+    leaves = tensors(arrays)
+    del leaves["shift"]
+    found = render(**leaves, camera=camera)
+    assert torch.equal(found.image, render(**tensors(arrays), camera=camera).image)

@@ -1,0 +1,74 @@
+"""How gsplat is called where there is a CUDA device.
+
+Its rasterizer needs one, so a stand-in takes its place: it has gsplat's signature and reads all it
+is given, and draws with the CPU's kernels. What the real one draws is not tested here.
+"""
+
+# ruff: noqa: E402 (without torch the file ends before the imports that need it)
+
+import inspect
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+gsplat = pytest.importorskip("gsplat")
+
+from splatcore.model.gradients.differentiable import _render_cuda, render
+from splatcore.spec.camera import Camera, look_at
+from splatcore.spec.convention import SPLATCORE
+from tb.helpers.scenes import random_scene
+
+pytestmark = pytest.mark.compress
+
+REAL = inspect.signature(gsplat.rasterization)
+
+
+def stand_in(*arguments, **options):
+    """gsplat.rasterization, one camera, not packed, covariances instead of scales."""
+    call = REAL.bind(*arguments, **options)
+    call.apply_defaults()
+    given = call.arguments
+    assert given["quats"] is None and given["scales"] is None and not given["packed"]
+    assert (given["sh_degree"] + 1) ** 2 == given["colors"].shape[1]
+    assert given["near_plane"] == SPLATCORE.near_plane
+    assert given["eps2d"] == SPLATCORE.covariance_blur
+    (view,), (intrinsics,) = given["viewmats"].numpy(), given["Ks"].numpy()
+    camera = Camera(
+        given["width"], given["height"], intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2],
+        intrinsics[1, 2], view[:3, :3], view[:3, 3],
+    )  # fmt: skip
+    count = len(given["means"])
+    means2d = torch.zeros((1, count, 2), dtype=torch.float64, requires_grad=True) * 1.0
+    factor = torch.linalg.cholesky(given["covars"])
+    drawn = render(given["means"], factor, given["opacities"], given["colors"], camera, means2d[0])
+    radii = torch.zeros((1, count, 2), dtype=torch.int32)
+    radii[0, torch.as_tensor(drawn.visible)] = 3
+    found = {"means2d": means2d, "radii": radii}
+    return drawn.image[None], (1 - drawn.transmittance)[None, ..., None], found
+
+
+@pytest.mark.parametrize("degree", (0, 1, 3))
+def test_the_call(monkeypatch, degree):
+    """Picture, transmittance, visible ones and the centres' gradients are the CPU's."""
+    monkeypatch.setattr(gsplat, "rasterization", stand_in)
+    gaussians = random_scene(40, degree).gaussians()
+    camera = look_at(np.array([0.3, -1.0, -5.0]), np.zeros(3), 50, 40, 45.0)
+    tensors = [
+        torch.tensor(array)
+        for array in (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh)
+    ]
+    wanted = np.random.default_rng(0).random((40, 50, 3))
+    found = []
+    for how in (render, None):
+        shift = torch.zeros((40, 2), dtype=torch.float64, requires_grad=True)
+        if how:
+            drawn = how(*tensors, camera, shift)
+            image, rest, visible = drawn.image, drawn.transmittance, drawn.visible
+        else:
+            image, rest, visible = _render_cuda(*tensors, camera, shift, SPLATCORE)
+        (image * torch.tensor(wanted)).sum().backward()
+        found.append((image.detach(), rest.detach(), np.sort(visible), shift.grad))
+    for cpu, cuda in zip(*found, strict=True):
+        assert np.allclose(cpu, cuda, rtol=1e-5, atol=1e-9)
+    assert found[0][3].abs().max() > 0

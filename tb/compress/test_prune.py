@@ -1,0 +1,132 @@
+"""Pruning: which Gaussians go, and what those that stay take in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.model.compress.checkpoint import ply_bytes
+from splatcore.model.compress.prune import (
+    cheapest_pairs,
+    count_for_ratio,
+    merge,
+    original_bytes,
+    prune,
+    scaled_schedule,
+    sound,
+)
+from splatcore.model.generate.generate import generate
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.convention import ALPHA_MAX
+from splatcore.spec.memory import model_format
+from splatcore.spec.scene import Scene
+from tb.helpers.scenes import random_scene
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return generate("garden", 700)
+
+
+def test_broken_gaussians_are_left_out(scene):
+    position = scene.position.copy()
+    position[3, 1] = np.nan
+    opacity = scene.opacity.copy()
+    opacity[5] = 0.0
+    kept = sound(replace(scene, position=position, opacity=opacity))
+    assert len(kept) == len(sound(scene)) - 2
+
+
+def test_prune(scene):
+    """So many go; those that take nothing in stay as they are, in their order."""
+    weight = np.random.default_rng(0).random(len(scene)) + 0.1
+    kept = prune(scene, weight, 0.25)
+    assert len(kept) == len(scene) - round(0.25 * len(scene))
+    place = {tuple(position): n for n, position in enumerate(scene.position)}
+    unchanged = [n for n, position in enumerate(kept.position) if tuple(position) in place]
+    origin = [place[tuple(kept.position[n])] for n in unchanged]
+    assert 0.5 * len(kept) < len(unchanged) < len(kept) and origin == sorted(origin)
+    for name in ("scale", "quaternion", "opacity", "sh"):
+        assert np.array_equal(getattr(kept, name)[unchanged], getattr(scene, name)[origin]), name
+    assert np.array_equal(prune(scene, weight, 0.25).position, kept.position)
+
+
+def test_the_cheapest_pairs():
+    """Close by, of like colour, of little weight: each alone decides."""
+    six = random_scene(6, 0)
+    place = np.zeros((6, 3))
+    place[:, 0] = (0, 1, 10, 10.5, 20, 21)
+    even = replace(six, position=place, scale=np.ones((6, 3)), sh=np.zeros((6, 1, 3)))
+    pairs = [
+        sorted(map(int, pair)) for pair in zip(*cheapest_pairs(even, np.ones(6), 3), strict=True)
+    ]
+    assert pairs[0] == [2, 3] and sorted(pairs) == [[0, 1], [2, 3], [4, 5]]
+    light = np.array([1, 1, 1, 1, 0.01, 1])
+    first, second = cheapest_pairs(even, light, 1)
+    assert (first, second) == (5, 4)  # the heavier one stays
+    dyed = even.sh.copy()
+    dyed[[2, 4]] = 3.0
+    first, second = cheapest_pairs(replace(even, sh=dyed), np.ones(6), 1)
+    assert sorted((int(first[0]), int(second[0]))) == [0, 1]
+    large = replace(even, scale=np.array([1, 1, 1, 1, 9, 9])[:, None] * np.ones((6, 3)))
+    assert sorted(map(int, np.concatenate(cheapest_pairs(large, np.ones(6), 1)))) == [4, 5]
+
+
+def test_pairs_share_no_member(scene):
+    first, second = cheapest_pairs(scene, np.ones(len(scene)), len(scene) // 2)
+    members = np.concatenate([first, second])
+    assert len(np.unique(members)) == len(members) > len(scene) // 3
+
+
+def test_one_of_four_gives_what_four_gave():
+    """Four of the same place and size, one by one: opacities add up, so weights must."""
+    four = random_scene(4, 0)[[0, 0, 0, 0]]
+    one = prune(replace(four, opacity=np.full(4, 0.1)), np.ones(4), 0.75)
+    assert (
+        len(one) == 1
+        and np.allclose(one.opacity, 0.4)
+        and np.allclose(np.sort(one.scale), np.sort(four.scale[:1]))
+    )
+
+
+def test_what_nobody_sees_leaves_nothing(scene):
+    weight = np.where(np.arange(len(scene)) < 200, 0.0, 1.0)
+    kept = prune(scene, weight, 200 / len(scene))
+    for name in ("position", "scale", "quaternion", "opacity", "sh"):
+        assert np.array_equal(getattr(kept, name), getattr(scene, name)[200:]), name
+
+
+def test_merged_moments():
+    """Against means over samples: mean, covariance, colour; and opacity times area of a pair."""
+    pair = random_scene(2, 1, seed=3)
+    weight = np.array([3.0, 1.0])
+    one = merge(pair, weight, np.zeros(2, int), 1)
+    share = weight / weight.sum()
+    rng = np.random.default_rng(0)
+    factor = pair.gaussians().factor
+    drawn = [pair.position[k] + rng.standard_normal((400_000, 3)) @ factor[k].T for k in range(2)]
+    mean = share @ np.array([each.mean(axis=0) for each in drawn])
+    spread = sum(
+        share[k] * (drawn[k] - mean).T @ (drawn[k] - mean) / len(drawn[k]) for k in range(2)
+    )
+    assert np.allclose(one.position[0], mean, atol=0.01)
+    found = one.gaussians().factor[0] @ one.gaussians().factor[0].T
+    assert np.allclose(found, spread, atol=0.01 * np.abs(spread).max())
+    assert np.allclose(one.sh[0], share[0] * pair.sh[0] + share[1] * pair.sh[1])
+    covered = [each.opacity[0] * np.sort(each.scale[0])[1:].prod() for each in (one, pair)]
+    assert np.isclose(covered[0], covered[1] * 4 / 3) or one.opacity[0] == ALPHA_MAX
+
+
+def test_scaled_schedule():
+    rates = scaled_schedule((0.4, 0.4, 0.4, 0.2), 1000, 100)
+    assert np.isclose(np.prod(1 - np.array(rates)), 0.1)
+    assert rates[0] == rates[1] == rates[2] > rates[3]
+    assert scaled_schedule((0.4,), 100, 100) == ()
+    assert np.isclose(scaled_schedule((), 100, 25)[0], 0.75)
+
+
+def test_count_for_ratio(scene):
+    format = model_format(DEFAULT, 1)
+    count = count_for_ratio(10_000_000, 50, format)
+    assert format.layout(count).end <= 200_000 < format.layout(count + 3).end
+    assert original_bytes(scene) == ply_bytes(len(scene), scene.sh_degree)

@@ -1,0 +1,119 @@
+"""The packed model's numbers in fine-tuning: what is rendered is what the machine reads."""
+
+# ruff: noqa: E402 (without torch the file ends before the imports that need it)
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from splatcore.model.compress.compress import Compression
+from splatcore.model.compress.quantize import quantised, round_fixed, round_float, stored_positions
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.teacher import teacher_targets
+from splatcore.model.generate.generate import generate
+from splatcore.model.gradients.finetune import finetune
+from splatcore.model.gradients.trainable import RATES, optimizers
+from splatcore.model.pack.pack import pack
+from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.memory import FACTOR, OPACITY
+from splatcore.spec.number import Float
+from splatcore.spec.scene import Scene
+from tb.helpers.compression_scene import nothing
+
+pytestmark = pytest.mark.compress
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return generate("garden", 700)
+
+
+@pytest.fixture(scope="module")
+def targets(scene):
+    return teacher_targets(scene, 6, (96, 64), 0, nothing)
+
+
+@pytest.mark.parametrize("degree", (0, 1))
+@pytest.mark.parametrize("config", (DEFAULT, TINY), ids=lambda config: config.name)
+def test_quantised_is_what_the_machine_reads(scene, degree, config):
+    """What the last steps render is what the packed model decodes to."""
+    work = quantised(scene.with_sh_degree(degree), np.ones(len(scene)), config, 0)
+    with torch.no_grad():  # off the entries that k-means gave
+        for entries in work.colour.entries:
+            entries += 0.003
+    position, factor, opacity, sh = (t.detach().numpy() for t in work.rendered(work.tensors))
+    final, codebooks = work.finish("x")
+    model, _ = pack(final, config, degree, codebooks=codebooks)
+    packed = model.gaussians()
+    order = np.lexsort(packed.position.T)
+    mine = np.lexsort(stored_positions(final.position).T)
+    near = {"rtol": 2e-6, "atol": 1e-6}
+    assert np.allclose(packed.position[order], position[mine], **near)
+    off = np.abs(packed.factor[order] - factor[mine])
+    axis = np.abs(packed.factor[order]).max(axis=(1, 2))[:, None, None]
+    step = 2.0**-FACTOR.fraction * np.abs(packed.factor[order])
+    assert (off <= 1.01 * step + 1e-5 * axis).all()  # float32 and float64 may round to neighbours,
+    assert (off <= 1e-6 * axis).mean() > 0.98  # but seldom do
+    assert np.allclose(packed.opacity[order], opacity[mine], rtol=1e-5)
+    assert np.allclose(packed.sh[order], sh[mine], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("format", (FACTOR, Float(5, 10, signed=True), Float(4, 3)))
+def test_round_float(format):
+    rng = np.random.default_rng(0)
+    value = rng.standard_normal(4000) * 2.0 ** rng.integers(-30, 30, 4000)
+    value = np.concatenate([value, [0.0, format.max, 2 * format.max, format.min_subnormal / 2]])
+    value = value.astype(np.float32).astype(np.float64)
+    if format.overflow == "infinity":
+        value = value[np.abs(value) <= format.max]
+    found = round_float(torch.tensor(value), format)
+    assert np.array_equal(found.numpy(), format.round(value))
+
+
+def test_round_fixed_and_straight_through():
+    value = np.concatenate([np.random.default_rng(0).uniform(-1, 10, 4000), [0.0, 7.99, 8.5]])
+    leaf = torch.tensor(value, requires_grad=True)
+    found = round_fixed(leaf, OPACITY)
+    assert np.array_equal(found.detach().numpy(), OPACITY.round(value))
+    found.sum().backward()
+    assert np.array_equal(leaf.grad.numpy(), np.ones(len(value)))
+
+
+def test_codebooks_learn(scene, targets):
+    """Fine-tuning moves the entries, on their grid, and the assignment stays."""
+    work = quantised(scene.with_sh_degree(1), np.ones(len(scene)), DEFAULT, 0)
+    before = [entries.copy() for entries in work.colour.codebook().entries]
+    loss = Compression(targets, Recipe(), None, DEFAULT, nothing)
+    wrong = loss.error(work.rendered(work.tensors), targets)
+    leaves, rates = work.leaves()
+    finetune(
+        work.tensors,
+        optimizers(leaves, 1.0, RATES | rates),
+        targets,
+        40,
+        0,
+        nothing,
+        "x",
+        work.rendered,
+    )
+    after = work.colour.codebook()
+    assert any((a != b).any() for a, b in zip(before, after.entries, strict=True))
+    assert all(np.array_equal(entries, np.rint(entries)) for entries in after.entries)
+    assert loss.error(work.rendered(work.tensors), targets) < 0.95 * wrong
+
+
+def test_weighted_codebooks(scene):
+    """What matters more is nearer to its entry."""
+    weight = np.where(np.arange(len(scene)) < 100, 1e4, 1.0)
+    many = replace(scene, sh=np.random.default_rng(0).normal(0, 1, scene.sh.shape))
+    even = quantised(many.with_sh_degree(1), np.ones(len(scene)), DEFAULT, 0)
+    uneven = quantised(many.with_sh_degree(1), weight, DEFAULT, 0)
+    colour = torch.tensor(many.sh[:100, 0] * 0.28209479 + 0.5)
+
+    def error(work):
+        return float(((work.colour.decode()[:100].detach() - colour) ** 2).mean())
+
+    assert error(uneven) < error(even)

@@ -1,0 +1,94 @@
+"""Kernels of the differentiable renderer: exponential, lists, and the same bits by any threads."""
+
+# ruff: noqa: E402 (without torch the file ends before the imports that need it)
+
+import numba
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from splatcore.golden.reference import render as reference
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.gradients import differentiable, rendering_points, rendering_tiles
+from splatcore.model.gradients.differentiable import blending_weights, render
+from splatcore.spec.camera import Camera
+from splatcore.spec.convention import SPLATCORE, TILE
+from tb.helpers.dense_splatting import PARAMETERS
+from tb.helpers.splatting_scenes import loss, tensors
+
+pytestmark = pytest.mark.compress
+
+
+def garden() -> tuple[dict[str, np.ndarray], Camera]:
+    """A scene of 45 tiles, the last ones cut off."""
+    gaussians = generate("garden", 3000).gaussians()
+    arrays = {name: getattr(gaussians, name) for name in PARAMETERS[:4]}
+    arrays["shift"] = np.zeros((len(gaussians), 2))
+    return arrays, generated_camera("garden").resized(133, 75)
+
+
+def bits(kind: torch.dtype) -> list[bytes]:
+    """Everything that comes out: picture, visible Gaussians, weights, gradients."""
+    arrays, camera = garden()
+    leaves = tensors(arrays, kind, gradient=True)
+    found = render(**leaves, camera=camera)
+    loss(found).backward()
+    weights = blending_weights(*(leaves[key].detach() for key in PARAMETERS[:4]), camera)
+    results = [found.image.detach().numpy(), found.transmittance.detach().numpy(), found.visible]
+    results += [weights, *(leaf.grad.numpy() for leaf in leaves.values())]
+    return [array.tobytes() for array in results]
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_same_bits_whatever_the_threads(kind, monkeypatch):
+    first = bits(kind)
+    assert bits(kind) == first
+    threads = numba.get_num_threads()
+    try:
+        for count in range(1, numba.config.NUMBA_NUM_THREADS + 1):
+            numba.set_num_threads(count)
+            assert bits(kind) == first
+    finally:
+        numba.set_num_threads(threads)
+    for count in (1, 2, 3, 7):  # shares of the work, on as many threads as there are
+        monkeypatch.setattr(differentiable, "get_num_threads", lambda n=count: n)
+        monkeypatch.setattr(rendering_tiles.numba, "get_num_threads", lambda n=count: n)
+        assert bits(kind) == first
+
+
+@pytest.mark.parametrize("kind, most", [(np.float64, 5e-10), (np.float32, 3e-6)])
+def test_exponential(kind, most):
+    terms = rendering_tiles.TERMS.astype(kind)
+    forms = np.linspace(0, 2 * np.log(255), 2000).astype(kind)
+    found = np.array([rendering_tiles._exponential(form, terms) for form in forms])
+    assert np.abs(found / np.exp(-0.5 * forms.astype(np.float64)) - 1).max() < most
+    assert rendering_tiles._exponential(kind(1e30), terms) < 1 / 255  # cut, not overflown
+    assert abs(rendering_tiles._exponential(kind(-1e-3), terms) - 1) < most
+
+
+def test_lists_hold_the_pairs_of_the_reference():
+    arrays, camera = garden()
+    view = rendering_points.view_numbers(camera, SPLATCORE)
+    splats, index = differentiable._project([arrays[key] for key in PARAMETERS], view)
+    first, start, pair, owner = rendering_tiles.tile_lists(splats, camera.width, camera.height)
+    wanted = reference(generate("garden", 3000).gaussians(), camera)
+    assert np.array_equal(np.diff(start), wanted.tile_list.reshape(-1))
+    assert len(index) == wanted.counts["visible"] and len(pair) == wanted.counts["pairs"]
+    assert np.array_equal(np.sort(pair), np.arange(len(pair)))
+    assert (owner == np.searchsorted(first, pair, "right") - 1).all()
+    for tile in range(len(start) - 1):
+        assert (np.diff(owner[start[tile] : start[tile + 1]]) > 0).all()  # by depth
+
+
+@pytest.mark.parametrize("size", [(16, 16), (17, 31), (1, 40), (64, 3)])
+def test_tiles_to_image_and_back(size):
+    camera = garden()[1].resized(*size)
+    image = np.random.default_rng(0).normal(size=(camera.height, camera.width))
+    tiles = differentiable.to_tiles(image, camera)
+    assert np.array_equal(differentiable.to_image(tiles, camera), image)
+    assert np.count_nonzero(tiles) == image.size
+    corners = rendering_tiles.corners(*size, np.dtype(np.float64)).astype(int)
+    for tile, (left, top) in zip(tiles, corners, strict=True):
+        part = image[top : top + TILE, left : left + TILE]
+        assert np.array_equal(tile[: part.shape[0], : part.shape[1]], part)

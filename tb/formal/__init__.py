@@ -1,0 +1,1 @@
+"""Properties that `tb.hdl` has proven."""

@@ -1,0 +1,195 @@
+"""What every stream primitive must hold, as components to prove, and why it holds by induction.
+
+One item is followed through the part: any, since `pick` is free, so what holds for it holds for
+all. No part looks at its payload, so a few bits of it stand for any width.
+"""
+
+from collections.abc import Callable
+
+from amaranth.hdl import Assert, Assume, Cat, Const, Cover, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
+
+from splatcore.hdl.lib.stream import Fork, Queue
+
+WIDTH = 3
+"""Bits of the payload in proofs."""
+
+
+class Followed(wiring.Component):
+    """A part with streams `i` and `o` that holds up to `capacity` items, and one of them followed.
+
+    Asserted: an offer is kept; what comes out went in; it comes in order, once and unchanged; no
+    more than `capacity` items fit; an item inside is offered after fewer than `latency` cycles
+    without an offer, so none is lost; an empty part takes an item. The input side need not keep
+    its offers.
+
+    Reset comes whenever it likes, so all this holds from any reset on.
+    """
+
+    def __init__(self, part: wiring.Component, invariant: Callable, latency: int, capacity: int):
+        super().__init__({"payload": In(WIDTH), "valid": In(1), "ready": In(1), "pick": In(1)})
+        self.part, self.invariant, self.latency, self.capacity = part, invariant, latency, capacity
+        self.inside = Signal(range(capacity + 2))  # items that went in and have not come out
+        self.followed = Signal()  # an item inside is being followed:
+        self.value = Signal(WIDTH)  # its payload,
+        self.ahead = Signal(range(capacity + 1))  # how many leave before it
+        self.idle = Signal(range(latency + 1))  # cycles since the last offer with an item inside
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        i, o = self.part.i, self.part.o
+        m.d.comb += [
+            i.payload.eq(self.payload),
+            i.valid.eq(self.valid),
+            o.ready.eq(self.ready),
+        ]
+        put, take, picked, leaves = Signal(), Signal(), Signal(), Signal()
+        m.d.comb += [
+            put.eq(i.valid & i.ready),
+            take.eq(o.valid & o.ready),
+            picked.eq(put & self.pick & ~self.followed),
+            leaves.eq(self.followed & o.valid & (self.ahead == 0)),
+        ]
+        m.d.sync += [
+            self.inside.eq(self.inside + put - take),
+            self.idle.eq(Mux((self.inside != 0) & ~o.valid, self.idle + 1, 0)),
+        ]
+        with m.If(self.followed & take):
+            m.d.sync += [self.ahead.eq(self.ahead - 1), self.followed.eq(~leaves)]
+        with m.If(picked):
+            m.d.sync += [
+                self.followed.eq(1),
+                self.value.eq(i.payload),
+                self.ahead.eq(self.inside - take),
+            ]
+        m.d.comb += [
+            Assert(~o.valid | (self.inside != 0)),
+            Assert(~leaves | (o.payload == self.value)),
+            Assert(self.inside <= self.capacity),
+            Assert(self.idle < self.latency),
+            Assert(i.ready | (self.inside != 0)),
+            Assert(~self.followed | (self.ahead < self.inside)),
+            Cover(leaves & o.ready & (self.value == 1)),
+        ]
+        keeps_offers(m, o)
+        m.submodules.part = self.part
+        self.invariant(self, m, picked)
+        return m
+
+
+def keeps_offers(m: Module, o, check=Assert) -> Signal:
+    """Assert (or assume) that an offer on `o` is kept; returns whether one is open."""
+    offered, payload = Signal(), Signal(WIDTH)
+    m.d.sync += [offered.eq(o.valid & ~o.ready), payload.eq(o.payload)]
+    m.d.comb += check(~offered | (o.valid & (o.payload == payload)))
+    return offered
+
+
+# Why it holds: where the followed item is, in terms of each part's registers. Each of these is
+# given the proof, the module to assert in and whether the followed item goes in now.
+
+
+def in_register(proof: Followed, m: Module, picked: Value) -> None:
+    part = proof.part
+    place = Mux(proof.ahead == 0, part.head, part.spare)
+    m.d.comb += [
+        Assert(proof.inside == part.o.valid + part.full),
+        Assert(part.o.valid | ~part.full),
+        Assert(part.i.ready == (proof.inside != proof.capacity)),
+        Assert(~proof.followed | (place == proof.value)),
+    ]
+
+
+class WatchedQueue(Queue):
+    """A queue with one more port to look at its rows: `row` in, `content` out."""
+
+    def __init__(self, depth: int, memory: bool = False):
+        super().__init__(WIDTH, depth, memory=memory)
+        self.row, self.content, self.clash = Signal(range(self.rows)), Signal(WIDTH), Signal()
+
+    def elaborate(self, platform) -> Module:
+        m = super().elaborate(platform)
+        storage = m.submodules.storage
+        read, write = storage.read_ports[0], storage.write_ports[0]
+        watch = storage.read_port(domain="comb")
+        m.d.comb += [watch.addr.eq(self.row), self.content.eq(watch.data)]
+        if self.memory:
+            m.d.comb += self.clash.eq(read.en & write.en & (read.addr == write.addr))
+        return m
+
+
+def in_queue(proof: Followed, m: Module, picked: Value) -> None:
+    part = proof.part
+    head = part.o.valid if part.memory else 0  # items that have left their rows already
+    row = part.read + proof.ahead - head
+    end = part.read + part.level - head
+    waits = proof.followed & ~(head & (proof.ahead == 0))
+    leaving = part.o.ready if part.depth == 1 else 0
+    m.d.comb += [
+        part.row.eq(Mux(row < part.depth, row, row - part.depth)),
+        Assert(proof.inside == part.level),
+        Assert(part.level >= part.o.valid),
+        Assert((part.read < part.depth) & (part.write < part.depth)),
+        Assert(part.write == Mux(end < part.depth, end, end - part.depth)),
+        Assert(part.i.ready == ((proof.inside != proof.capacity) | leaving)),
+        Assert(~waits | (part.content == proof.value)),
+        Assert(~part.clash),
+    ]
+
+
+def in_pipe(proof: Followed, m: Module, picked: Value) -> None:
+    part, pipe = proof.part, proof.part.pipe
+    stages = Signal(pipe.valid.shape())  # one bit set, that of the followed item's stage
+    with m.If(pipe.enable):
+        m.d.sync += stages.eq(Cat(picked, stages))
+    m.d.comb += [
+        Assert(proof.inside == sum(pipe.valid)),
+        Assert(part.i.ready == (~part.o.valid | part.o.ready)),
+        Assert(proof.followed == stages.any()),
+        Assert((stages & (stages - 1)) == 0),
+    ]
+    for k, data in enumerate(part.data):
+        ahead = sum(pipe.valid[k + 1 :], Const(0))
+        here = pipe.valid[k] & (data == proof.value) & (proof.ahead == ahead)
+        m.d.comb += [
+            Assert(~stages[k] | here),
+            # Without an offer for k cycles the first item has come k stages at least.
+            Assert((proof.idle != k) | pipe.valid[k:].any() | (proof.inside == 0)),
+        ]
+
+
+class Forked(wiring.Component):
+    """A fork: each output is offered each item once, whatever the others do, and keeps its offers.
+
+    Here the input side keeps to the rule, as the fork asks of it.
+    """
+
+    def __init__(self, part: Fork):
+        self.count = len(part.o)
+        super().__init__({"payload": In(WIDTH), "valid": In(1), "ready": In(self.count)})
+        self.part = part
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.part
+        m.d.comb += [part.i.payload.eq(self.payload), part.i.valid.eq(self.valid)]
+        had, taking = Signal(self.count), Signal(self.count)  # outputs that had, take the item
+        offered = keeps_offers(m, part.i, Assume)
+        for k, o in enumerate(part.o):
+            m.d.comb += [
+                o.ready.eq(self.ready[k]),
+                taking[k].eq(o.valid & o.ready),
+                Assert(o.valid == (part.i.valid & ~had[k])),
+                Assert(~o.valid | (o.payload == part.i.payload)),
+            ]
+            keeps_offers(m, o)
+        passes = part.i.valid & part.i.ready
+        m.d.sync += had.eq(Mux(passes, 0, had | taking))
+        m.d.comb += [
+            Assert(passes == (part.i.valid & (had | taking).all())),
+            Assert(part.taken == had),
+            Assert(offered | (had == 0)),
+            Cover(passes & had.any()),
+        ]
+        return m

@@ -1,0 +1,134 @@
+"""What a sub-sorter must hold, as a component to prove, and why it holds by induction.
+
+The proof is of a small one with more phases than its few entries would need. That keys and entries
+are few is no loss: the trees are made by the same loops at any size.
+"""
+
+from dataclasses import replace
+from unittest.mock import patch
+
+from amaranth.hdl import Assert, Assume, Cat, Cover, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
+
+from splatcore.hdl.sorting.subsort import SubSorter
+from splatcore.spec.config import TINY
+
+SMALL = replace(TINY, sub_sorter_entries=4, sort_digits=(2, 1, 2, 1, 2))
+
+PHASES = [([(6, 2)], [(5, 1)]), ([], [(3, 2)]), ([(2, 1)], [(0, 2)])]
+"""With and without digits in the first cycle."""
+
+
+def small() -> SubSorter:
+    """A sub-sorter of `SMALL` with these phases."""
+    with patch("splatcore.hdl.sorting.subsort.phases", lambda config: PHASES):
+        return SubSorter(SMALL)
+
+
+class Given(wiring.Component):
+    """A sub-sorter and the set of entries that went in and have not been chosen.
+
+    Asserted: what is chosen is in the set, so none is given twice; there is no smaller key in it,
+    and no equal key at a lower index; it is called the last one if it is, so all are given; what
+    is given is what was chosen; an offer is kept until a drop, which empties all. (That the memory
+    answers with the key that was written is left to simulation.)
+
+    Reset comes whenever it likes, and so does the drop.
+    """
+
+    def __init__(self, part: SubSorter):
+        super().__init__(
+            {
+                "key": In(len(part.keys[0])),
+                "last": In(1),
+                "valid": In(1),
+                "ready": In(1),
+                "drop": In(1),
+            }
+        )
+        self.part = part
+        self.count = part.entries
+        self.remaining = Signal(self.count)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.part
+        i, o, remaining = part.i, part.o, self.remaining
+        m.d.comb += [
+            i.payload.key.eq(self.key),
+            i.payload.last.eq(self.last),
+            i.valid.eq(self.valid),
+            o.ready.eq(self.ready),
+            part.drop.eq(self.drop),
+            Assume(~(part.slot == self.count - 1) | self.last),  # no more than there is room for
+        ]
+        put, chosen = i.valid & i.ready, Signal(self.count)
+        m.d.comb += chosen.eq(Mux(part.give, 1 << part.index, 0))
+        entered = Mux(put, 1 << part.slot, 0)[: self.count]
+        m.d.sync += remaining.eq(Mux(self.drop, 0, (remaining | entered) & ~chosen))
+        offered, index, last = Signal(), Signal.like(part.index), Signal()
+        keys = Value.cast(Cat(part.keys))
+        m.d.sync += offered.eq(~self.drop & (part.give | (o.valid & ~o.ready)))
+        with m.If(part.give):
+            m.d.sync += [
+                index.eq(part.index),
+                last.eq((remaining & ~chosen) == 0),
+            ]
+        m.d.comb += [
+            Assert((chosen & ~remaining) == 0),
+            Assert(o.valid == offered),
+            Assert(~part.give | ~o.valid | o.ready),
+            Assert(~o.valid | (o.payload.index == index)),
+            Assert(~o.valid | (o.payload.last == last)),
+            Assert(part.idle == ((remaining == 0) & ~o.valid)),
+            Assert(~i.ready | (remaining == (1 << part.slot) - 1)),
+            Cover(o.valid & o.ready & last & (index == 1)),
+        ]
+        for j, key in enumerate(part.keys):
+            mine = keys.word_select(part.index, len(self.key))
+            larger = (mine < key) | ((mine == key) & (part.index <= j))
+            m.d.comb += Assert(~part.give | ~remaining[j] | larger)
+        self._why(m)
+        return m
+
+    def _why(self, m: Module):
+        """Where the remaining entries are, in terms of the sub-sorter's registers."""
+        part = self.part
+        held = [Mux(full, entries, 0) for full, entries in zip(part.full, part.sets, strict=True)]
+        seen = part.full[0] | part.full[1] | part.full[2]
+        everything = held[0] | held[1] | held[2]
+        m.d.comb += Assert(self.remaining == Mux(seen, everything, part.sets[0]))
+        m.d.comb += Assert(part.full[0] | ~seen | (part.sets[0] == 0))
+        lows = [min(low for digits in cycles for low, _ in digits) for cycles in part.phases]
+        for p, entries in enumerate(held):
+            m.d.comb += Assert(~part.full[p] | entries.any())
+            m.d.comb += Assert(~part.full[p] | (part.slot == 0))
+            for other in held[:p]:
+                m.d.comb += Assert((entries & other) == 0)
+            # What a phase has is alike in the digits before, and smaller there than what is behind.
+            for j, one in enumerate(part.keys):
+                for k, two in enumerate(part.keys):
+                    if p:
+                        one_high, two_high = one[lows[p - 1] :], two[lows[p - 1] :]
+                        alike = ~(entries[j] & entries[k]) | (one_high == two_high)
+                        m.d.comb += Assert(alike)
+                        for other in held[:p]:
+                            m.d.comb += Assert(~(entries[j] & other[k]) | (one_high < two_high))
+            self._half(m, p)
+        last = held[-1]
+        one = (last & (last - 1))[: self.count] == 0
+        m.d.comb += Assert(~part.second | ~part.full[-1] | (part.single == one))
+        m.d.comb += Assert(~part.second | seen)
+
+    def _half(self, m: Module, p: int):
+        """What a phase found in its first cycle."""
+        part, entries = self.part, self.part.sets[p]
+        digits = part.phases[p][0]
+        first = [
+            Cat(key[low : low + width] for low, width in reversed(digits)) for key in part.keys
+        ]
+        for k in range(self.count):
+            smaller = Cat(entries[j] & (first[j] < first[k]) for j in range(self.count)).any()
+            expected = entries[k] & ~(smaller if digits else 0)
+            m.d.comb += Assert(~part.second | ~part.full[p] | (part.halves[p][k] == expected))

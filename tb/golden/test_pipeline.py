@@ -1,0 +1,44 @@
+"""The whole machine's twin: pictures against the float64 reference on the same packed model."""
+
+import numpy as np
+import pytest
+
+from splatcore.golden.pipeline import render
+from splatcore.golden.reference import render as render_reference
+from splatcore.model.formats.camera_file import read_camera
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.generate.hard import HARD
+from splatcore.model.pack.pack import pack
+from splatcore.spec.config import DEFAULT
+from tb.helpers.bounds import BOUND
+from tb.helpers.scenes import needs_scenes, scene_path
+
+
+def psnr(model, camera, background=(0, 0, 0)) -> float:
+    """dB of the twin's 8-bit picture against the reference's, at most 120."""
+    frame = render(DEFAULT, model, camera, background)
+    reference = render_reference(model.gaussians(), camera).image
+    error = frame.pixels / 255 - np.clip(reference, 0, 1)
+    return float(-10 * np.log10(max(np.mean(error**2), 1e-12)))
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_hard_cases(name):
+    case = HARD[name](0)
+    model, _ = pack(case.scene, DEFAULT)
+    assert psnr(model, case.camera) >= BOUND
+
+
+def test_garden():
+    model, _ = pack(generate("garden", 5_000), DEFAULT)
+    assert psnr(model, generated_camera("garden", 480, 270)) >= BOUND
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["skull.sog", "guitar.compressed.ply", "luma-seal.splat"])
+def test_scenes(name):
+    model, _ = pack(read_scene(scene_path(name)), DEFAULT)
+    camera = read_camera(f"{scene_path(name.split('.')[0] + '.cameras.json')}:0")
+    assert psnr(model, camera) >= BOUND

@@ -1,0 +1,1 @@
+"""Tests of hardware, bit for bit against the golden model."""

@@ -1,0 +1,94 @@
+"""The memory port on memories of `cocotbext-axi`, and its pace without pauses."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from splatcore.hdl.memory.axi import OUTSTANDING_BITS, Axi
+from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.spec.axi import DATA_BITS, READERS, WRITERS, read_record, write_record
+from splatcore.spec.config import DEFAULT
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_clients_and_memories(seed):
+    run_bench(Axi(DEFAULT), "tb.testbenches.axi", seed=seed)
+
+
+SAMPLES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
+CYCLES = 1400
+
+
+@cache
+def simulation() -> Simulation:
+    return Simulation(Axi(DEFAULT), tuple(f"m_axi__{name}" for name in SAMPLES))
+
+
+def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
+    """So many bursts for each reader and each writer, and what the port's inputs are."""
+    rng = np.random.default_rng(0)
+
+    def rows(record, count, **codes):
+        fields = {"beat": rng.integers(0, 1 << 20, count), "length": np.full(count, beats - 1)}
+        return record.pack(fields | codes)
+
+    count = writes * beats
+    data = {name: rng.integers(0, 1 << 63, count) for name in ("low", "high")}
+    data["strobe"] = np.full(count, 0xFFFF)
+    inputs = {f"reads__{k}": rows(read_record(), reads) for k in range(len(READERS))}
+    inputs |= {f"writes__{k}": rows(write_record(), count, **data) for k in range(len(WRITERS))}
+    wires = ("arready", "awready", "wready", "bvalid", "bid", "bresp", "rvalid", "rid", "rlast")
+    wires += ("rdata", "rresp")
+    constants = {f"m_axi__{name}": port.get(name, 0) for name in wires}
+    return simulation().run(inputs, constants=constants | {"failing": 0}, cycles_max=CYCLES)
+
+
+def gaps(signal: np.ndarray) -> int:
+    """Cycles between the first and the last one that are not 1."""
+    found = np.flatnonzero(signal)
+    return int(found[-1] - found[0] + 1 - len(found))
+
+
+def test_a_read_every_cycle():
+    found = run(reads=60, arready=1).samples
+    valid, client = found["m_axi__arvalid"], found["m_axi__arid"]
+    assert valid.sum() == 60 * len(READERS) and gaps(valid) == 0
+    taken = client[valid == 1].reshape(-1, len(READERS))
+    assert (np.sort(taken, axis=1) == np.arange(len(READERS))).all()  # in turns
+
+
+@pytest.mark.parametrize("beats", [1, 2, 5])
+def test_a_beat_written_every_cycle(beats):
+    found = run(writes=40, beats=beats, awready=1, wready=1).samples
+    valid, last = found["m_axi__wvalid"], found["m_axi__wlast"]
+    assert valid.sum() == 40 * len(WRITERS) * beats and gaps(valid) == 0
+    assert (np.flatnonzero(last[valid == 1]) % beats == beats - 1).all()
+    assert (last & valid).sum() == found["m_axi__awvalid"].sum() == 40 * len(WRITERS)
+    clients = found["m_axi__awid"][found["m_axi__awvalid"] == 1].reshape(-1, len(WRITERS))
+    assert (np.sort(clients, axis=1) == np.arange(len(WRITERS))).all()
+
+
+def test_a_beat_read_every_cycle():
+    rng = np.random.default_rng(1)
+    count = 500
+    client = rng.integers(0, len(READERS), count)
+    data = rng.integers(0, 256, (count, DATA_BITS // 8)).astype(np.uint8)
+    last = rng.integers(0, 2, count).astype(np.uint64)
+    valid = np.append(np.ones(count, np.uint64), 0).astype(np.uint64)
+    result = run(rvalid=valid, rid=client.astype(np.uint64), rdata=data, rlast=last)
+    assert (result.samples["m_axi__rready"] == 1).all()
+    for k in range(len(READERS)):
+        found = result.outputs[f"data__{k}"]
+        assert (found[:, :-1] == data[client == k]).all()
+        assert (found[:, -1] == last[client == k]).all()
+
+
+def test_as_many_bursts_as_can_be_counted():
+    most = (1 << OUTSTANDING_BITS) - 1
+    result = run(reads=100, writes=most + 20, arready=1, awready=1, wready=1)
+    assert result.samples["m_axi__arvalid"].sum() == 2 * most < 100 * len(READERS)
+    assert result.samples["m_axi__awvalid"].sum() == len(WRITERS) * most < CYCLES

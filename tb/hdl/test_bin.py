@@ -1,0 +1,276 @@
+"""Binning: the twin against exact tiles and as linked lists, hardware against the twin."""
+
+import shutil
+from functools import cache
+
+import numpy as np
+import pytest
+
+from splatcore.golden.bin import Binned, features
+from splatcore.golden.lists import write_lists
+from splatcore.golden.reference import project
+from splatcore.hdl.binning.bin import Bin
+from splatcore.hdl.binning.list_writer import Lists as ListsHardware
+from splatcore.model.generate.hard import HARD
+from splatcore.sim.eda.synth import DEPTH_MAX, gates
+from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.binning import bin_entry_record, burst_record, group_record, groups_max
+from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.convention import TILE
+from splatcore.spec.group import colour_format, entry_record, extent_codes
+from tb.helpers.bin_frames import (
+    MACHINES,
+    BinFrames,
+    Ellipses,
+    Frame,
+    bin_frame,
+    check,
+    compare_tiles,
+    near_code,
+    pairs,
+    read_lists,
+    rows_in,
+    rows_out,
+)
+from tb.helpers.bin_splats import KINDS, splats, together
+from tb.helpers.scene_frames import SCENES, scene_frame
+from tb.helpers.scenes import needs_scenes
+
+RATIO = {"needle": 1.2, "vast": 1.05}
+"""Tiles for each exact one at most, where it is not `RATIO_MAX`: a unit of a needle or a splat of
+thousands of pixels is some pixels."""
+RATIO_MAX = 1.03
+
+
+def random_frame(config: Config, count: int, smaller: tuple[int, int] = (0, 0), **options) -> Frame:
+    """Splats of all sorts on an image that is `smaller` than the machine's largest."""
+    width, height = config.width_max - smaller[0], config.height_max - smaller[1]
+    parts = [splats(config, kind, count, (width, height)) for kind in KINDS]
+    parts.append(at_edges(config, together(*parts), (width, height)))
+    return Frame(together(*parts), width, height, **options)
+
+
+def at_edges(config: Config, codes: dict, size: tuple[int, int]) -> dict:
+    """The same splats, most of them moved so that a side of their box passes the image."""
+    rng, moved = np.random.default_rng(0), dict(codes)
+    lengths = ("half_width", "half_height") if config.tile_test == "exact" else ("radius", "radius")
+    for place, length, pixels in zip("uv", lengths, size, strict=True):
+        count, unit = len(codes[place]), 2.0**config.screen_exponent
+        half = config.arithmetic.decode(codes[length]) * rng.choice([-1, 1], count)
+        there = rng.uniform(-TILE, pixels + TILE, count) / unit + half
+        stay = rng.random(count) < 0.3
+        moved[place] = np.where(stay, codes[place], config.arithmetic.encode(there))
+    return moved
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["DEFAULT", "TINY"])
+def test_no_tile_is_missing(name, kind):
+    config = MACHINES[name]
+    for smaller in (0, 11):
+        size = (config.width_max - smaller, config.height_max - 2 * smaller)
+        frame = Frame(splats(config, kind, 2000, size, seed=smaller), *size)
+        found = bin_frame(config, frame)
+        exact, missing = compare_tiles(config, frame, found)
+        assert exact > 200 and missing == 0
+        assert exact <= pairs(found) <= exact * RATIO.get(kind, RATIO_MAX)
+
+
+def test_a_tile_that_is_missing_is_seen():
+    frame = Frame(splats(DEFAULT, "common", 100, (640, 400)), 640, 400)
+    found = bin_frame(DEFAULT, frame)
+    mask = found.entries["mask"]
+    whole = np.flatnonzero(mask == (1 << DEFAULT.group**2) - 1)  # an inner group of a large splat
+    mask[whole[0]] ^= 1
+    assert compare_tiles(DEFAULT, frame, found)[1] == 1
+
+
+def check_against_reference(name: str, count: int | None):
+    """No tile is missing, neither by the splats' own codes nor by the reference's numbers."""
+    frame, model, camera, points = scene_frame(name, count)
+    found = bin_frame(DEFAULT, frame)
+    exact, missing = compare_tiles(DEFAULT, frame, found)
+    assert missing == 0 and exact <= pairs(found) <= RATIO_MAX * exact
+    drawn, _ = project(model.gaussians(), camera)
+    drawn = drawn[np.isin(drawn.index, points.index)]
+    ellipses = Ellipses(drawn.centre, drawn.conic, drawn.reach)
+    place = np.searchsorted(points.index, drawn.index)
+    exact, missing = compare_tiles(DEFAULT, frame, found, ellipses, place)
+    assert missing == 0 and exact <= pairs(found) <= RATIO_MAX * exact
+    assert len(drawn) > 0.9 * len(found.kept)
+
+
+def test_garden_against_reference():
+    check_against_reference("garden", None)
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_against_reference(name):
+    check_against_reference(name, None)
+
+
+def test_features():
+    """Colours are clamped at 0, saturate, are 255/256 of what they were; codes pass through."""
+    format, colour = DEFAULT.arithmetic, colour_format(DEFAULT)
+    value = {"red": [-1.0, 0.25, 1e9], "green": [0.5] * 3, "blue": [0] * 3}
+    value |= {"attenuation": [0, 9, 255]}
+    names = ("u", "v", "shear", "power_across", "power_along", "half_width", "half_height")
+    value |= {name: [0.1 * k, -2.5, 1e5] for k, name in enumerate(names)}
+    codes = {name: format.encode(np.array(numbers)) for name, numbers in value.items()}
+    found = features(DEFAULT, codes)
+    largest = (1 << colour.width) - 2**-3
+    assert list(found["red"]) == [round(c * 255 / 256) for c in (0, 0.25 / colour.step, largest)]
+    assert list(found["opacity"]) == [0, 9, 255]
+    assert (found["across"] == codes["power_across"]).all()
+    assert (found["along"] == codes["power_along"]).all() and (found["u"] == codes["u"]).all()
+    assert (found["half_height"] == extent_codes(DEFAULT, codes["half_height"])).all()
+
+
+@pytest.mark.parametrize("name", ["DEFAULT", "TINY"])
+def test_lists_hold_every_entry_in_order(name):
+    config = MACHINES[name]
+    frame = random_frame(config, 200, (5, 3))
+    found = bin_frame(config, frame)
+    record, longest = entry_record(config), 0
+    for group, slots in enumerate(read_lists(config, found.lists)):
+        codes = record.unpack(slots.astype("<u8").view(np.uint8).reshape(-1, 8)[:, : record.size])
+        for field, expected in found.entries.items():
+            assert (codes[field] == expected[found.group == group]).all()
+        longest = max(longest, len(slots))
+    assert longest > 3 * config.page
+    z = DEFAULT.arithmetic.decode(frame.splats["z"][found.kept])
+    keys = found.entries["key"][np.argsort(z[found.entries["splat"].astype(int)], kind="stable")]
+    assert (np.diff(keys.astype(np.int64)) >= 0).all() and keys[0] < keys[-1]
+
+
+def test_memory_that_is_too_small():
+    frame = random_frame(TINY, 100)
+    whole = bin_frame(TINY, frame).lists
+    for pages in (0, 1, whole.needed - 1, whole.needed):
+        lists = bin_frame(TINY, Frame(frame.splats, frame.width, frame.height, pages)).lists
+        assert lists.needed == whole.needed and (lists.count == whole.count).all()
+        inside = whole.address < pages * TINY.page // TINY.burst
+        assert (lists.address == whole.address[inside]).all()
+        assert (lists.slots == whole.slots[inside]).all()
+        assert inside.all() == (pages == whole.needed)
+
+
+def check_cycles(run, results: list[Binned]):
+    """At most a cycle for each row and entry, and some for each frame."""
+    rows, entries = sum(r.rows for r in results), sum(len(r.group) for r in results)
+    overhead = sum(2 * len(result.lists.count) + 100 for result in results)
+    assert run.cycles <= rows + entries + overhead
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_hardware_equals_twin(name):
+    """Frames of several sizes in a row, the last one again: nothing stays from those before."""
+    config = MACHINES[name]
+    count = 150 if config.width_max == TINY.width_max else 40
+    frames = [random_frame(config, count, smaller) for smaller in ((0, 0), (11, 27), (0, 0))]
+    needed = bin_frame(config, frames[0]).lists.needed
+    little = Frame(frames[0].splats, frames[0].width, frames[0].height, needed // 2)
+    tiny = random_frame(config, 3, (config.width_max - 1, config.height_max - 1))
+    empty = {field: codes[:0] for field, codes in frames[0].splats.items()}
+    frames = [frames[0], little, Frame(empty, 17, 16), *frames[1:], tiny]
+    for seed, stall in enumerate((0, 0.2, 0.5, 0.8)):
+        _, results = check(name, frames, stall, seed)
+    largest = results[0].entries["key"] == (1 << config.sort_key_bits) - 1
+    assert largest.any() == (name == "SHORT") and not largest.all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["garden", *HARD])
+def test_hardware_equals_twin_on_generated_scenes(name):
+    frame, *_ = scene_frame(name, None)
+    if len(frame):
+        run, results = check("DEFAULT", [frame], 0)
+        check("DEFAULT", [frame, frame], 0.4, seed=len(name))
+        if name == "garden":
+            check_cycles(run, results)
+    if frame.width <= TINY.width_max and frame.height <= TINY.height_max:
+        check("TINY", [frame, frame], 0.3)
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_hardware_equals_twin_on_scenes(name):
+    frame, *_ = scene_frame(name)
+    check_cycles(*check("DEFAULT", [frame], 0))
+    check("DEFAULT", [frame], 0.4, seed=len(name))
+
+
+@pytest.mark.slow
+def test_queues_and_buffers_fill_and_run_empty():
+    """Splats wait for features to be taken until no more fit; buffers of all levels are written out
+    when they are full, and flushed.
+    """
+    frames = [random_frame(TINY, 60 + k, (k, 0)) for k in range(8)]
+    run, results = check("SHORT", frames, 0.8)
+    room, finishing = run.samples["room"], run.samples["finishing"]
+    assert not room.all() and room.any()
+    assert (finishing[1:] < finishing[:-1]).sum() == len(frames)  # each began with nothing inside
+    for when in (0, 1):
+        assert run.samples["bursts__valid"][finishing == when].any()
+    counts = np.concatenate([result.lists.count for result in results])
+    places = (counts[counts > 0] - 1) % (TINY.page - 1) + 1  # a page's last slot is no entry
+    assert set(places % TINY.burst) == set(range(TINY.burst))
+
+
+@cache
+def lists_simulation() -> Simulation:
+    return Simulation(ListsHardware(TINY))
+
+
+@pytest.mark.slow
+def test_an_entry_a_cycle():
+    """Whatever the groups are; `finish` comes so early that a cycle more would lose entries."""
+    rng, count, groups = np.random.default_rng(0), 3000, groups_max(TINY)
+    record, lists = bin_entry_record(TINY), lists_simulation()
+    for choice in (np.zeros(count, int), rng.integers(0, groups, count), np.arange(count) // 3 % 4):
+        entry = entry_record(TINY).unpack(
+            rng.integers(0, 8, (count, entry_record(TINY).size), np.uint8)
+        )
+        rows = record.pack({"group": choice.astype(np.uint64), "entry": entry})
+        finish = np.arange(count + 2 * groups + 10) >= count + groups + 2
+        run = lists.run(
+            {"i": rows}, expected={"groups": groups},
+            constants={"groups_count": groups, "pages": 1 << 16, "finish": finish},
+        )  # fmt: skip
+        assert run.finished and run.cycles < count + 2 * groups + 10
+        counts = group_record().unpack(run.outputs["groups"])["count"]
+        assert (counts == np.bincount(choice, minlength=groups)).all()
+        slot = np.zeros((count, 8), np.uint8)
+        slot[:, : entry_record(TINY).size] = entry_record(TINY).pack(entry)
+        twin = write_lists(TINY, choice, slot.view("<u8")[:, 0], groups, 1 << 16)
+        bursts = {"address": twin.address.astype(np.uint64), "slots": twin.slots}
+        assert (run.outputs["bursts"] == burst_record(TINY).pack(bursts)).all()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("iverilog"), reason="needs Icarus: apt-get install iverilog")
+def test_under_icarus(tmp_path):
+    frames = [random_frame(TINY, 6, (3, 5))]
+    expected = rows_out(TINY, [bin_frame(TINY, frame) for frame in frames])
+    for kind, streams in (("in", rows_in(TINY, frames)), ("out", expected)):
+        for name, rows in streams.items():
+            np.save(tmp_path / f"{kind}_{name}.npy", rows)
+    run_bench(
+        BinFrames(TINY), "tb.testbenches.stage", simulator="icarus", folder=str(tmp_path),
+        constants={"near_code": near_code(TINY)}, first=[],
+    )  # fmt: skip
+    for pattern in ("never", "bursts"):
+        for name, rows in expected.items():
+            assert (np.load(tmp_path / f"found_{pattern}_{name}.npy") == rows).all()
+
+
+@pytest.mark.slow
+def test_size_and_depth():
+    found = gates(Bin(DEFAULT))
+    assert found.nand2 < 40_000 and found.speed_depth <= DEPTH_MAX
+    assert found.memory_bits < 18_000 * 8

@@ -1,0 +1,126 @@
+"""Binning by the original renderer's 3σ square: its radius, its tiles, its pairs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.bin import splat_codes
+from splatcore.golden.pipeline import render
+from splatcore.golden.points import project_points
+from splatcore.golden.program import run
+from splatcore.golden.reference import project
+from splatcore.golden.reference import render as reference
+from splatcore.hdl.binning.bin import Bin
+from splatcore.sim.common.metric import difference
+from splatcore.sim.eda.synth import DEPTH_MAX, gates
+from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.convention import ORIGINAL, SPLATCORE
+from splatcore.spec.frame import fixed_constants
+from tb.helpers.bin_frames import Frame, bin_frame, pairs
+from tb.helpers.bin_splats import KINDS, conic, splats
+from tb.helpers.bin_squares import compare_squares, radii
+from tb.helpers.scene_frames import SCENES, scene_frame
+from tb.helpers.scenes import needs_scenes
+
+SQUARE = replace(DEFAULT, name="SQUARE", tile_test="3sigma")
+
+RADIUS_ERROR = 3
+"""Half steps of the arithmetic."""
+
+RATIO_MAX = 1.05
+"""Tiles for each one of the exact square at most: a splat of thousands of pixels has units of some
+pixels."""
+
+
+@pytest.mark.parametrize("config", [SQUARE, PAPER], ids=lambda config: config.name)
+def test_radius(config):
+    """Splats of all shapes, circles, and all but circles, whose difference's square is lost."""
+    rng, pixel = np.random.default_rng(0), 2.0**config.screen_exponent
+    long, thin = np.exp(rng.uniform(-4, 6, 20_000)), np.exp(rng.uniform(-8, 0, 20_000))
+    angle = rng.uniform(-np.pi, np.pi, len(long))
+    c, s, blur = np.cos(angle), np.sin(angle), 0.3
+    xx, yy = (long**2 * (p**2 + (thin * q) ** 2) + blur for p, q in ((c, s), (s, c)))
+    xy = long**2 * c * s * (1 - thin**2)
+    little = blur * 2.0 ** -rng.integers(0, 30, len(long))
+    xx, yy = np.append(xx, blur + little), np.append(yy, np.full_like(little, blur))
+    xy = np.append(xy, little * rng.choice([-0.5, 0, 0.5], len(little)))
+    inputs = {name: value / pixel**2 for name, value in (("xx", xx), ("xy", xy), ("yy", yy))}
+    inputs |= fixed_constants(config) | {"attenuation": np.zeros(len(xx))}
+    inputs = {name: config.arithmetic.round(value) for name, value in inputs.items()}
+    exact = radii(np.stack([inputs[name] for name in ("xx", "xy", "yy")], axis=1))
+    found = run(config, conic("3sigma"), inputs)
+    error = (found["radius"] / exact - 1) / config.arithmetic.epsilon
+    assert np.abs(error).max() < RADIUS_ERROR
+    assert (found["spread"] == 0).sum() == 0 < (inputs["xx"] == inputs["yy"]).sum()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("config", [SQUARE, replace(TINY, tile_test="3sigma")], ids=["HD", "TINY"])
+def test_no_tile_of_the_square_is_missing(config, kind):
+    for smaller in (0, 11):
+        size = (config.width_max - smaller, config.height_max - 2 * smaller)
+        frame = Frame(splats(config, kind, 1000, size, seed=smaller), *size)
+        found = bin_frame(config, frame)
+        exact, missing = compare_squares(config, frame, found)
+        assert exact > 200 and missing == 0
+        assert exact <= pairs(found) <= exact * RATIO_MAX
+
+
+def test_a_tile_that_is_missing_is_seen():
+    frame = Frame(splats(SQUARE, "tiny", 300, (640, 400)), 640, 400)
+    found = bin_frame(SQUARE, frame)
+    assert compare_squares(SQUARE, frame, found)[1] == 0
+    single = np.flatnonzero(np.bitwise_count(found.entries["mask"]) == 1)
+    found.entries["mask"][single[0]] = 0
+    assert compare_squares(SQUARE, frame, found)[1] == 1
+
+
+def check_against_reference(name: str):
+    """No tile of the reference's squares is missing; pairs are the original renderer's, nearly.
+
+    That one rounds the radius up to whole pixels.
+    """
+    _, model, camera, _ = scene_frame(name, None)
+    points = project_points(SQUARE, model, camera)
+    frame = Frame(splat_codes(SQUARE, points.projected), camera.width, camera.height)
+    found = bin_frame(SQUARE, frame)
+    drawn, counts = project(model.gaussians(), camera, ORIGINAL)
+    assert abs(pairs(found) / counts["pairs_3sigma"] - 1) < 0.05
+    drawn = drawn[np.isin(drawn.index, points.index)]
+    splats = np.searchsorted(points.index, drawn.index)
+    exact, missing = compare_squares(
+        SQUARE, frame, found, drawn.centre, radii(drawn.covariance), splats
+    )
+    assert missing == 0 and exact <= pairs(found)
+    assert len(drawn) > 0.95 * len(found.kept)
+
+
+def test_garden_against_reference():
+    check_against_reference("garden")
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["flowers.spz", "skull.sog"])
+def test_scenes_against_reference(name):
+    assert name in SCENES
+    check_against_reference(name)
+
+
+def test_picture_is_the_original_renderers():
+    """Closer to the reference with squares than to that with exact tiles: their edges are seen."""
+    _, model, camera, _ = scene_frame("garden", None)
+    pixels = render(SQUARE, model, camera).pixels
+    original, exact = (
+        difference(pixels, reference(model.gaussians(), camera, convention).pixels)
+        for convention in (ORIGINAL, SPLATCORE)
+    )
+    assert original.psnr_db > 50 and original.psnr_db > exact.psnr_db
+
+
+@pytest.mark.slow
+def test_only_what_squares_need_is_built():
+    found, exact = gates(Bin(SQUARE)), gates(Bin(DEFAULT))
+    assert found.nand2 < 0.6 * exact.nand2 and found.memory_bits < exact.memory_bits
+    assert found.speed_depth <= DEPTH_MAX

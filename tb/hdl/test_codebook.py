@@ -1,0 +1,268 @@
+"""The codebooks: hardware against twin, every bit; the twin against the packed model's values."""
+
+import gc
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.golden.codebook import look_up
+from splatcore.hdl.points.codebook import Codebook, sum_of
+from splatcore.model.generate.generate import generate
+from splatcore.model.pack.pack import pack
+from splatcore.sim.rtl import vectors
+from splatcore.spec.config import DEFAULT, PAPER, Config
+from splatcore.spec.memory import (
+    CODEBOOK_WORD,
+    COLOUR_ENTRY,
+    COMPONENT,
+    EXPONENT_MAX,
+    HEADER,
+    SH_ENTRY,
+    SLOPE,
+)
+from splatcore.spec.packed import PackedModel, checksum
+from splatcore.spec.programs import COLOURS, SLOPES
+
+PLAIN = Config(name="PLAIN", sh_degree=0)
+MANY = Config(name="MANY", colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3)))
+"""More stages than `DEFAULT` has, and another number of them in models of degree 0."""
+
+INTERVALS = {"DEFAULT": 4, "PAPER": 4, "PLAIN": 2, "MANY": 7}
+COUNT = 2000
+FEW = 500
+PORT = 64
+BEATS = CODEBOOK_WORD * 8 // PORT
+"""Ports that carry one word."""
+EXPONENTS = (-9, -10)
+"""Of colours and slopes, where it does not matter which."""
+
+
+class Ports(wiring.Component):
+    """`Codebook` with a port of at most `PORT` bits for each number."""
+
+    def __init__(self, config: Config):
+        self.part = part = Codebook(config)
+        self.sides = [
+            name for name in part.signature.members if name not in ("write", "index", "o")
+        ]
+        words = part.write.payload
+        ports = {"valid": In(1), "address": In(len(words.address))}
+        ports |= {f"word{k}": In(PORT) for k in range(BEATS)}
+        ports |= {name: In(getattr(part, name).shape()) for name in self.sides}
+        ports |= {name: In(len(part.index[name])) for name, _ in part.index.shape()}
+        ports |= {f"o_{name}": Out(len(part.o[name])) for name, _ in part.o.shape()}
+        super().__init__(ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.part
+        write = part.write
+        m.d.comb += [write.valid.eq(self.valid), write.payload.address.eq(self.address)]
+        for k in range(BEATS):
+            m.d.comb += write.payload.word[k * PORT :][:PORT].eq(getattr(self, f"word{k}"))
+        m.d.comb += [getattr(part, name).eq(getattr(self, name)) for name in self.sides]
+        m.d.comb += [part.index[name].eq(getattr(self, name)) for name, _ in part.index.shape()]
+        m.d.comb += [getattr(self, f"o_{name}").eq(part.o[name]) for name, _ in part.o.shape()]
+        return m
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A model whose Gaussians all go through, and the cycles between the starts of each two."""
+
+    model: PackedModel
+    distance: np.ndarray | int
+
+
+def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
+    """Inputs by port, and the cycles of the starts of each frame: the memory is written, Gaussians
+    start. Wherever an input should not matter it is random.
+    """
+    rng = np.random.default_rng(7)
+    widths = {name: len(getattr(ports, name)) for name in vectors.ports(ports)[0]}
+    rows, starts, begin = {name: [] for name in widths}, [], 0
+    for frame in frames:
+        model, layout = frame.model, frame.model.layout
+        words = model.image[layout.colours : layout.end].view("<u8").reshape(-1, BEATS)
+        steps = np.broadcast_to(frame.distance, len(model) - 1)
+        start = len(words) + 1 + np.concatenate([[0], np.cumsum(steps)])
+        length = start[-1] + ports.part.latency + 1
+        given = {
+            name: rng.integers(0, (1 << width) - 1, length, np.uint64, endpoint=True)
+            for name, width in widths.items()
+        }
+        given["valid"][:] = np.arange(length) < len(words)
+        given["address"][: len(words)] = np.arange(len(words))
+        for k in range(BEATS):
+            given[f"word{k}"][: len(words)] = words[:, k]
+        given["start"][:] = np.isin(np.arange(length), start)
+        codes = {name: model.header[name][0] for name in ("colour_exponent", "sh_exponent")}
+        for name, code in (codes | {"sh": model.format.sh_degree}).items():
+            if name in given:
+                given[name][start[0] :] = code
+        for stage in model.format.codebook_words:
+            given[stage][start] = model.attributes[stage]
+        for name, array in given.items():
+            rows[name].append(array)
+        starts.append(begin + start)
+        begin += length
+    return {name: np.concatenate(arrays) for name, arrays in rows.items()}, starts
+
+
+def check(ports: Ports, frames: list[Frame]) -> None:
+    """All values of all frames, exactly `latency` cycles after their starts."""
+    config = ports.part.config
+    inputs, starts = drive(ports, frames)
+    outputs = vectors.run(ports, inputs)
+    names = COLOURS + (SLOPES if config.sh_degree else ())
+    assert {f"o_{name}" for name in names} == set(outputs)
+    for number, (frame, start) in enumerate(zip(frames, starts, strict=True)):
+        expected = look_up(config, frame.model, np.arange(len(frame.model)))
+        for name in names:
+            found = outputs[f"o_{name}"][start + ports.part.latency]
+            values = expected.get(name, np.zeros(len(start)))  # without harmonics G is zero
+            codes = config.arithmetic.encode(values)
+            np.testing.assert_array_equal(found, codes, f"frame {number}: {name}")
+
+
+@cache
+def garden(config: Config, degree: int, count: int) -> PackedModel:
+    return pack(generate("garden", count), config, degree)[0]
+
+
+def altered(config, degree, numbers, exponents=EXPONENTS, count=COUNT) -> PackedModel:
+    """A model with other entries, `numbers(entry format, shape)`, and exponents.
+
+    Its indices choose every entry of each stage, together with any of the other stages.
+    """
+    model = garden(config, degree, count)
+    layout, format, rng = model.layout, model.format, np.random.default_rng(8)
+    image = model.image.copy()
+
+    def put(record, start, codes):
+        data = record.pack(codes)
+        image[start : start + data.size] = data.reshape(-1)
+
+    for record, start, count in (
+        (COLOUR_ENTRY, layout.colours, format.colour_entries),
+        (SH_ENTRY, layout.sh, format.sh_entries),
+    ):
+        (field, array), (spare, bits) = record.fields
+        codes = array.encode(numbers(array.format, (count, array.length)))
+        put(record, start, {field: codes, spare: rng.integers(0, 1 << bits.width, count)})
+    index = {
+        name: rng.permutation(np.arange(len(model)) % (1 << format.attribute_record[name].width))
+        for name in format.codebook_words
+    }
+    put(format.attribute_record, layout.attributes, model.attributes | index)
+    codes = {
+        f"{part}_exponent": HEADER[f"{part}_exponent"].encode(np.array([exponent]))
+        for part, exponent in zip(("colour", "sh"), exponents, strict=True)
+    }
+    header = model.header | codes
+    put(HEADER, layout.header, header)
+    put(HEADER, layout.header, header | {"checksum": np.array([checksum(image)])})
+    return PackedModel(image, "altered")
+
+
+def any_number(entry, shape) -> np.ndarray:
+    return np.random.default_rng(9).integers(int(entry.min), int(entry.max) + 1, shape)
+
+
+def extreme(entry, shape) -> np.ndarray:
+    """The ends of an entry's range and what is around them and zero."""
+    ends = [entry.min, entry.min + 1, -1, 0, 1, entry.max - 1, entry.max]
+    return np.random.default_rng(10).choice(ends, shape)
+
+
+def lowest(entry, shape) -> np.ndarray:
+    return np.full(shape, entry.min)
+
+
+def highest(entry, shape) -> np.ndarray:
+    return np.full(shape, entry.max)
+
+
+def degrees(config: Config) -> range:
+    return range(config.sh_degree + 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("config", [DEFAULT, PAPER, PLAIN, MANY], ids=lambda config: config.name)
+def test_hardware_equals_twin(config):
+    """Packed scenes and all sorts of entries at all distances; the memory is written in between."""
+    ports = Ports(config)
+    interval = ports.part.interval
+    assert interval == INTERVALS[config.name] >= len(ports.part.reads)
+    rng = np.random.default_rng(11)
+    irregular = interval + rng.integers(0, 4, COUNT) * rng.integers(0, 4, COUNT)
+    frames = []
+    for degree in degrees(config):
+        model = garden(config, degree, COUNT)
+        for distance in (interval, 4, 5, 10, irregular[: len(model) - 1]):
+            frames.append(Frame(model, np.maximum(distance, interval)))
+    for numbers in (any_number, extreme, lowest, highest):
+        for degree in degrees(config):
+            frames.append(Frame(altered(config, degree, numbers), interval))
+    check(ports, frames)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("config", [DEFAULT, PAPER, PLAIN], ids=lambda config: config.name)
+def test_exponents_of_all_sizes(config):
+    """Sums that underflow, in part, that just fit, that saturate; the ends of the exponent."""
+    bias = config.arithmetic.bias
+    ends = [-EXPONENT_MAX, -EXPONENT_MAX + 1, EXPONENT_MAX]
+    near = [sign * bias + k for sign in (-1, 1) for k in range(-32, 33, 3)]
+    exponents = [*ends, *near, -200, -129, -128, -1, 0, 1, 127, 128, 200]
+    rng = np.random.default_rng(12)
+    frames = [
+        Frame(altered(config, degree, extreme, (first, second), FEW), 4)
+        for first, second in zip(exponents, rng.permutation(exponents), strict=True)
+        for degree in degrees(config)
+    ]
+    check(Ports(config), frames)
+
+
+def test_sums_fit():
+    """The sum's format holds the sums at both ends, and half of it would not."""
+    for entry in (COMPONENT, SLOPE):
+        for stages in range(1, 5):
+            total = sum_of(entry, stages)
+            assert total.min <= stages * entry.min and stages * entry.max <= total.max
+            assert stages * entry.min < total.min / 2
+
+
+@pytest.mark.filterwarnings("ignore::amaranth.hdl.UnusedElaboratable")
+def test_a_small_memory_is_refused():
+    with pytest.raises(ValueError, match="codebook"):
+        Codebook(Config(name="SMALL", codebook=DEFAULT.codebook // 2))
+    gc.collect()  # or Amaranth warns of the unused component during some other test
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+@pytest.mark.parametrize("config", [DEFAULT, PAPER, MANY], ids=lambda config: config.name)
+def test_twin_reads_what_the_model_says(config, degree):
+    """The values of `PackedModel`, which does not know of words, rounded once."""
+    for model in (garden(config, degree, FEW), altered(config, degree, any_number, count=FEW)):
+        index = np.random.default_rng(13).permutation(len(model))[: len(model) // 2]
+        fields = look_up(config, model, index)
+        assert set(fields) == {*COLOURS, *(SLOPES if degree else ())}
+        expected = dict(zip(COLOURS, model.colour[index].T, strict=True))
+        if degree:
+            expected |= dict(zip(SLOPES, model.slopes[index].reshape(-1, 9).T, strict=True))
+        for name, values in expected.items():
+            np.testing.assert_array_equal(fields[name], config.arithmetic.round(values), name)
+
+
+def test_twin_at_the_ends_of_the_exponents():
+    """Nothing, and the largest value."""
+    for exponent, largest in ((-EXPONENT_MAX, 0.0), (EXPONENT_MAX, DEFAULT.arithmetic.max)):
+        model = altered(DEFAULT, 1, highest, (exponent, exponent), FEW)
+        for values in look_up(DEFAULT, model, np.arange(len(model))).values():
+            assert (values == largest).all()

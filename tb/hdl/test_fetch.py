@@ -1,0 +1,127 @@
+"""Reading ranges of memory: the bursts, the beats, and room for all of them."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from amaranth.hdl import Assert, Cat, Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.memory.fetch import Fetch
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
+from splatcore.spec.number import Bits
+from splatcore.spec.record import Record
+
+COUNT_BITS = 10
+RANGE = Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(COUNT_BITS)})
+UNDER_WAY = 8
+"""Bursts that the memory takes before it answers the first one."""
+
+pytestmark = pytest.mark.slow
+
+
+class Memory(wiring.Component):
+    """`Fetch` on a memory whose beats hold their address and its complement.
+
+    pace: an item for each beat that comes back. bursts: what was asked for.
+    """
+
+    def __init__(self, depth: int):
+        self.fetch = Fetch(depth, COUNT_BITS)
+        fetch = self.fetch.signature.members
+        pace = In(stream.Signature(1))
+        super().__init__({"i": fetch["i"], "bursts": fetch["reads"], "pace": pace, "o": fetch["o"]})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        request = layout(read_record())
+        m.submodules.fetch = fetch = self.fetch
+        m.submodules.queue = queue = Queue(request, UNDER_WAY)
+        connect(m, flipped(self).i, fetch.i)
+        connect(m, fetch.o, flipped(self.o))
+        m.d.comb += [  # the memory has a burst no sooner than it was told of
+            self.bursts.payload.eq(fetch.reads.payload),
+            queue.i.payload.eq(fetch.reads.payload),
+            self.bursts.valid.eq(fetch.reads.valid & queue.i.ready),
+            queue.i.valid.eq(fetch.reads.valid & self.bursts.ready),
+            fetch.reads.ready.eq(self.bursts.ready & queue.i.ready),
+        ]
+        place, burst = Signal.like(queue.o.payload.length), queue.o.payload
+        beat = Signal(BEAT_ADDRESS_BITS)
+        last = place == burst.length
+        comes = queue.o.valid & self.pace.valid
+        m.d.comb += [
+            beat.eq(burst.beat + place),
+            fetch.data.payload.beat.eq(Cat(beat, ~beat)),
+            fetch.data.payload.last.eq(last),
+            fetch.data.valid.eq(comes),
+            self.pace.ready.eq(queue.o.valid),
+            queue.o.ready.eq(comes & last),
+            Assert(fetch.data.ready & (fetch.queue.i.ready | ~comes)),
+        ]
+        with m.If(comes):
+            m.d.sync += place.eq(place + 1)
+            with m.If(last):
+                m.d.sync += place.eq(0)
+        return m
+
+
+@cache
+def simulation(depth: int) -> Simulation:
+    return Simulation(Memory(depth))
+
+
+def expected(first: np.ndarray, count: np.ndarray) -> tuple[list, np.ndarray]:
+    """Bursts (first beat, beats) and the beats of ranges."""
+    bursts = []
+    for begin, end in zip(first, first + count, strict=True):
+        starts = np.arange(begin // BURST_BEATS, -(-end // BURST_BEATS)) * BURST_BEATS
+        bursts += [
+            (max(begin, start), min(end, start + BURST_BEATS) - max(begin, start))
+            for start in starts
+        ]
+    return bursts, np.concatenate([np.arange(b, b + n) for b, n in bursts])
+
+
+def check(depth: int, first: np.ndarray, count: np.ndarray, stall: float = 0, seed: int = 0) -> int:
+    """The cycles that ranges take, after a look at what was asked for and what came."""
+    bursts, beats = expected(first, count)
+    result = simulation(depth).run(
+        {"i": RANGE.pack({"beat": first, "count": count}), "pace": np.zeros((len(beats), 1), "u1")},
+        expected={"bursts": len(bursts), "o": len(beats)}, stall=stall, seed=seed,
+    )  # fmt: skip
+    assert result.finished, result.stopped
+    asked = read_record().unpack(result.outputs["bursts"])
+    assert [*zip(asked["beat"], asked["length"] + 1, strict=True)] == bursts
+    words = [int.from_bytes(row.tobytes(), "little") for row in result.outputs["o"]]
+    mask = (1 << BEAT_ADDRESS_BITS) - 1
+    assert words == [beat | (beat ^ mask) << BEAT_ADDRESS_BITS for beat in beats.tolist()]
+    assert result.outputs["o"].shape[1] * 8 == DATA_BITS
+    return result.cycles
+
+
+@pytest.mark.parametrize("depth", [BURST_BEATS, 40])
+def test_ranges(depth):
+    rng = np.random.default_rng(depth)
+    for seed, stall in enumerate((0, 0.3, 0.7)):
+        count = np.where(rng.random(120) < 0.3, rng.integers(1, 90, 120), rng.integers(1, 5, 120))
+        first = rng.integers(0, 1 << 20, 120)
+        first[-1] = (1 << BEAT_ADDRESS_BITS) - count[-1]  # the end of memory
+        check(depth, first, count, stall, seed)
+
+
+def test_pace():
+    slack = 24
+    assert check(40, np.array([5]), np.array([1000])) < 1000 + slack
+    first = np.arange(300) * 100
+    assert check(40, first, np.full(300, 1)) < 2 * 300 + slack  # a burst every 2 cycles
+    assert check(40, first, np.full(300, 4)) < 4 * 300 + slack
+
+
+def test_depth_below_a_burst():
+    with pytest.raises(ValueError, match="below a burst"):
+        Fetch(BURST_BEATS - 1, COUNT_BITS)

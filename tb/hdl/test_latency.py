@@ -1,0 +1,89 @@
+"""Where a pipeline's registers stand, and how deep the logic between them is."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
+from splatcore.hdl.lib.latency import spread
+from splatcore.hdl.stages import PRIMITIVES
+from splatcore.sim.eda.synth import DEPTH_MAX, gates
+from splatcore.spec.config import DEFAULT
+
+CUTS = {"operand": 12, "product": 36, "order": 27, "sum": 30, "shift": 20, "round": 13}
+
+
+def test_spread():
+    """As many registers as asked for, one at the end, where the longest stretch is shortest."""
+    depths = np.array(list(CUTS.values()))
+    assert spread(0, CUTS) == dict.fromkeys(CUTS, 0)
+    assert spread(1, CUTS) == dict.fromkeys(CUTS, 0) | {"round": 1}
+    for latency in range(1, len(CUTS) + 1):
+        registers = spread(latency, CUTS)
+        assert list(registers) == list(CUTS) and sum(registers.values()) == latency
+
+        longest = {}
+        for inner in product((0, 1), repeat=len(CUTS) - 1):
+            if sum(inner) == latency - 1:
+                stretch = np.append(0, np.cumsum(inner))  # which one each cut's logic is part of
+                longest[*inner, 1] = np.bincount(stretch, depths).max()
+        assert longest[tuple(registers.values())] == min(longest.values())
+
+
+def test_spread_evens_out():
+    """Of several ways with the same longest stretch, that of the shortest second one."""
+    assert spread(3, {"a": 40, "b": 1, "c": 20, "d": 20}) == {"a": 1, "b": 0, "c": 1, "d": 1}
+
+
+def test_spread_beyond_the_cuts():
+    """Then the deepest logic has several, and no cut goes without."""
+    assert spread(7, CUTS) == dict.fromkeys(CUTS, 1) | {"product": 2}
+    assert spread(9, CUTS) == dict.fromkeys(CUTS, 1) | {"product": 2, "order": 2, "sum": 2}
+    assert sum(spread(30, CUTS).values()) == 30
+
+
+def test_negative_latency():
+    with pytest.raises(ValueError, match="negative"):
+        spread(-1, CUTS)
+
+
+class Multiplexed(wiring.Component):
+    """A unit as an array has it: operands are chosen among `SOURCES`, and it never stands still."""
+
+    SOURCES = 11
+
+    def __init__(self, unit: wiring.Component):
+        self.unit = unit
+        self.operands = [name for name in ("a", "b", "c") if hasattr(unit, name)]
+        inputs = {name: In(self.SOURCES * len(getattr(unit, name))) for name in self.operands}
+        super().__init__(inputs | {"choice": In(range(self.SOURCES)), "o": Out(len(unit.o))})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.unit = unit = self.unit
+        choice = Signal.like(self.choice)
+        m.d.sync += choice.eq(self.choice)
+        m.d.comb += [unit.enable.eq(1), self.o.eq(unit.o)]
+        for name in self.operands:
+            operand = getattr(unit, name)
+            m.d.comb += operand.eq(getattr(self, name).word_select(choice, len(operand)))
+        return m
+
+
+UNITS = {
+    **{name: PRIMITIVES[name] for name in ("multiply_add", "reciprocal", "reciprocal_root")},
+    "clamp": lambda config: Clamp(config.arithmetic),
+    "maximum": lambda config: Maximum(config.arithmetic),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", UNITS)
+def test_depth(unit):
+    """Alone, with the logic that freezes it; and behind multiplexers."""
+    for component in (UNITS[unit](DEFAULT), Multiplexed(UNITS[unit](DEFAULT))):
+        assert gates(component).speed_depth <= DEPTH_MAX

@@ -1,0 +1,236 @@
+"""Stages 0 and 1: hardware against twins, twins against the reference, on real Gaussians."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from splatcore.golden.chunk import chunk
+from splatcore.golden.cull import rays
+from splatcore.golden.pipeline import render
+from splatcore.golden.points import Points, project_points
+from splatcore.golden.program import run
+from splatcore.golden.reference import covariance_and_conic, project
+from splatcore.model.formats.camera_file import read_camera
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
+from splatcore.spec.microprogram import projection
+from tb.helpers.point_rows import PointRows, point_rows
+from tb.helpers.point_runs import check
+from tb.helpers.scene_frames import COUNT
+from tb.helpers.scenes import needs_scenes, scene_path
+from tb.helpers.stage_cases import STAGES
+
+SCENES = {
+    "flowers.spz": "flowers", "playbot.spz": "playbot", "skull.sog": "skull",
+    "guitar.compressed.ply": "guitar", "luma-seal.splat": "luma-seal", "st-peter.sog": "st-peter",
+    "kitchen.spz": "kitchen",
+}  # fmt: skip
+"""Real scenes with 20,000 Gaussians or more, and the names of their camera files."""
+
+
+@cache
+def points(name: str) -> tuple:
+    """Model, camera and twin's results of a scene's first camera."""
+    if name in SCENES:
+        scene = read_scene(scene_path(name))
+        camera = read_camera(f"{scene_path(SCENES[name] + '.cameras.json')}:0")
+    else:
+        scene, camera = generate(name), generated_camera(name)
+    model, _ = pack(scene[:: max(1, len(scene) // COUNT)], sh_degree=1)
+    return model, camera, project_points(DEFAULT, model, camera)
+
+
+def rows(name: str) -> PointRows:
+    """What every stream carries."""
+    model, camera, _ = points(name)
+    return point_rows(DEFAULT, model, camera)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", STAGES)
+def test_stages_equal_twins_on_the_garden(stage):
+    for seed, stall in enumerate((0, 0.3, 0.7)):
+        check(stage, rows("garden"), stall, seed)
+
+
+GARDEN = generated_camera("garden")
+AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
+"""A camera with a part of the garden behind it, and a part beside what it sees."""
+
+MACHINES = {
+    "two arrays": replace(DEFAULT, pe_arrays=2),
+    "dense, interval": replace(DEFAULT, skip_zeros=False, depth_interval=True),
+    "no harmonics": replace(DEFAULT, sh_degree=0),
+    "paper": PAPER,
+    "3σ square": replace(TINY, tile_test="3sigma"),
+    "near plane alone culls": replace(DEFAULT, culling="near"),
+    "nothing culled": replace(DEFAULT, culling="none"),
+}
+"""Machines that are not DEFAULT, and the cycles that each takes for a Gaussian."""
+
+CYCLES = {"two arrays": 6, "dense, interval": 15, "no harmonics": 9, "paper": 12, "3σ square": 12}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_machines_equal_twins(name):
+    config = MACHINES[name]
+    model, _ = pack(generate("garden", 3000), config)
+    frame = point_rows(config, model, AMID if "cull" in name else generated_camera("garden"))
+    cycles = check("points", frame, 0).cycles
+    check("points", frame, 0.4)
+    points, projected = len(frame.points.points), len(frame.points.inside)
+    least = max(CYCLES.get(name, 11) * projected, 4 * points)  # with few cycles cull sets the pace
+    assert least < cycles < 1.1 * least
+
+
+def test_culling_leaves_the_same_splats():
+    """What is left out for the ablation costs projections, and changes no splat in the picture."""
+    model, _ = pack(generate("garden", 3000), DEFAULT)
+    found = {
+        culling: render(replace(DEFAULT, culling=culling), model, AMID)
+        for culling in ("all", "near", "none")
+    }
+    points = {culling: frame.points for culling, frame in found.items()}
+    projected = {culling: len(p.inside) for culling, p in points.items()}
+    assert projected["all"] < projected["near"] < projected["none"] == len(model)
+    assert len(points["none"].index) == len(points["near"].index)
+    for frame in found.values():
+        assert np.array_equal(frame.pixels, found["all"].pixels)
+
+
+@pytest.mark.slow
+def test_cycles():
+    """A point every 4 cycles, a Gaussian every 11: the figures of the issue are 4 and 12."""
+    frame = rows("garden")
+    cull = check("cull", frame, 0).cycles / len(frame.points.points)
+    project = check("project", frame, 0).cycles / len(frame.points.index)
+    assert cull < 4.1 and project < 11.1
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("file", SCENES)
+def test_points_equal_twins(file):
+    frame = rows(file)
+    assert len(frame.points.points) > 20_000
+    check("points", frame, 0)
+    check("points", frame, 0.4, seed=len(file))
+
+
+def check_skipping(name: str):
+    """Skipping chunks by their headers changes nothing but what is read."""
+    model, camera, result = points(name)
+
+    def read_all(config, frame, model):
+        values, kept = chunk(config, frame, model)
+        return values, np.ones_like(kept)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("splatcore.golden.points.chunk", read_all)
+        whole = project_points(DEFAULT, model, camera)
+    assert (whole.index == result.index).all()
+    assert len(whole.points) == len(model) >= len(result.points)
+    return len(result.read) - result.read.sum()
+
+
+def test_skipped_chunks_hold_nothing_visible():
+    assert check_skipping("garden") > 0
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("file", SCENES)
+def test_skipped_chunks_hold_nothing_visible_of_scenes(file):
+    check_skipping(file)
+
+
+@pytest.mark.parametrize("tile_test", ["exact", "3sigma"])
+@pytest.mark.parametrize("degree", [0, 1])
+def test_zeros_change_no_bit(degree, tile_test):
+    """The dense program makes what the program without the zeros makes."""
+    _, _, result = points("garden")
+    inputs = result.frame.constants | result.projected
+    config = replace(DEFAULT, sh_degree=degree, tile_test=tile_test)
+    steps = projection(config)
+    sparse = run(DEFAULT, steps, inputs)
+    dense = run(DEFAULT, projection(replace(config, skip_zeros=False)), inputs)
+    for name in steps.outputs:
+        assert (sparse[name] == dense[name]).all(), name
+
+
+def largest(found: np.ndarray, exact: np.ndarray, scale: np.ndarray) -> float:
+    """Largest |found − exact| / scale, in half steps of the format."""
+    return float(np.max(np.abs(found - exact) / scale) / DEFAULT.arithmetic.epsilon)
+
+
+def check_against_reference(name: str):
+    """The bound of each output: a few roundings of 17 significant bits.
+
+    A rounding is relative to the largest summand: to the way from the camera in world axes, not to
+    the point's own coordinates; and to the greatest extent that a Gaussian of its size may have,
+    `spread`, not to the extent that it shows.
+    """
+    model, camera, result = points(name)
+    gaussians, values = model.gaussians(), result.projected
+    point = gaussians.position[result.index] @ camera.rotation.T + camera.translation
+    depth = point[:, 2]
+    way = sum(np.abs(ray) for ray in rays(DEFAULT, result.frame, model, result.index).values())
+    assert largest(values["z"], depth, way) < 4
+    slant = way / depth  # error of x/z and y/z grows with it
+    for axis, focal, name, centre in (
+        (0, camera.fx, "u", camera.cx - 0.5),
+        (1, camera.fy, "v", camera.cy - 0.5),
+    ):
+        slope = point[:, axis] / depth * focal
+        scale = focal * slant * (1 + np.abs(slope) / focal) + np.abs(slope + centre)
+        assert largest(values[name], slope + centre, scale) < 2
+    factor = gaussians.factor[result.index]
+    cov, _ = covariance_and_conic(factor, point, camera, SPLATCORE)
+    sigma = np.linalg.svd(factor, compute_uv=False)[:, 0] / depth
+    reach = 2 * np.log(255 * gaussians.opacity[result.index])
+    full = 2 * np.log(255)
+    deviations = np.sqrt(reach) + full / np.sqrt(reach)  # reach is a difference from `full`
+    for row, half, focal, tangent in (
+        (0, "half_width", camera.fx, camera.tan_half_fov[0]),
+        (2, "half_height", camera.fy, camera.tan_half_fov[1]),
+    ):
+        spread = np.hypot(1, 1.3 * tangent) * focal * sigma + 1
+        exact = np.sqrt(reach * cov[:, row])
+        assert largest(values[half], exact, deviations * spread * slant) < 6
+    assert (values["across"] > 0).all() and (values["along"] > 0).all()  # positive definite
+    assert not len(np.setdiff1d(visible_indices(model, camera), result.index))
+
+
+def visible_indices(model, camera) -> np.ndarray:
+    """Gaussians that the reference draws, but those within an error of the near plane: none of
+    them may have left.
+    """
+    splats, _ = project(model.gaussians(), camera)
+    return splats.index[splats.depth > NEAR_PLANE * 1.001]
+
+
+def test_twins_against_the_reference_on_the_garden():
+    check_against_reference("garden")
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("file", SCENES)
+def test_twins_against_the_reference(file):
+    check_against_reference(file)
+
+
+def test_culling_agrees_with_the_reference():
+    model, camera, result = points("garden")
+    depth = model.position @ camera.rotation[2] + camera.translation[2]
+    certain = np.abs(depth - NEAR_PLANE) > 1e-4 * (np.abs(depth) + 10)
+    kept = np.zeros(len(model), bool)
+    kept[result.front] = True
+    assert (kept == (depth > NEAR_PLANE))[certain].all()
+    assert 0 < (~kept).sum() < len(model) and isinstance(result, Points)

@@ -1,0 +1,283 @@
+"""Stage 3: hardware against twin, bit for bit, and the twin against the reference."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.bin import splat_codes
+from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
+from splatcore.golden.pipeline import render as render_twin
+from splatcore.golden.raster import WORK, rasterize
+from splatcore.golden.reference import project, render
+from splatcore.golden.sort import sort
+from splatcore.model.formats.camera_file import read_camera
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.generate.hard import HARD
+from splatcore.model.pack.pack import pack
+from splatcore.sim.accuracy.points import with_width
+from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
+from splatcore.spec.frame import POWER_SCALE
+from splatcore.spec.group import entry_record, extent_format, feature_record, group_grid
+from splatcore.spec.raster import curvature_formats, featured_record, readied_record
+from tb.helpers.bin_frames import Frame, read_memory
+from tb.helpers.bin_frames import check as check_binning
+from tb.helpers.needles import COUNT, long_needles
+from tb.helpers.raster_rows import prepared_codes, run_groups
+from tb.helpers.raster_runs import prepare_simulation, simulation
+from tb.helpers.scenes import needs_scenes, scene_path
+from tb.helpers.splat_features import random_features
+
+SCENES = ("flowers.spz", "playbot.spz", "skull.sog", "kitchen.spz", "luma-seal.splat")
+
+
+SIZES = ((64, 64), (61, 35), (1, 1), (33, 2))
+"""Images: the largest, one that cuts blocks, and such as have hardly any."""
+
+
+def random_entries(config, count: int, size: tuple[int, int], seed: int) -> Entries:
+    """Lists with tiles drawn at random, whether a splat reaches them or not."""
+    rng = np.random.default_rng(seed)
+    groups = int(np.prod(group_grid(config, *size)))
+    lengths = rng.multinomial(count, np.full(groups, 1 / groups))
+    start = np.concatenate([[0], np.cumsum(lengths)])
+    mask = rng.integers(1, 1 << config.group**2, count)
+    return Entries(start, rng.integers(0, count, count), mask)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "config", [DEFAULT, PAPER, with_width("8/20")], ids=lambda config: config.name
+)
+def test_prepare(config):
+    count = 20_000
+    rng = np.random.default_rng(3)
+    features = random_features(config, count, (1920, 1080), seed=4)
+    for name in ("half_width", "half_height"):  # what is no number in FP16 reaches everywhere
+        features[name][::50] = (1 << extent_format(config).width) - 1
+    rest = {
+        "mask": rng.integers(0, 1 << config.group**2, count).astype(np.uint64),
+        "end": rng.integers(0, 2, count).astype(np.uint64),
+    }
+    result = prepare_simulation(config).run(
+        {"i": featured_record(config).pack({"splat": features} | rest)},
+        expected={"o": count}, stall=0.2,
+    )  # fmt: skip
+    assert result.finished and len(result.outputs["o"]) == count
+    expected = {"splat": prepared_codes(config, features)} | rest
+    found = readied_record(config).unpack(result.outputs["o"])
+    for name, codes in expected["splat"].items():
+        assert (found["splat"][name] == codes).all(), name
+    assert (result.outputs["o"] == readied_record(config).pack(expected)).all()
+
+
+@pytest.mark.parametrize("bits", ["5/10", "7/12", "7/16"])
+def test_nothing_is_thinner_than_the_blur(bits):
+    """E's second differences have the bound that `spec.raster` reckons with, whatever is lost."""
+    config, case = with_width(bits), long_needles()
+    frame = render_twin(config, pack(case.scene, config)[0], case.camera)
+    codes = prepared_codes(config, frame.binned.features)
+    assert len(codes["cxx"]) == COUNT
+    for name, format in curvature_formats(config).items():
+        assert np.abs(format.decode(codes[name])).max() <= 1.01 * POWER_SCALE / COVARIANCE_BLUR
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stall", [0, 0.3])
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_random_tiles(size, stall):
+    """Splats of all kinds, tiles that they reach and tiles that they do not."""
+    for seed in range(3):
+        features = random_features(TINY, 1000, size, seed)
+        entries = random_entries(TINY, 1000, size, seed)
+        background = ((0, 0, 0), (511, 0, 1), (100, 200, 300))[seed]
+        run = run_groups(
+            simulation(TINY), TINY, features, entries, size, background=background,
+            stall=stall, seed=seed,
+        )  # fmt: skip
+        assert run.differing == 0 and run.blocks > 0
+        if size == (64, 64):
+            assert run.twin.counts["contributions"] > 1000 and run.twin.counts["ended"] > 50
+
+
+@pytest.mark.slow
+def test_groups_without_splats():
+    features = random_features(TINY, 4, (64, 64), 0)
+    groups = int(np.prod(group_grid(TINY, 64, 64)))
+    nothing = Entries(np.zeros(groups + 1, int), np.zeros(0, int), np.zeros(0, int))
+    background = (10, 512, 255)
+    run = run_groups(simulation(TINY), TINY, features, nothing, (64, 64), background=background)
+    assert run.differing == 0 and run.blocks == 256
+    full = (1 << TINY.weight) - 1  # of 2^weight
+    bytes_ = [full * code / 2 ** (TINY.weight + TINY.colour_fraction - 8) for code in background]
+    expected = [min(round(byte), 255) for byte in bytes_]
+    assert np.unique(run.twin.pixels.reshape(-1, 3), axis=0).tolist() == [expected]
+
+
+@pytest.mark.slow
+def test_queues_fill_and_run_empty():
+    """All of them, several times, and nothing is lost: many splats, then hardly any, so that blocks
+    are finished faster than they are taken.
+    """
+    size, groups = (64, 64), np.tile(np.arange(4), 4)
+    full = empty = 0
+    for seed, (count, stall) in enumerate(((1000, 0), (1000, 0.3), (20, 0.3), (20, 0.8))):
+        features = random_features(TINY, count, size, seed)
+        entries = random_entries(TINY, count, size, seed)
+        background = (0, 300 * (seed & 1), 0)
+        run = run_groups(
+            simulation(TINY), TINY, features, entries, size, groups, background, stall=stall,
+            seed=seed,
+        )  # fmt: skip
+        assert run.differing == 0
+        samples = run.result.samples
+        pairs_full = (samples["full"] >> 1 & (1 << TINY.rasterizers) - 1) != 0
+        assert (count == 1000) <= run.counters["blocked"] <= pairs_full.sum()
+        full |= np.bitwise_or.reduce(samples["full"])
+        empty |= np.bitwise_or.reduce(samples["empty"][1:] & ~samples["empty"][:-1])
+    assert full == empty == (1 << 1 + 2 * TINY.rasterizers) - 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [20, 500])
+def test_counters(count):
+    """They are the twin's where no pixel ends; what ends is known some cycles later."""
+    size = (64, 64)
+    features = random_features(TINY, count, size, 7)
+    features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
+    entries = random_entries(TINY, count, size, 7)
+    run = run_groups(simulation(TINY), TINY, features, entries, size)
+    twin, counters = run.twin.counts, run.counters
+    assert run.differing == 0 and twin["ended"] == 0 and twin["visited"] > count
+    assert counters["splats"] == count and counters["dropped"] == 0
+    assert counters["pairs"] == twin["pairs"] == np.bitwise_count(entries.mask).sum()
+    assert counters["empty"] == twin["far"] + twin["empty"] > 0
+    for number in range(TINY.rasterizers):
+        blended = run.twin.work[:, number, WORK.index("visited")].sum()
+        assert counters[f"blended{number}"] == blended
+        assert blended < counters[f"waited{number}"] < run.result.cycles
+    assert counters["blocked"] == 0
+
+
+@pytest.mark.slow
+def test_stop():
+    """No tile is live once all pixels have ended, and what comes then changes nothing."""
+    size = (32, 32)
+    features = random_features(TINY, 600, size, 5)
+    features["opacity"][:] = 0
+    for name in ("across", "along"):
+        features[name][:] = TINY.arithmetic.encode(1e-6)
+    features["half_width"][:] = features["half_height"][:] = (1 << 13) - 1
+    features["u"][:] = features["v"][:] = TINY.arithmetic.encode(16.0)
+    entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
+    run = run_groups(simulation(TINY), TINY, features, entries, size)
+    assert run.differing == 0 and (run.result.samples["live"] == 0).any()
+    assert run.twin.counts["entries"] < 10 and run.counters["dropped"] > 500
+
+
+@pytest.mark.slow
+def test_without_early_termination():
+    """No pixel ends, and nothing of a splat that is behind all others is left out."""
+    config = replace(TINY, early_termination=False)
+    size = (64, 64)
+    features = random_features(config, 500, size, 3)
+    features["opacity"][:] = 0
+    entries = random_entries(config, 500, size, 3)
+    run = run_groups(simulation(config), config, features, entries, size)
+    assert run.differing == 0 and run.twin.counts["ended"] == 0 and run.counters["dropped"] == 0
+    ending = rasterize(TINY, features, entries.start, entries.splat, entries.mask, size)
+    assert ending.counts["ended"] > 100
+    assert ending.counts["contributions"] < run.twin.counts["contributions"]
+
+
+FITTING = [
+    name
+    for name in HARD
+    if HARD[name](0).camera.width <= TINY.width_max
+    and HARD[name](0).camera.height <= TINY.height_max
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FITTING)
+def test_hard_cases(name):
+    case = HARD[name](0)
+    splats, _ = project(as_packed(case.scene.gaussians()), case.camera)
+    features, entries = features_of(TINY, splats), entries_of(TINY, splats, case.camera)
+    size = case.camera.width, case.camera.height
+    for seed, stall in enumerate((0, 0.3, 0.7)):
+        run = run_groups(simulation(TINY), TINY, features, entries, size, stall=stall, seed=seed)
+        assert run.differing == 0 and run.blocks == -(-size[0] // BLOCK) * -(-size[1] // BLOCK)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stall", [0, 0.4])
+def test_from_splats_to_pixels(stall):
+    """Binning's and this stage's hardware, between them the sorter's twin and what binning has left
+    in memory: the pixels of the machine's twin.
+    """
+    model, _ = pack(generate("garden", 3000), TINY)
+    camera = generated_camera("garden", 64, 64)
+    frame = render_twin(TINY, model, camera)
+    splats = splat_codes(TINY, frame.points.projected)
+    binned, _ = check_binning("TINY", [Frame(splats, *SIZES[0])], stall)
+    lists = read_memory(TINY, binned)
+    entries = entry_record(TINY).unpack(np.concatenate(lists))
+    counts = np.array([len(rows) for rows in lists])
+    ordered = sort(TINY, counts, entries).o
+    given = ordered["end"] == 0
+    start = np.concatenate([[0], np.cumsum(counts)])
+    splat, mask = (ordered[name][given].astype(np.int64) for name in ("splat", "mask"))
+    features = feature_record(TINY).unpack(binned.outputs["features"])
+    run = run_groups(
+        simulation(TINY), TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall
+    )  # fmt: skip
+    assert run.differing == 0 and (run.twin.pixels == frame.pixels).all()
+    assert counts.min() > 20 and frame.pixels.std() > 10
+
+
+@functools.cache
+def scene_groups(name: str):
+    """A real scene's features and lists, and 20 of its groups: the heaviest and some others."""
+    gaussians = read_scene(scene_path(name)).gaussians()
+    camera = read_camera(f"{scene_path(name.split('.')[0] + '.cameras.json')}:0")
+    gaussians = as_packed(replace(gaussians, sh=gaussians.sh[:, :4]))
+    splats, _ = project(gaussians, camera)
+    entries = entries_of(DEFAULT, splats, camera)
+    order = np.argsort(np.diff(entries.start))
+    chosen = np.concatenate([order[-12:], order[:: len(order) // 12][:12]])
+    size = camera.width, camera.height
+    return features_of(DEFAULT, splats), entries, size, np.unique(chosen)
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes(name):
+    features, entries, size, groups = scene_groups(name)
+    for stall in (0, 0.3):
+        run = run_groups(
+            simulation(DEFAULT), DEFAULT, features, entries, size, groups, stall=stall
+        )  # fmt: skip
+        assert run.differing == 0 and len(groups) >= 20
+
+
+@pytest.mark.parametrize("name", ["garden", *HARD])
+def test_against_the_reference(name):
+    """The twin's picture from the reference's splats; and marking loses nothing."""
+    case = HARD[name](0) if name in HARD else None
+    scene = case.scene if case else generate("garden", 5_000)
+    camera = case.camera if case else generated_camera("garden", 320, 180)
+    gaussians = as_packed(scene.gaussians())
+    splats, _ = project(gaussians, camera)
+    size = camera.width, camera.height
+    features, entries = features_of(DEFAULT, splats), entries_of(DEFAULT, splats, camera)
+    arguments = (DEFAULT, features, entries.start, entries.splat, entries.mask, size)
+    twin, all_blocks = rasterize(*arguments), rasterize(*arguments, mark_all=True)
+    assert (twin.pixels == all_blocks.pixels).all()
+    assert twin.counts["contributions"] == all_blocks.counts["contributions"]
+    error = twin.pixels / 255 - np.clip(render(gaussians, camera).image, 0, 1)
+    assert np.mean(error**2) < 10**-5.2

@@ -1,0 +1,13 @@
+"""The host's registers under the AXI4-Lite master of `cocotbext-axi`."""
+
+import pytest
+
+from splatcore.hdl.registers import Registers
+from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.spec.config import DEFAULT
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_host(seed):
+    run_bench(Registers(DEFAULT), "tb.testbenches.registers", seed=seed)

@@ -1,0 +1,83 @@
+"""The stream primitives under all stall patterns, their promises counted in cycles."""
+
+import gc
+import shutil
+
+import pytest
+
+from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register
+from splatcore.sim.rtl.cocotb_runner import run_bench
+from tb.helpers.parts import Beside, Piped
+
+WIDTH = 16
+
+
+def part(component, latency: int, capacity: int, outputs: int = 1) -> tuple:
+    """A component and what its docstring promises."""
+    level = hasattr(component, "level")
+    promise = {"latency": latency, "capacity": capacity, "outputs": outputs, "level": level}
+    return component, promise
+
+
+PARTS = {
+    "register": part(Register(WIDTH), 1, 2),
+    "queue_1": part(Queue(WIDTH, 1), 1, 1),
+    "queue_2": part(Queue(WIDTH, 2), 1, 2),
+    "queue_5": part(Queue(WIDTH, 5), 1, 5),
+    "queue_8": part(Queue(WIDTH, 8), 1, 8),
+    "memory_3": part(Queue(WIDTH, 3, memory=True), 2, 3),
+    "memory_8": part(Queue(WIDTH, 8, memory=True), 2, 8),
+    "fork": part(Fork(WIDTH, 3), 0, 0, outputs=3),
+    "pipe_1": part(Piped(WIDTH, 1), 1, 1),
+    "pipe_4": part(Piped(WIDTH, 4), 4, 4),
+}
+
+
+PROMISES = {name: promise for name, (_, promise) in PARTS.items()}
+
+
+def run(simulator: str, promises: dict, few: bool):
+    beside = Beside({name: component for name, (component, _) in PARTS.items()})
+    run_bench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
+
+
+@pytest.mark.slow
+def test_under_verilator():
+    run("verilator", PROMISES, few=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name, promise, test",
+    [("pipe_4", "latency", "throughput"), ("queue_5", "capacity", "capacity")],
+)
+def test_broken_promise_is_named(name, promise, test):
+    """The bench fails, and says where, if a part does not do what it is said to do."""
+    broken = PROMISES[name] | {promise: PROMISES[name][promise] - 1}
+    with pytest.raises(AssertionError, match=rf"tb\.bench_stream\.{test}/part={name}"):
+        run("verilator", {name: broken, "fork": PROMISES["fork"]}, few=True)
+
+
+@pytest.mark.skipif(
+    shutil.which("iverilog") is None,
+    reason="needs Icarus Verilog: apt-get install iverilog",
+)
+@pytest.mark.slow
+def test_under_icarus():
+    run("icarus", PROMISES, few=True)
+
+
+@pytest.mark.filterwarnings("ignore::amaranth.hdl.UnusedElaboratable")
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Queue(8, 0),
+        lambda: Queue(8, MEMORY_DEPTH_MIN - 1, memory=True),
+        lambda: Fork(8, 0),
+        lambda: Pipe(0),
+    ],
+)
+def test_impossible_sizes(make):
+    with pytest.raises(ValueError, match="below"):
+        make()
+    gc.collect()  # or Amaranth warns of the unused component during some other test

@@ -1,0 +1,174 @@
+"""A sub-sorter against a stable sort, its pace, and proofs of a small one."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import cycle
+
+import numpy as np
+import pytest
+
+from splatcore.golden.subsort import sub_sort
+from splatcore.hdl.sorting.subsort import SubSorter
+from splatcore.sim.bench.sort_rows import KEYS, random_keys
+from splatcore.sim.eda.synth import DEPTH_MAX, gates
+from splatcore.sim.rtl.formal import ProofError, cover, prove
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.sort import batch_record, digits, phases, ranked_record
+from tb.formal.planted import planted
+from tb.formal.subsort import Given, small
+
+MACHINES = {
+    "default": DEFAULT,
+    "paper": PAPER,
+    "tiny": TINY,
+    "largest": replace(PAPER, sub_sorter_entries=512, sort_digits=(1,) * 8),
+    "narrow": replace(TINY, sort_digits=(4, 4)),
+    "uneven": replace(DEFAULT, sub_sorter_entries=32, sort_digits=(1, 4, 2, 3, 5)),
+    "pairs": replace(DEFAULT, sort_digits=(2,) * 11 + (1,)),
+}
+
+
+def close_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
+    return random_keys(bits - 1, 1, random) + random.integers(0, 3, count, dtype=np.uint64)
+
+
+def extreme_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
+    return random.choice(np.array([0, (1 << bits) - 1], np.uint64), count)
+
+
+KINDS = KEYS | {"close": close_keys, "extreme": extreme_keys}
+
+
+@cache
+def simulation(name: str) -> Simulation:
+    return Simulation(SubSorter(MACHINES[name]))
+
+
+def batches_of(config: Config, count: int, seed: int) -> list[np.ndarray]:
+    """Batches of all kinds and sizes, each kind full in the first place."""
+    random = np.random.default_rng(seed)
+    entries = config.sub_sorter_entries
+    sizes = [entries] * len(KINDS) + [1, 2, 3, entries - 1]
+    sizes += list(random.integers(1, entries + 1, count))
+    return [
+        keys_of(config.sort_key_bits, size, random)
+        for keys_of, size in zip(cycle(KINDS.values()), sizes, strict=False)
+    ]
+
+
+def run(name: str, batches: list[np.ndarray], stall: float = 0, seed: int = 0):
+    """A run, compared with the twin."""
+    config, wanted = MACHINES[name], sub_sort(batches)
+    last = np.concatenate([np.arange(len(keys)) == len(keys) - 1 for keys in batches])
+    rows = batch_record(config).pack({"key": np.concatenate(batches), "last": last})
+    result = simulation(name).run(
+        {"i": rows}, constants={"drop": 0}, expected={"o": len(rows)}, stall=stall, seed=seed
+    )
+    assert result.finished, result.stopped
+    found = ranked_record(config).unpack(result.outputs["o"])
+    for field, codes in wanted.items():
+        assert np.array_equal(found[field], codes), field
+    assert result.ports["idle"]
+    return result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_equals_stable_sort(name):
+    for seed, stall in enumerate((0, 0.3, 0.7)):
+        run(name, batches_of(MACHINES[name], 40, seed), stall, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["default", "paper", "pairs"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_cycles_an_entry(kind, name):
+    """Whatever the keys: loading, the phases once, then 2 cycles for each entry."""
+    config, random = MACHINES[name], np.random.default_rng(1)
+    for count in (1, 2, config.sub_sorter_entries // 2 + 1, config.sub_sorter_entries):
+        keys = KINDS[kind](config.sort_key_bits, count, random)
+        fill = 2 * len(phases(config))
+        assert run(name, [keys]).cycles == count + fill + 2 * (count - 1) + 1
+        batch = 3 * count + fill - 2  # the next one may come as soon as the last entry is chosen
+        assert run(name, [keys] * 5).cycles == 5 * batch + 1
+
+
+@pytest.mark.slow
+def test_drop():
+    """A drop at any moment forgets the batch; the next one is sorted as if it were the first."""
+    config, random = MACHINES["tiny"], np.random.default_rng(2)
+    keys = random_keys(config.sort_key_bits, 13, random)
+    last = np.arange(13) == 12
+    rows = batch_record(config).pack({"key": keys, "last": last})
+    for moment in range(41):  # the first batch has gone by then
+        drop = np.arange(moment + 2) == moment
+        result = simulation("tiny").run(
+            {"i": np.concatenate([rows] * 3)}, constants={"drop": drop.astype(np.uint64)}
+        )
+        assert result.finished and result.ports["idle"], moment
+        found = ranked_record(config).unpack(result.outputs["o"])
+        taken, given = min(moment, 13), len(found["key"])
+        # The rows up to the drop are lost, or those that were not given; what follows is sorted.
+        if moment < 13:
+            batches = [keys[moment + 1 :], keys, keys]
+        else:
+            batches = [keys, keys]
+            given -= 26
+            assert 0 <= given < 13 and taken == 13
+            first = sub_sort([keys])
+            assert np.array_equal(found["index"][:given], first["index"][:given])
+            found = {field: codes[given:] for field, codes in found.items()}
+        wanted = sub_sort([batch for batch in batches if len(batch)])
+        for field, codes in wanted.items():
+            assert np.array_equal(found[field], codes), (moment, field)
+
+
+@pytest.mark.slow
+def test_no_path_is_too_deep():
+    """`phases` cuts the digits so that they fit in a cycle each time."""
+    for widths in ((1,) * 23, (2,) * 12, (4, 4)):
+        config = replace(TINY, sub_sorter_entries=32, sort_digits=widths)
+        assert gates(SubSorter(config)).speed_depth <= DEPTH_MAX
+
+
+@pytest.mark.parametrize("machine", MACHINES.values(), ids=MACHINES)
+def test_phases_hold_every_digit_once(machine):
+    found = [digit for phase in phases(machine) for cycle in phase for digit in cycle]
+    assert found == digits(machine)
+    assert sum(width for _, width in found) == machine.sort_key_bits and found[-1][0] == 0
+
+
+@pytest.mark.slow
+def test_small_one_is_proved():
+    prove(Given(small()))
+    cover(Given(small()), depth=20)
+
+
+FAULTS = {
+    "a cluster is taken twice": (
+        "elaborate",
+        "entering & ~(leaving & takes",
+        "entering & ~(0 & takes",
+    ),
+    "the next cluster comes too early": ("elaborate", "takes & ~rest", "takes"),
+    "the last entry is forgotten": ("elaborate", "rest, takes = ~self.single", "rest, takes = 0"),
+    "a digit is not looked at": ("_clusters", "in digits:", "in digits[1:]:"),
+    "the first cycle is not kept": (
+        "_clusters",
+        "candidates = self.halves[p]",
+        "candidates = self.sets[p]",
+    ),
+    "not the last one": ("elaborate", "self.single & ~any_of", "self.single | any_of"),
+    "an offer is overwritten": ("elaborate", "second & (~self.o.valid | self.o.ready)", "second"),
+    "a drop forgets the sets only": ("elaborate", "*self.full, second,", "second,"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_found(fault, monkeypatch):
+    method, old, new = FAULTS[fault]
+    monkeypatch.setattr(SubSorter, method, planted(getattr(SubSorter, method), old, new))
+    with pytest.raises(ProofError, match="fails in step"):
+        prove(Given(small()))

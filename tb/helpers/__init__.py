@@ -1,0 +1,1 @@
+"""What several tests share: inputs, machines, the command line. No tests."""

@@ -1,0 +1,316 @@
+"""All clients of `hdl.memory.axi` at work on memories of `cocotbext-axi` with pauses.
+
+Each writer has a region of memory of its own, all readers read one that nobody writes. What was
+taken from a writer must be in memory, exactly; what was asked for must come back, in order.
+"""
+
+import random
+from collections import deque
+
+import cocotb
+import numpy as np
+from cocotb.clock import Clock
+from cocotb.triggers import ClockCycles, RisingEdge
+from cocotbext.axi import AxiBus, AxiRam, AxiResp, AxiSlaveRead, AxiSlaveWrite
+
+from splatcore.spec.axi import (
+    BEAT,
+    BEAT_ADDRESS_BITS,
+    BEAT_BITS,
+    BOUNDARY,
+    DATA_BITS,
+    LENGTH_BITS,
+    PREPROCESSING,
+    READERS,
+    RENDERING,
+    WRITERS,
+)
+from tb.helpers.streams import PERIOD, never, reset
+
+BURSTS = 40
+"""Bursts of each client in a test."""
+
+REGION = 2 * BOUNDARY
+"""Bytes of a client's region; that of the readers is the last one."""
+
+MEMORY = REGION * (len(WRITERS) + 1)
+READ_BASE = REGION * len(WRITERS)
+LENGTH_MAX = 16
+HALVES = (PREPROCESSING, RENDERING)
+CHANNELS = {
+    "ar": ("id", "addr", "len"), "aw": ("id", "addr", "len"), "w": ("data", "strb", "last"),
+}  # fmt: skip
+
+
+class Mixed(AxiSlaveRead):
+    """Answers of different IDs come in any order, beat by beat."""
+
+    async def _process_read(self):
+        queues = {k: deque() for k in range(len(READERS))}
+        while True:
+            while not any(queues.values()) or not self.ar_channel.empty():
+                ar = await self.ar_channel.recv()
+                address, beats = int(ar.araddr), int(ar.arlen) + 1
+                assert address % BOUNDARY + beats * BEAT <= BOUNDARY
+                queues[int(ar.arid)] += [(address + n * BEAT, n + 1) for n in range(beats)]
+                queues[int(ar.arid)][-1] = (address + (beats - 1) * BEAT, 0)
+            client = random.choice([k for k, queue in queues.items() if queue])
+            address, more = queues[client].popleft()
+            r = self.r_channel._transaction_obj()
+            r.rid, r.rlast, r.rresp, r.rdata = client, not more, AxiResp.OKAY, 0
+            try:
+                r.rdata = int.from_bytes(await self._read(address, BEAT), "little")
+            except OSError:
+                r.rresp = AxiResp.SLVERR
+            await self.r_channel.send(r)
+
+
+class Memory:
+    """Bytes, and a set of addresses of beats that answer by an error."""
+
+    def __init__(self, content: np.ndarray):
+        self.content, self.broken = content.copy(), set()
+
+    async def read(self, address: int, length: int) -> bytes:
+        if address in self.broken:
+            raise OSError
+        return self.content[address : address + length].tobytes()
+
+    async def write(self, address: int, given: bytes) -> None:
+        if address // BEAT * BEAT in self.broken:
+            raise OSError
+        self.content[address : address + len(given)] = list(given)
+
+
+class Bench:
+    """Clients, memory, and what both must agree about."""
+
+    def __init__(self, dut, kind: str = "mixed", pattern=never):
+        self.dut, self.pattern = dut, pattern
+        rng = np.random.default_rng(random.getrandbits(32))
+        self.initial = rng.integers(0, 256, MEMORY, np.uint8)
+        self.expected = self.initial.copy()
+        self.memory, bus = Memory(self.initial), AxiBus.from_prefix(dut, "m_axi_")
+        if kind == "ram":
+            ram = AxiRam(bus, dut.clk, dut.rst, size=MEMORY)
+            ram.write(0, self.initial.tobytes())
+            self.content = lambda: np.frombuffer(bytes(ram.read(0, MEMORY)), np.uint8)
+            writing, reading = ram.write_if, ram.read_if
+        else:
+            self.content = lambda: self.memory.content
+            writing = AxiSlaveWrite(bus.write, dut.clk, dut.rst, target=self.memory)
+            reading = Mixed(bus.read, dut.clk, dut.rst, target=self.memory)
+            reading.ar_channel.queue_occupancy_limit = len(READERS)
+        for name in ("aw", "w", "b"):
+            getattr(writing, f"{name}_channel").set_pause_generator(pattern())
+        for name in ("ar", "r"):
+            getattr(reading, f"{name}_channel").set_pause_generator(pattern())
+        # By client: bursts to be asked for; beats expected back; beats to be written.
+        self.requests = [deque() for _ in READERS]
+        self.awaited = [deque() for _ in READERS]
+        self.beats = [deque() for _ in WRITERS]
+        self.inside = [0 for _ in WRITERS]  # beats left of the burst that has begun
+        self.silent = [False, False]  # halves whose clients do nothing
+        self.reading, self.writing = [0, 0], [0 for _ in WRITERS]  # bursts under way
+        self.errors = {"read": set(), "write": set()}
+        self.passed = 0  # beats taken and given by clients, less those that were counted
+
+    async def start(self):
+        dut = self.dut
+        for k in range(len(READERS)):
+            getattr(dut, f"reads__{k}__valid").value = 0
+            getattr(dut, f"data__{k}__ready").value = 0
+        for k in range(len(WRITERS)):
+            getattr(dut, f"writes__{k}__valid").value = 0
+        dut.failing.value = 0
+        Clock(dut.clk, PERIOD, "ns").start()
+        await reset(dut, 3)
+        cocotb.start_soon(self.watch_port())
+        cocotb.start_soon(self.watch())
+        for k in range(len(READERS)):
+            cocotb.start_soon(self.reader(k))
+            cocotb.start_soon(self.takes(k))
+        for k in range(len(WRITERS)):
+            cocotb.start_soon(self.writer(k))
+
+    def load(self, halves=HALVES, count: int = BURSTS):
+        """Random bursts for the clients of some halves."""
+        for k, half in enumerate(READERS.values()):
+            if half in halves:
+                for _ in range(count):
+                    self.requests[k].append(self.burst(READ_BASE))
+        for k, half in enumerate(WRITERS.values()):
+            if half in halves:
+                for _ in range(count):
+                    first, length = self.burst(k * REGION)
+                    for n in range(length):
+                        strobe = random.choice([0xFFFF, random.getrandbits(BEAT)])
+                        beat = (first, n, length, strobe, random.getrandbits(DATA_BITS))
+                        self.beats[k].append(beat)
+
+    def burst(self, base: int) -> tuple[int, int]:
+        """First beat and beats of a burst that does not cross the boundary."""
+        page, beats = BOUNDARY // BEAT, random.choice([1, 2, random.randint(1, LENGTH_MAX)])
+        place = random.randint(0, page - beats)
+        return (base // BEAT + page * random.randrange(REGION // BOUNDARY) + place), beats
+
+    def fails(self, half: int) -> bool:
+        return bool(int(self.dut.failing.value) >> half & 1)
+
+    async def reader(self, k: int):
+        """Asks for bursts."""
+        valid, payload, ready = (
+            getattr(self.dut, f"reads__{k}__{part}") for part in ("valid", "payload", "ready")
+        )
+        half, idle = list(READERS.values())[k], self.pattern()
+        while True:
+            offers = bool(self.requests[k]) and not self.silent[half] and not next(idle)
+            valid.value = offers
+            if offers:
+                first, beats = self.requests[k][0]
+                payload.value = first | beats - 1 << BEAT_ADDRESS_BITS
+            await RisingEdge(self.dut.clk)
+            while offers and not ready.value and not self.silent[half]:
+                await RisingEdge(self.dut.clk)
+            if offers and ready.value:
+                assert not self.fails(half), f"reader {k} begins though its half fails"
+                self.requests[k].popleft()
+                self.reading[half] += 1
+                self.awaited[k] += [(first + n, n == beats - 1) for n in range(beats)]
+
+    async def takes(self, k: int):
+        """Takes beats and compares them."""
+        valid, payload, ready = (
+            getattr(self.dut, f"data__{k}__{part}") for part in ("valid", "payload", "ready")
+        )
+        half, stall = list(READERS.values())[k], self.pattern()
+        while True:
+            free = not self.silent[half] and not next(stall)
+            ready.value = free
+            await RisingEdge(self.dut.clk)
+            if self.fails(half):
+                assert not valid.value, f"reader {k} has a beat though its half fails"
+            if free and valid.value:
+                found = int(payload.value)
+                beat, last = self.awaited[k].popleft()
+                assert found >> DATA_BITS == last, f"reader {k}: last"
+                address = beat * BEAT
+                if address not in self.memory.broken:
+                    right = self.initial[address : address + BEAT].tobytes()
+                    data = found % (1 << DATA_BITS)
+                    assert data == int.from_bytes(right, "little"), f"reader {k}: {beat:#x}"
+                self.reading[half] -= last
+                self.passed += 1
+
+    async def writer(self, k: int):
+        """Gives beats; once a burst has begun, without waiting."""
+        valid, payload, ready = (
+            getattr(self.dut, f"writes__{k}__{part}") for part in ("valid", "payload", "ready")
+        )
+        half, idle = list(WRITERS.values())[k], self.pattern()
+        while True:
+            offers = bool(self.beats[k]) and not self.silent[half]
+            offers = offers and (bool(self.inside[k]) or not next(idle))
+            valid.value = offers
+            if offers:
+                first, place, length, strobe, data = self.beats[k][0]
+                value = first | length - 1 << BEAT_ADDRESS_BITS
+                above = BEAT_ADDRESS_BITS + LENGTH_BITS
+                payload.value = value | strobe << above | data << above + BEAT
+            await RisingEdge(self.dut.clk)
+            while offers and not ready.value and not self.silent[half]:
+                await RisingEdge(self.dut.clk)
+            if offers and ready.value:
+                assert not self.fails(half), f"writer {k} goes on though its half fails"
+                self.beats[k].popleft()
+                self.inside[k] = length - 1 - place
+                self.writing[k] += place == 0
+                self.passed += 1
+                self.put((first + place) * BEAT, strobe, data)
+
+    def put(self, address: int, strobe: int, data: int):
+        for byte in range(BEAT):
+            if strobe >> byte & 1:
+                self.expected[address + byte] = data >> 8 * byte & 255
+
+    async def watch_port(self):
+        """Offers are kept; what never changes is right."""
+        dut, offered = self.dut, {}
+        for channel in ("ar", "aw"):
+            for name, value in (("size", BEAT_BITS), ("burst", 1)):
+                assert int(getattr(dut, f"m_axi__{channel}{name}").value) == value
+        wires = {
+            channel: [
+                getattr(dut, f"m_axi__{channel}{name}") for name in (*names, "valid", "ready")
+            ]
+            for channel, names in CHANNELS.items()
+        }
+        while True:
+            await RisingEdge(dut.clk)
+            for channel, (*parts, valid, ready) in wires.items():
+                now = [int(part.value) for part in parts] if valid.value else None
+                if channel in offered:
+                    assert now == offered[channel], f"{channel}: the offer was not kept"
+                offered.pop(channel, None)
+                if now is not None and not ready.value:
+                    offered[channel] = now
+
+    async def watch(self):
+        """Answers, dropped beats, errors; nothing is called idle or settled that is not."""
+        dut = self.dut
+        halves = list(WRITERS.values())
+        while True:
+            await RisingEdge(dut.clk)
+            idle, settled = int(dut.idle.value), int(dut.settled.value)
+            for k, bursts_out in enumerate(self.writing):
+                assert not (settled >> k & 1 and bursts_out), f"writer {k} is not settled"
+            for half in HALVES:
+                busy = self.reading[half] or any(
+                    n for k, n in enumerate(self.writing) if halves[k] == half
+                )
+                assert not (idle >> half & 1 and busy), f"half {half} is not idle"
+            failing = int(dut.failing.value)
+            if dut.m_axi__bvalid.value and dut.m_axi__bready.value:
+                self.writing[int(dut.m_axi__bid.value)] -= 1
+            passed = int(dut.beats_read.value)
+            for k, half in enumerate(READERS.values()):
+                if failing >> half & 1 and passed >> k & 1:
+                    self.reading[half] -= self.awaited[k].popleft()[1]
+                    self.passed += 1
+            self.passed -= passed.bit_count() + int(dut.beats_written.value).bit_count()
+            for kind, seen in self.errors.items():
+                error = int(getattr(dut, f"{kind}_error").value)
+                if error & 1:
+                    seen.add(error >> 1)
+
+    async def done(self, halves=HALVES):
+        """All clients of some halves are through and the module says so."""
+        mask = sum(1 << half for half in halves)
+        mine = [*zip(READERS.values(), self.requests, strict=True)]
+        mine += [*zip(WRITERS.values(), self.beats, strict=True)]
+        while any(left for half, left in mine if half in halves):
+            await RisingEdge(self.dut.clk)
+        while int(self.dut.idle.value) & mask != mask:
+            await RisingEdge(self.dut.clk)
+        await ClockCycles(self.dut.clk, 2)
+        for k, half in enumerate(READERS.values()):
+            assert half not in halves or not self.awaited[k], f"reader {k} lacks beats"
+
+    def give_up(self, half: int):
+        """Clients of a half begin anew."""
+        for k, of in enumerate(READERS.values()):
+            if of == half:
+                assert not self.awaited[k], f"reader {k} lacks beats"
+                self.requests[k].clear()
+        for k, of in enumerate(WRITERS.values()):
+            if of == half:
+                self.beats[k].clear()
+                self.inside[k] = 0
+
+    def compare(self):
+        """Memory holds what it must."""
+        found = self.content()
+        wrong = np.flatnonzero(found != self.expected)
+        wrong = [k for k in wrong if k // BEAT * BEAT not in self.memory.broken]
+        assert not wrong, f"{len(wrong)} bytes differ, first {wrong[0]:#x}"
+        assert (found != self.initial).any() and self.passed == 0

@@ -1,0 +1,319 @@
+"""Binning under test: a frame's registers as a stream, whole frames as rows, and exact tiles."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+from numba import njit
+
+from splatcore.golden.bin import Binned, Codes, bin_splats
+from splatcore.golden.lists import Lists
+from splatcore.golden.reference_tiles import smallest_q
+from splatcore.hdl.binning.bin import COUNTED, Bin
+from splatcore.hdl.lib.record import layout
+from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
+from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
+from splatcore.spec.counters import COUNTER_BITS
+from splatcore.spec.frame import POWER_SCALE
+from splatcore.spec.group import SPLAT_BITS, entry_record, feature_record
+from splatcore.spec.memory import OPACITY
+from splatcore.spec.number import Bits
+from splatcore.spec.point import splat_record
+from splatcore.spec.record import Record
+
+SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19)
+"""A machine whose keys do not reach all depths."""
+
+SQUARE = replace(TINY, name="SQUARE", tile_test="3sigma")
+
+FP16 = replace(PAPER, name="FP16", tile_test="exact")
+
+MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, SQUARE, PAPER, FP16)}
+
+SIZE_BITS = 13
+
+SETTLING = 2
+"""Cycles for which a frame's registers stand before it begins."""
+
+
+def frame_record() -> Record:
+    """The registers of a frame and how many splats it has."""
+    sizes = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
+    return Record("frame", {name: Bits(bits) for name, bits in sizes.items()})
+
+
+def report_record() -> Record:
+    """What is known when a frame is done."""
+    return Record("report", {"needed": Bits(PAGE_BITS)})
+
+
+class BinFrames(wiring.Component):
+    """`Bin`, which raises `finish` when a frame's splats are in; then the next frame follows.
+
+    Members, besides `Bin`'s and the streams of frames
+        room: there is room in the queue of splats. finishing: `Bin.finish`.
+    """
+
+    def __init__(self, config: Config):
+        self.inner = Bin(config)
+        inner = self.inner.signature.members
+        names = ("i", "features", "bursts", "groups", "near_code", "counters")
+        super().__init__(
+            {name: inner[name] for name in names}
+            | {
+                "frames": In(stream.Signature(layout(frame_record()))),
+                "reports": Out(stream.Signature(layout(report_record()))),
+                "room": Out(1),
+                "finishing": Out(1),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.inner = inner = self.inner
+        taken, released = Signal(SPLAT_BITS), Signal()
+        settled = Signal(SETTLING)
+        frame, more = self.frames.payload, Signal()
+        for name in ("features", "bursts", "groups"):
+            connect(m, getattr(flipped(self), name), getattr(inner, name))
+        for name in ("width", "height", "pages"):
+            m.d.comb += getattr(inner, name).eq(frame[name])
+        m.d.comb += [
+            more.eq(settled[-1] & (taken != frame.splats)),
+            inner.i.payload.eq(self.i.payload),
+            inner.i.valid.eq(self.i.valid & more),
+            self.i.ready.eq(inner.i.ready & more),
+            inner.near_code.eq(self.near_code),
+            self.counters.eq(inner.counters),
+            self.room.eq(inner.outline.room),
+            self.finishing.eq(inner.finish),
+            inner.finish.eq(settled[-1] & ~more & ~released),
+            self.reports.valid.eq(inner.done & ~released),
+            self.reports.payload.needed.eq(inner.needed),
+            self.frames.ready.eq(released & ~inner.done),
+        ]
+        m.d.sync += settled.eq(Mux(self.frames.ready, 0, (settled << 1) | self.frames.valid))
+        with m.If(inner.i.valid & inner.i.ready):
+            m.d.sync += taken.eq(taken + 1)
+        with m.If(self.reports.valid & self.reports.ready):
+            m.d.sync += released.eq(1)
+        with m.If(self.frames.ready):
+            m.d.sync += [released.eq(0), taken.eq(0)]
+        return m
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Splats (codes [N] of `splat_record`), the image's size in pixels and the size of memory."""
+
+    splats: Codes
+    width: int
+    height: int
+    pages: int = (1 << PAGE_BITS) - 1
+
+    def __len__(self) -> int:
+        return len(self.splats["u"])
+
+    def twin(self, config: Config, near_code: int) -> Binned:
+        """What becomes of it."""
+        return bin_splats(config, near_code, self.splats, self.width, self.height, self.pages)
+
+
+def rows_in(config: Config, frames: list[Frame]) -> dict[str, np.ndarray]:
+    """The rows of both in streams."""
+    sizes = [(len(frame), frame.width, frame.height, frame.pages) for frame in frames]
+    columns = np.array(sizes, np.uint64).T
+    record = frame_record()
+    names = [name for name, _ in record.fields]
+    return {
+        "i": np.concatenate([splat_record(config).pack(frame.splats) for frame in frames]),
+        "frames": record.pack(dict(zip(names, columns, strict=True))),
+    }
+
+
+def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
+    """The rows of all out streams."""
+    found = {"features": [], "bursts": [], "groups": [], "reports": []}
+    for result in results:
+        lists = result.lists
+        found["features"].append(feature_record(config).pack(result.features))
+        bursts = {"address": lists.address.astype(np.uint64), "slots": lists.slots}
+        found["bursts"].append(burst_record(config).pack(bursts))
+        groups = {"page": lists.page.astype(np.uint64), "count": lists.count.astype(np.uint64)}
+        found["groups"].append(group_record().pack(groups))
+        needed = np.array([lists.needed], np.uint64)
+        found["reports"].append(report_record().pack({"needed": needed}))
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def bin_frame(config: Config, frame: Frame) -> Binned:
+    """The twin's result."""
+    return frame.twin(config, near_code(config))
+
+
+def near_code(config: Config) -> int:
+    """The near plane as depths are."""
+    return int(config.arithmetic.encode(NEAR_PLANE))
+
+
+@cache
+def simulation(name: str) -> Simulation:
+    """A machine, compiled."""
+    return Simulation(BinFrames(MACHINES[name]), ("room", "finishing", "bursts__valid"))
+
+
+def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
+    """Every bit of every stream, and the counters; the run and what the twin says."""
+    config = MACHINES[name]
+    results = [bin_frame(config, frame) for frame in frames]
+    expected = rows_out(config, results)
+    run = simulation(name).run(
+        rows_in(config, frames), constants={"near_code": near_code(config)}, stall=stall, seed=seed,
+        expected={port: len(rows) for port, rows in expected.items()},
+    )  # fmt: skip
+    assert run.finished, run.stopped
+    for port, rows in expected.items():
+        found = run.outputs[port]
+        assert len(found) == len(rows), f"{port}: {len(found)} rows, not {len(rows)}"
+        wrong = np.flatnonzero((found != rows).any(axis=1))
+        assert not len(wrong), f"{port}: {len(wrong)} differ, first {wrong[0]}"
+    bits = run.ports["counters"]
+    counted = {
+        event: bits >> k * COUNTER_BITS & (1 << COUNTER_BITS) - 1 for k, event in enumerate(COUNTED)
+    }
+    blocked = counted.pop("blocked")
+    assert not blocked if stall == 0 else blocked < run.cycles
+    assert counted == {
+        "splats": sum(map(len, frames)),
+        "kept": sum(len(result.kept) for result in results),
+        "rows": sum(result.rows for result in results),
+        "entries": sum(len(result.group) for result in results),
+        "bursts": len(expected["bursts"]),
+    }
+    return run, results
+
+
+def read_lists(config: Config, lists: Lists) -> list[np.ndarray]:
+    """The entries of each group, as one finds them in memory by following its pages."""
+    per_page = config.page // config.burst
+    memory = np.zeros((max(lists.needed, 1) * per_page, config.burst), np.uint64)
+    assert len(np.unique(lists.address)) == len(lists.address)
+    memory[lists.address] = lists.slots
+    memory = memory.reshape(-1, config.page)
+    read = []
+    for page, count in zip(lists.page, lists.count, strict=True):
+        slots = []
+        while count > 0:
+            slots.append(memory[page][: min(count, config.page - 1)])
+            page, count = int(memory[page][-1]), count - (config.page - 1)
+        read.append(np.concatenate([np.zeros(0, np.uint64), *slots]))
+    return read
+
+
+def read_memory(config: Config, run: Result) -> list[np.ndarray]:
+    """The same of the one frame of a run: rows of `entry_record`, group by group."""
+    bursts = burst_record(config).unpack(run.outputs["bursts"])
+    groups = group_record().unpack(run.outputs["groups"])
+    needed = report_record().unpack(run.outputs["reports"])["needed"][0]
+    address, page, count = (
+        codes.astype(np.int64) for codes in (bursts["address"], groups["page"], groups["count"])
+    )
+    slots = read_lists(config, Lists(address, bursts["slots"], page, count, int(needed)))
+    size = entry_record(config).size
+    return [group.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :size] for group in slots]
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipses:
+    """Q = A·x² + 2·B·x·y + C·y² ≤ reach around centres [N, 2] in pixels; conic [N, 3] A, B, C."""
+
+    centre: np.ndarray
+    conic: np.ndarray
+    reach: np.ndarray
+
+    @classmethod
+    def of(cls, config: Config, splats: Codes) -> "Ellipses":
+        """What the splats' own codes say, in float64."""
+        pixel = 2.0**config.screen_exponent
+        value = {name: config.arithmetic.decode(code) for name, code in splats.items()}
+        across = value["power_across"] / POWER_SCALE / pixel**2
+        along, shear = value["power_along"] / POWER_SCALE / pixel**2, value["shear"]
+        conic = np.stack([across, -shear * across, along + shear * shear * across], axis=1)
+        centre = np.stack([value["u"], value["v"]], axis=1) * pixel
+        reach = -2 * np.log(ALPHA_MIN) - 2 * np.log(2) * OPACITY.step * value["attenuation"]
+        return cls(centre, conic, reach)
+
+    def boxes(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+        """First and last columns and rows of tiles [N, 2] that may be touched, and one more."""
+        a, b, c = self.conic.T
+        half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
+        last = np.array([width - 1, height - 1]) // TILE
+        low = np.clip((self.centre - half) // TILE - 1, 0, last + 1)
+        high = np.clip((self.centre + half) // TILE + 1, -1, last)
+        return low.astype(np.int64), high.astype(np.int64)
+
+
+def compare_tiles(
+    config: Config, frame: Frame, found: Binned, ellipses: Ellipses | None = None,
+    splats: np.ndarray | None = None,
+) -> tuple[int, int]:  # fmt: skip
+    """Pairs of splats and tiles that touch, and how many of them binning does not have.
+
+    A tile is touched if Q ≤ reach somewhere in the rectangle of its pixels' centres. `ellipses`
+    are those of splats [N], numbers in the frame; of all if they are not given.
+    """
+    ellipses = ellipses or Ellipses.of(config, frame.splats)
+    splats = np.arange(len(frame)) if splats is None else splats
+    owner = found.kept[found.entries["splat"].astype(np.int64)]
+    entries = np.stack([np.searchsorted(owner, splats + k) for k in (0, 1)], axis=1)
+    low, high = ellipses.boxes(frame.width, frame.height)
+    columns, rows = -(-frame.width // TILE), -(-frame.height // TILE)
+    return _compare(
+        ellipses.centre, ellipses.conic, ellipses.reach, low, high, frame.width, frame.height,
+        entries, found.group, found.entries["mask"].astype(np.int64), config.group, columns,
+        np.zeros(rows * columns, np.bool_),
+    )  # fmt: skip
+
+
+def pairs(found: Binned) -> int:
+    """Pairs of splats and tiles that binning has."""
+    return int(np.bitwise_count(found.entries["mask"]).sum())
+
+
+@njit(cache=True)
+def _compare(
+    centre, conic, reach, low, high, width, height, entries, group, mask, side, columns, tiles
+):  # fmt: skip
+    """Exact pairs and missing ones; entries[n] says where those of ellipse n begin and end."""
+    exact = missing = 0
+    for n in range(len(centre)):
+        for set_to in (True, False):
+            _mark(tiles, entries[n], group, mask, side, columns, set_to)
+            if not set_to:
+                break
+            for row in range(low[n, 1], high[n, 1] + 1):
+                y0 = row * TILE - centre[n, 1]
+                y1 = min(row * TILE + TILE, height) - 1 - centre[n, 1]
+                for column in range(low[n, 0], high[n, 0] + 1):
+                    x0 = column * TILE - centre[n, 0]
+                    x1 = min(column * TILE + TILE, width) - 1 - centre[n, 0]
+                    if smallest_q(conic[n], x0, x1, y0, y1) <= reach[n]:
+                        exact += 1
+                        missing += not tiles[row * columns + column]
+    return exact, missing
+
+
+@njit(cache=True)
+def _mark(tiles, entries, group, mask, side, columns, value):
+    """Set the tiles of a splat's entries."""
+    across = -(-columns // side)
+    for entry in range(entries[0], entries[1]):
+        row, column = group[entry] // across * side, group[entry] % across * side
+        for k in range(side * side):
+            if mask[entry] >> k & 1:
+                tiles[(row + k // side) * columns + column + k % side] = value

@@ -1,0 +1,4 @@
+"""Bounds on the error of pictures."""
+
+BOUND = 52.0
+"""dB that every picture must reach (design's figures)."""

@@ -1,0 +1,78 @@
+"""Contents of small camera files for tests, independent of the readers in `model`."""
+
+import struct
+
+import numpy as np
+
+from splatcore.spec.camera import Camera, look_at
+from splatcore.spec.scene import rotation_matrix
+
+EXPECTED = [
+    look_at([3, -1, 2], [0, 0.5, 0], 640, 480, 500.0, name="4"),
+    look_at([-2, -2, -4], [0.3, 0, 0], 640, 480, 510.0, name="7"),
+]
+"""The cameras that every file below holds."""
+
+
+def inria() -> list[dict]:
+    """The entries of a cameras.json: centre and camera-to-world rotation."""
+    return [
+        {
+            "id": int(camera.name),
+            "img_name": f"view {camera.name}.png",
+            "width": camera.width,
+            "height": camera.height,
+            "position": camera.position.tolist(),
+            "rotation": camera.rotation.T.tolist(),
+            "fy": camera.fy,
+            "fx": camera.fx,
+        }
+        for camera in EXPECTED
+    ]
+
+
+def transforms() -> dict:
+    """A transforms.json as nerfstudio writes it: camera to world, looking along −z, y up."""
+    frames = []
+    for camera in EXPECTED:
+        matrix = np.eye(4)
+        right, down, forward = camera.rotation
+        matrix[:3] = np.stack([right, -down, -forward, camera.position], axis=1)
+        path = f"images/view {camera.name}.png"
+        frames.append({"file_path": path, "transform_matrix": matrix.tolist(), "fl_x": camera.fx})
+    lens = {"camera_model": "OPENCV", "k1": 0.0, "k2": 0, "p1": 0, "p2": 0}
+    return {"w": 640, "h": 480.0, "cx": 320.0, "cy": 240.0, **lens, "frames": frames}
+
+
+def colmap_text(model: str = "PINHOLE") -> dict[str, bytes]:
+    """cameras.txt and images.txt; the second image comes first, the other has no points."""
+    cameras, images = "# comment\n", "# comment\n\n"
+    for image, camera in reversed(list(zip((4, 7), EXPECTED, strict=True))):
+        focal = f"{camera.fx!r}" if model == "SIMPLE_PINHOLE" else f"{camera.fx!r} {camera.fy!r}"
+        cameras += f"{image} {model} 640 480 {focal} 320 240\n"
+        pose = " ".join(map(repr, [*quaternion(camera), *camera.translation.tolist()]))
+        points = "1.5 2.5 -1 3.5 4.5 9" if image == 7 else ""
+        images += f"{image} {pose} {image} view {image}.png\n{points}\n"
+    return {"cameras.txt": cameras.encode(), "images.txt": images.encode()}
+
+
+def colmap_binary(model: int = 1) -> dict[str, bytes]:
+    """cameras.bin and images.bin of the same cameras."""
+    cameras, images = struct.pack("<Q", 2), struct.pack("<Q", 2)
+    for image, camera in reversed(list(zip((4, 7), EXPECTED, strict=True))):
+        focal = [camera.fx] if model == 0 else [camera.fx, camera.fy]
+        cameras += struct.pack("<IiQQ", image, model, 640, 480)
+        cameras += struct.pack(f"<{len(focal) + 2}d", *focal, 320, 240)
+        images += struct.pack("<I7dI", image, *quaternion(camera), *camera.translation, image)
+        points = image - 4
+        images += f"view {image}.png\0".encode() + struct.pack("<Q", points) + bytes(24 * points)
+    return {"cameras.bin": cameras, "images.bin": images}
+
+
+def quaternion(camera: Camera) -> list[float]:
+    """(w, x, y, z) of a camera's rotation: the eigenvector of eigenvalue 1 of its action."""
+    r = camera.rotation
+    w = np.sqrt(1 + np.trace(r)) / 2
+    q = [w, *(np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / (4 * w))]
+    assert np.allclose(rotation_matrix(np.array([q]))[0], r)
+    return [float(x) for x in q]

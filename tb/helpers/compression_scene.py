@@ -1,0 +1,24 @@
+"""What the tests of compression compress, and what hears nothing of it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.generate.generate import generate
+from splatcore.spec.scene import Scene
+
+RECIPE = Recipe(schedule=(0.3, 0.2), steps=6, distill_steps=4, quantize_steps=6)
+SIZE = (96, 64)
+
+
+def nothing(*_):
+    """Hears of progress and does nothing."""
+
+
+def garden_with_harmonics() -> Scene:
+    """A garden whose harmonics go up to degree 3."""
+    garden = generate("garden", 700)
+    rng = np.random.default_rng(1)
+    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
+    return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))

@@ -1,0 +1,289 @@
+"""Frames that something goes wrong in, and a good one after each, on a small machine."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from splatcore.golden.pipeline import render
+from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
+from splatcore.sim.machine.machine import Job, frame_values
+from splatcore.sim.machine.script import Report, Script, Timing, execute
+from splatcore.spec.axi import READERS, WRITERS
+from splatcore.spec.config import TINY
+from splatcore.spec.memory import HEADER, MAGIC
+from splatcore.spec.registers import (
+    ABORT,
+    ALIGNED,
+    CODE_BITS,
+    FRAME_START,
+    INTERRUPT_ERROR,
+    INTERRUPT_FRAME,
+    INTERRUPT_READY,
+    READY,
+    START,
+    WORD,
+    ErrorCode,
+    addresses,
+    frame_registers,
+)
+from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, stride
+from tb.helpers.machines import garden, machine, view
+
+QUIET = 4_000
+"""Cycles in which whatever was on its way comes to its end."""
+
+IDLE_MAX = 20_000
+"""Cycles without any movement after which a run counts as hung."""
+
+GOOD, BAD = 0, 1
+"""Models, and images, of the good frame and of the one that something goes wrong in."""
+
+KINDS = (
+    "read", "write", "pages", "features", "scratch", "magic", "version", "format", "size",
+    "alignment", "reset", "abort", "start", "locked",
+)  # fmt: skip
+"""What can go wrong."""
+
+ALL = INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR
+
+
+@dataclass
+class Fault:
+    """What is to go wrong, and what must come of it.
+
+    code, detail: of ERROR (None: any). values: registers of the bad frame. header: fields of its
+    model's header. timing: memory's faults. after: what the host does when the frame has been
+    started. survives: the frame is complete all the same. told: the bits that the host waits for.
+    """
+
+    code: ErrorCode
+    detail: int | None = 0
+    values: dict[str, int] | None = None
+    header: dict[str, int] | None = None
+    timing: dict | None = None
+    after: Callable[[Script], None] | None = None
+    survives: bool = False
+    told: int = INTERRUPT_ERROR
+
+
+@cache
+def job() -> Job:
+    """A frame with lists that do not fit on chip."""
+    return Job(garden(TINY, 250), view(40, 36))
+
+
+@cache
+def twin():
+    """What the twin makes of it."""
+    return render(TINY, *job())
+
+
+def memory_timing(seed: int) -> Timing:
+    """Memory of a run: any latency, some stalls."""
+    generator = np.random.default_rng(seed)
+    stall = float(generator.choice([0, 0, 0.3]))
+    latency = int(generator.integers(1, 60))
+    return Timing("faulty", latency=latency, stall=stall, seed=seed)
+
+
+@dataclass
+class Outcome:
+    """A run: its report, the machine's ERROR and STATUS after the fault, and the images."""
+
+    report: Report
+    error: int
+    status: int
+    bad: np.ndarray
+    good: np.ndarray
+
+
+def run_frame(seed: int) -> tuple[Report, int, int]:
+    """A frame without any fault: its report, the cycles at which it was started and was READY."""
+    script, areas = Script(TINY), areas_of()
+    script.write("INTERRUPT_ENABLE", ALL)
+    begin = start(script, areas, GOOD)
+    script.wait(INTERRUPT_FRAME)
+    with TemporaryDirectory() as name:
+        make_memory(Path(name), areas, [job().model] * 2)
+        report = execute(machine(TINY).program, Path(name), script, areas, memory_timing(seed))
+    assert report.done, report.why
+    ready = next(cycle for cycle, bits in report.events if bits & INTERRUPT_READY)
+    return report, report.answers[begin].cycle, ready
+
+
+@cache
+def areas_of() -> Areas:
+    """Room for two models."""
+    size = job().camera.width, job().camera.height
+    return place_areas(TINY, [job().model] * 2, [size, size])
+
+
+def start(script: Script, areas: Areas, which: int, values: dict[str, int] | None = None) -> int:
+    """Write a frame's registers and start it; the number of the last command."""
+    found = frame_values(TINY, job(), which, areas, which) | (values or {})
+    for name, value in found.items():
+        script.write(name, value)
+    return script.write("CONTROL", START)
+
+
+def run_fault(fault: Fault, seed: int) -> Outcome:
+    """A frame with a fault, what is to be done about it, and a good frame."""
+    script, areas = Script(TINY), areas_of()
+    size = stride(job().camera.width) * job().camera.height
+    script.write("INTERRUPT_ENABLE", ALL)
+    start(script, areas, BAD, fault.values)
+    if fault.after:
+        fault.after(script)
+    if fault.told:
+        script.wait(fault.told)
+    error = script.read("ERROR")
+    script.write("ERROR", 0)
+    if fault.survives:
+        script.wait(INTERRUPT_FRAME)
+    script.cycles(QUIET)
+    status = script.read("STATUS")
+    script.save(areas.images[BAD], size, "bad")
+    script.write("INTERRUPT_ENABLE", ALL)
+    start(script, areas, GOOD)
+    script.wait(INTERRUPT_FRAME)
+    script.save(areas.images[GOOD], size, "good")
+    timing = replace(memory_timing(seed), **(fault.timing or {}))
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        make_memory(folder, areas, [job().model] * 2)
+        _spoil(folder, areas, fault.header or {})
+        report = execute(machine(TINY).program, folder, script, areas, timing, idle_max=IDLE_MAX)
+        assert report.done, report.why
+        images = [np.fromfile(folder / name, np.uint8) for name in ("bad", "good")]
+    answers = report.answers
+    return Outcome(report, answers[error].value, answers[status].value, *map(picture, images))
+
+
+def picture(data: np.ndarray) -> np.ndarray:
+    """Rows of memory as pixels [H, W, 3]."""
+    camera = job().camera
+    rows = data.reshape(camera.height, stride(camera.width))
+    return rows[:, : camera.width * PIXEL].reshape(camera.height, camera.width, PIXEL)
+
+
+def _spoil(folder: Path, areas: Areas, fields: dict[str, int]):
+    """Other values in the bad model's header."""
+    memory = np.memmap(folder / "memory", np.uint8, "r+")
+    for name, value in fields.items():
+        at = areas.models[BAD] - BASE + HEADER.offset(name) // 8
+        width = HEADER[name].width // 8
+        memory[at : at + width] = np.frombuffer(value.to_bytes(width, "little"), np.uint8)
+    memory.flush()
+
+
+def drawn(kind: str, seed: int) -> Fault:
+    """A fault of a kind, drawn at random."""
+    generator = np.random.default_rng([seed, len(kind)])
+
+    def below(n: int) -> int:
+        return int(generator.integers(n))
+
+    frame = twin()
+    if kind in ("read", "write"):
+        report, *_ = run_frame(seed)
+        if kind == "read":
+            count, code = sum(report.read.values()), ErrorCode.READ
+        else:
+            bursts = {"features": 2, "lists": 2, "groups": 2, "scratch": 2, "pixels": 3}
+            count = sum(n // bursts[name] for name, n in report.written.items())
+            code = ErrorCode.WRITE
+        return Fault(code, None, timing={f"{kind}_errors": (below(count),)})
+    if kind == "pages":
+        return Fault(ErrorCode.PAGES, values={"LISTS_PAGES": below(frame.binned.lists.needed)})
+    if kind == "features":
+        return Fault(ErrorCode.FEATURES, values={"FEATURES_MAX": below(len(frame.binned.kept))})
+    if kind == "scratch":
+        longest = int(np.diff(frame.start).max())
+        return Fault(ErrorCode.SCRATCH, values={"SCRATCH_ENTRIES": below(longest)})
+    if kind == "magic":
+        return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
+    if kind == "version":
+        return Fault(ErrorCode.VERSION, header={"version": [0, 1, 3, 0xFFFF][below(4)]})
+    if kind == "format":
+        fields = [{"sh_degree": 2 + below(254)}, {"position": 1}, {"colour_index": 5}]
+        fields += [{"position_exponent": 256 + below(1000)}, {"sh_index": 1}]
+        return Fault(ErrorCode.FORMAT, header=fields[below(len(fields))])
+    if kind == "alignment":
+        names = [register.name for register in frame_registers(TINY)]
+        name = list(ALIGNED)[below(len(ALIGNED))]
+        values = frame_values(TINY, job(), BAD, areas_of(), BAD)
+        value = values[name] + 1 + below(ALIGNED[name] - 1)
+        return Fault(ErrorCode.ALIGNMENT, names.index(name), values={name: value})
+    if kind == "size":
+        return drawn_size(below)
+    return drawn_host(kind, seed, below)
+
+
+def drawn_size(below: Callable[[int], int]) -> Fault:
+    """An image that cannot be."""
+    width = job().camera.width
+    choices = [({"WIDTH": 0}, 0), ({"WIDTH": TINY.width_max + 1 + below(63)}, 0)]
+    choices += [({"HEIGHT": 0}, 1), ({"HEIGHT": TINY.height_max + 1 + below(63)}, 1)]
+    choices += [({"STRIDE": stride(width) + 1 + below(STRIDE_ALIGNMENT - 1)}, 2)]
+    choices += [({"STRIDE": stride(width) - STRIDE_ALIGNMENT}, 2)]
+    values, detail = choices[below(len(choices))]
+    return Fault(ErrorCode.SIZE, detail, values=values)
+
+
+def drawn_host(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
+    """The host does what it must not, or changes its mind."""
+    report, begin, ready = run_frame(seed)
+    whole, points = report.cycles - begin, ready - begin
+    if kind == "reset":
+        wait = below(whole + 100)
+
+        def after(script: Script):
+            script.cycles(wait + 1)
+            script.reset()
+
+        return Fault(ErrorCode.NONE, after=after, told=0)
+    if kind == "abort":
+        wait = below(whole * 3 // 4)
+
+        def after(script: Script):
+            script.cycles(wait + 1)
+            script.write("CONTROL", ABORT)
+
+        return Fault(ErrorCode.NONE, after=after, told=0)
+    wait = below(points - 300)
+    if kind == "start":
+
+        def after(script: Script):
+            script.cycles(wait + 1)
+            script.write("CONTROL", START)
+
+        return Fault(ErrorCode.START, after=after, survives=True)
+    registers = frame_registers(TINY)
+    number, value = below(len(registers)), below(1 << 32)
+
+    def after(script: Script):
+        script.cycles(wait + 1)
+        script.write(registers[number].name, value)
+
+    assert addresses(TINY)[registers[number].name] == FRAME_START + number * WORD
+    return Fault(ErrorCode.LOCKED, number, after=after, survives=True)
+
+
+def check_outcome(fault: Fault, outcome: Outcome):
+    """What was told is what went wrong; all is quiet, and the good frame is the twin's."""
+    code, detail = outcome.error & ((1 << CODE_BITS) - 1), outcome.error >> CODE_BITS
+    assert ErrorCode(code) == fault.code
+    if fault.detail is not None:
+        assert detail == fault.detail
+    elif fault.code != ErrorCode.NONE:
+        assert detail < len(READERS if fault.code == ErrorCode.READ else WRITERS)
+    assert outcome.status == READY
+    if fault.code != ErrorCode.READ:  # what was read wrong may be an address
+        assert not outcome.report.outside, outcome.report.why
+    assert np.array_equal(outcome.good, twin().pixels)
+    if fault.survives:
+        assert np.array_equal(outcome.bad, twin().pixels)

@@ -1,0 +1,66 @@
+"""Compiled machines and frames for the tests of the whole; compiled once for all of them."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from splatcore.golden.pipeline import Frame, render
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.packed import PackedModel
+
+
+@cache
+def machine(config: Config) -> Machine:
+    """A compiled machine."""
+    return Machine(config)
+
+
+@cache
+def garden(config: Config, gaussians: int) -> PackedModel:
+    """A small garden, packed."""
+    return pack(generate("garden", gaussians), config)[0]
+
+
+def view(width: int = 64, height: int = 48, step: float = 0.0) -> Camera:
+    """The garden's camera, moved sideways."""
+    camera = generated_camera("garden", width, height)
+    return replace(camera, translation=camera.translation - [step, 0, 0])
+
+
+def counted(config: Config, frame: Frame) -> dict[str, int]:
+    """What counters must say about a frame that the twin has made, of what does not depend on
+    time."""
+    points, binned = frame.points, frame.binned
+    return {
+        "points_chunks": len(points.read),
+        "points_skipped": int((~points.read).sum()),
+        "points_points": len(points.points),
+        "points_front": len(points.front),
+        "points_inside": len(points.inside),
+        "points_projected": len(points.inside),
+        "bin_splats": len(points.index),
+        "bin_kept": len(binned.kept),
+        "bin_entries": len(binned.entries["key"]),
+        "bin_bursts": len(binned.lists.address),
+        "preprocessing_read_attributes": len(points.inside),
+        "preprocessing_write_features": 2 * len(binned.kept),
+        "preprocessing_write_lists": len(binned.lists.address) * config.burst // 2,
+        "sort_entries": len(binned.entries["key"]),
+    }
+
+
+def check(config: Config, job: Job, run: Run, number: int = -1):
+    """A frame of a run is the twin's, and so are its counters."""
+    assert run.done, run.why
+    assert not run.report.outside, run.why
+    rendered = run.frames[number]
+    frame = render(config, *job)
+    assert np.array_equal(rendered.pixels, frame.pixels)
+    told = rendered.counters
+    wanted = {name: n for name, n in counted(config, frame).items() if name in told}
+    assert {name: told[name] for name in wanted} == wanted

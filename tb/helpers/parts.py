@@ -1,0 +1,56 @@
+"""Components for tests: a datapath in a `Pipe`, and several components in one simulation."""
+
+from amaranth.hdl import Module, ShapeLike, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.stream import Pipe
+
+
+class Piped(wiring.Component):
+    """A datapath that only delays, behind the handshake of a `Pipe`, as a stage would be built.
+
+    Members: streams `i` and `o` of `shape`; `pipe` and `data`, item by stage, for proofs.
+    """
+
+    def __init__(self, shape: ShapeLike, latency: int):
+        super().__init__({"i": In(stream.Signature(shape)), "o": Out(stream.Signature(shape))})
+        self.pipe = Pipe(latency)
+        self.data = [Signal(shape, name=f"data{k}", reset_less=True) for k in range(latency)]
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.pipe = pipe = self.pipe
+        m.d.comb += [
+            pipe.i.valid.eq(self.i.valid),
+            self.i.ready.eq(pipe.i.ready),
+            self.o.valid.eq(pipe.o.valid),
+            pipe.o.ready.eq(self.o.ready),
+            self.o.payload.eq(self.data[-1]),
+        ]
+        with m.If(pipe.enable):
+            for before, after in zip([self.i.payload, *self.data], self.data, strict=False):
+                m.d.sync += after.eq(before)
+        return m
+
+
+class Beside(wiring.Component):
+    """Components side by side, nothing joined, so that one build serves them all.
+
+    Members: each component under its name, so a port `i` of component `x` is `x__i` in Verilog.
+    """
+
+    def __init__(self, components: dict[str, wiring.Component]):
+        super().__init__({name: Out(part.signature) for name, part in components.items()})
+        self.components = components
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for name, part in self.components.items():
+            m.submodules[name] = part
+            # `connect` cannot flip an array of interfaces.
+            outer = part.signature.flatten(getattr(self, name))
+            inner = part.signature.flatten(part)
+            for (_, member, port), (_, _, own) in zip(outer, inner, strict=True):
+                m.d.comb += own.eq(port) if member.flow is In else port.eq(own)
+        return m

@@ -1,0 +1,183 @@
+"""What the streams of stages 0 and 1 must carry for a model and a camera, from the twins.
+
+Rows are packed records, uint8 [N, size], as `sim.rtl.streams` takes and gives them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatcore.golden.points import Points, project_points
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.frame import CAMERA
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_count
+from splatcore.spec.number import Bits
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.point import EXPONENT, FETCH, chunk_record, point_record, splat_record
+from splatcore.spec.programs import CONSTANTS
+from splatcore.spec.record import Array, Record
+
+BEAT = ATTRIBUTE_BITS // 8
+"""Bytes of a memory beat."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointRows:
+    """Rows of every stream, by its name in `hdl.points.points`, and the registers."""
+
+    config: Config
+    model: PackedModel
+    points: Points
+    streams: dict[str, np.ndarray]
+    registers: dict[str, int | dict[str, int]]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What the counters must hold after the frame."""
+        points = self.points
+        return {
+            "chunks": len(points.read),
+            "skipped": int((~points.read).sum()),
+            "points": len(points.points),
+            "front": len(points.front),
+            "inside": len(points.inside),
+            "projected": len(points.inside),
+        }
+
+
+def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
+    """Run the twins and say what every stream carries."""
+    points = project_points(config, model, camera)
+    streams = {
+        "headers": model.image[model.layout.chunks :][: len(points.read) * CHUNK_HEADER.size]
+        .reshape(-1, CHUNK_HEADER.size),
+        "chunks": chunk_rows(config, model, points),
+        "fetch": fetch_rows(model, points),
+        "positions": position_rows(model, points),
+        "wanted": points.inside.astype("<u4").view(np.uint8).reshape(-1, 4),
+        "attributes": model.image[model.layout.attributes :][: len(model) * BEAT]
+        .reshape(-1, BEAT)[points.inside],
+        "write": write_rows(config, model),
+        "splats": splat_rows(config, points),
+    }  # fmt: skip
+    streams |= token_rows(config, points)
+    return PointRows(config, model, points, streams, registers(config, model, points))
+
+
+def counts(model: PackedModel) -> np.ndarray:
+    """Gaussians of each chunk."""
+    starts = np.arange(chunk_count(len(model))) * CHUNK
+    return np.minimum(len(model) - starts, CHUNK)
+
+
+def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> dict:
+    """Codes of the fields of a record that a twin has values for."""
+    return {
+        name: format.encode(source[name][index]) for name, format in record.fields if name in source
+    }
+
+
+def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray:
+    """The chunks that are kept."""
+    record, kept = chunk_record(config), np.flatnonzero(points.read)
+    headers = model.chunks
+    known = {
+        "number": kept.astype(np.uint64),
+        "count": counts(model)[kept].astype(np.uint64),
+        "octant_end": headers["octant_end"][kept].astype(np.uint64),
+        "shift": headers["shift"][kept].astype(np.uint64),
+        "origin": CHUNK_HEADER["origin"].encode(headers["origin"][kept]),
+    }
+    fields = {}
+    for name, part in record.fields:
+        inner = {f: codes for f, codes in known.items() if f in dict(part.fields)}
+        fields[name] = inner | values(part, points.chunks, kept)
+    return record.pack(fields)
+
+
+def fetch_rows(model: PackedModel, points: Points) -> np.ndarray:
+    """The chunks whose points are read."""
+    kept = np.flatnonzero(points.read).astype(np.uint64)
+    return FETCH.pack({"number": kept, "count": counts(model)[kept].astype(np.uint64)})
+
+
+def position_rows(model: PackedModel, points: Points) -> np.ndarray:
+    """Beats of these chunks' positions; each chunk begins at a new one."""
+    width, stride = model.format.position_record.width, model.format.position_stride
+    parts = [np.zeros((0, BEAT), np.uint8)]
+    for number in np.flatnonzero(points.read):
+        beats = -(-int(counts(model)[number]) * width // ATTRIBUTE_BITS)
+        start = model.layout.positions + number * stride
+        part = np.zeros(beats * BEAT, np.uint8)
+        found = model.image[start : start + len(part)]
+        part[: len(found)] = found
+        parts.append(part.reshape(-1, BEAT))
+    return np.concatenate(parts)
+
+
+def write_rows(config: Config, model: PackedModel) -> np.ndarray:
+    """The codebook memory's words with their addresses."""
+    words = model.image[model.layout.colours : model.layout.end].reshape(-1, CODEBOOK_WORD)
+    address = (config.codebook // CODEBOOK_WORD - 1).bit_length()
+    record = Record("write", {"address": Bits(address), "word": Array(Bits(64), 2)})
+    return record.pack(
+        {"address": np.arange(len(words), dtype=np.uint64), "word": words.view("<u8")}
+    )
+
+
+def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
+    """Points after stage 0 ("culled") and after the guard band ("placed"): those that are kept,
+    and each chunk's last one in any case.
+    """
+    index, fields = points.points, dict(points.culled)
+    last = np.append(index[1:] // CHUNK != index[:-1] // CHUNK, True)[: len(index)]
+    front, inside = np.isin(index, points.front), np.isin(index, points.inside)
+    placed = {name: np.zeros(len(index)) for name in "xy"}
+    for axis in "xy":
+        placed[axis][front] = points.placed[axis]
+    rows = {}
+    for name, coordinates, kept in (("culled", "z", front), ("placed", "x y z", inside)):
+        chosen = np.flatnonzero(kept | last)
+        record = point_record(config, coordinates)
+        codes = {
+            "place": (index[chosen] % CHUNK).astype(np.uint64),
+            "last": last[chosen].astype(np.uint64),
+            "kept": kept[chosen].astype(np.uint64),
+        }
+        rows[name] = record.pack(codes | values(record, fields | placed, chosen))
+    return rows
+
+
+def only_flags(config: Config, coordinates: str, rows: np.ndarray) -> np.ndarray:
+    """Rows of points with zeros for the numbers of those that are not kept: they do not matter."""
+    record = point_record(config, coordinates)
+    codes = record.unpack(rows)
+    for name, format in record.fields:
+        if format == config.arithmetic:
+            codes[name] = np.where(codes["kept"] == 1, codes[name], 0)
+    return record.pack(codes)
+
+
+def splat_rows(config: Config, points: Points) -> np.ndarray:
+    """The splats."""
+    record, found = splat_record(config), dict(points.projected)
+    for channel in ("red", "green", "blue"):
+        found.setdefault(channel, found[f"colour_{channel}"])
+    return record.pack(values(record, found, np.arange(len(points.index))))
+
+
+def registers(config: Config, model: PackedModel, points: Points) -> dict:
+    """Values of the ports that stay for a frame: integers, signed ones as they are."""
+    format, frame = config.arithmetic, points.frame
+    camera = CAMERA.encode(frame.camera.astype(np.float64)).astype(np.uint64)
+    return {
+        "gaussians": len(model),
+        "camera": sum(int(code) << k * CAMERA.width for k, code in enumerate(camera)),
+        "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
+        "near_plane": int(format.encode(frame.near_plane)),
+        "constants": {name: int(format.encode(frame.constants[name])) for name in CONSTANTS},
+        "sh": model.format.sh_degree,
+        "colour_exponent": model.value("colour_exponent"),
+        "sh_exponent": model.value("sh_exponent"),
+    }

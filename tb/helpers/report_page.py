@@ -1,0 +1,94 @@
+"""What tests of the report ask a page and the files beside it."""
+
+import json
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+
+from tb.helpers.command import run
+
+VOID = {"meta", "img", "br", "link", "hr", "input"}
+
+
+@dataclass
+class Figure:
+    """What a figure of the page holds."""
+
+    tags: set[str] = field(default_factory=set)
+    command: str = ""
+
+
+class Page(HTMLParser):
+    """A page's parts; tags that do not match are an AssertionError."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.figures: list[Figure] = []
+        self.sections: dict[str, str] = {}
+        self.images: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.note(tag, dict(attributes))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.note(tag, dict(attributes))
+
+    def note(self, tag, attributes):
+        if "id" in attributes:
+            self.ids.append(attributes["id"])
+        self.links += [attributes[k] for k in ("href", "xlink:href", "src") if k in attributes]
+        if tag == "img":
+            self.images.append(attributes["src"])
+        if tag == "section" and "id" in attributes:
+            self.sections[attributes["id"]] = ""
+        if tag == "figure":
+            self.figures.append(Figure())
+        if "figure" in self.open:
+            self.figures[-1].tags.add(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "section" in self.open and self.sections:
+            self.sections[list(self.sections)[-1]] += data
+        if "figcaption" in self.open and "code" in self.open:
+            self.figures[-1].command += data
+
+
+@dataclass
+class Report:
+    """What a run of the command left and said."""
+
+    folder: Path
+    status: int
+    said: str
+
+    @property
+    def text(self) -> str:
+        return (self.folder / "report.html").read_text()
+
+    @property
+    def sections(self) -> dict:
+        return json.loads((self.folder / "report.json").read_text())["sections"]
+
+    def table(self, section: str, key: str) -> list[dict]:
+        """A table's rows by its headings."""
+        found = self.sections[section]["tables"][key]
+        return [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
+
+
+def report(folder: Path, capsys, *arguments: str) -> Report:
+    """Run the command on the results in a folder."""
+    out = folder / "out"
+    words = ["report", "-o", str(out), "--results", str(folder / "results"), *arguments]
+    status = run(*words)
+    return Report(out, status, capsys.readouterr().err)

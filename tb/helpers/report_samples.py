@@ -1,0 +1,194 @@
+"""Small results for tests of the report, as its commands leave them; numbers are made up."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.sim.common.picture import write_png
+from splatcore.sim.power.estimate import PAPER_ALL, PAPER_LOGIC, PAPER_MEMORY
+from splatcore.spec.config import CLOCK_HZ
+from splatcore.spec.programs import TEXTS
+
+SIZE = "64x48"
+
+VIEWS = {
+    ("vase.ply", "0"): 5_000_000, ("hall.spz", "door"): 2_500_000, ("hall.spz", "roof"): 1_000_000
+}  # fmt: skip
+"""Scenes, cameras and cycles of their frames."""
+
+DENSITY = {"0": 100, "door": 10, "roof": 30}
+"""Splats of a camera's tiles, in steps from one to the next."""
+
+STEPS = {"none": 20.4, "+ near-plane culling": 46.4, "+ guard band": None, "+ zero skipping": 97.7,
+         "+ early termination": 129.0}  # fmt: skip
+
+COUNTS = {
+    "points_read": 900, "projected": 700, "splats": 600, "group_entries": 1000,
+    "tile_pairs": 2_000_000, "pairs": 1_500_000, "visited": 8_000_000, "contributions": 90_000_000,
+}  # fmt: skip
+
+
+def write(path: Path, value: dict):
+    """A JSON file, with its folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(value))
+
+
+def halves(frame: int) -> dict:
+    """Cycles by stage and half."""
+    stages = dict.fromkeys(("chunk", "cull", "place", "project", "bin", "sort", "raster"), 1000)
+    return stages | {"preprocessing": frame // 2, "rendering": frame, "frame": frame}
+
+
+def of_view(scene: str, camera: str, frame: int) -> dict:
+    """What rows of all campaigns have."""
+    return {
+        "scene": scene, "camera": camera, "cycles": halves(frame),
+        "fps_at_800mhz": CLOCK_HZ / frame, "psnr_db": 55.5, "ssim": 0.999, "max_error": 2 / 255,
+        "counts": COUNTS,
+    }  # fmt: skip
+
+
+def scenes(folder: Path):
+    """`bench scenes`: a file for each view, and the table."""
+    for (scene, camera), frame in VIEWS.items():
+        row = of_view(scene, camera, frame)
+        row["cycles"]["fps_at_800mhz"] = row.pop("fps_at_800mhz")
+        write(folder / "scenes" / f"{scene}-{camera}-{SIZE}-lpddr4.json", row | {
+            "key": "k", "size": SIZE, "preset": "DEFAULT", "timing": {"name": "lpddr4"},
+            "identical": True, "difference": "", "ended": "done",
+            "model_cycles": halves(frame * 99 // 100),
+            "traffic_bytes": {"read_model": 1_000_000, "write_pixels": 3_000_000},
+        })  # fmt: skip
+    (folder / "scenes" / "scenes.csv").write_text("scene\n")
+
+
+def sweep(folder: Path):
+    """`bench sweep`: four machines, one of which could not be synthesised."""
+    points, rows = {}, []
+    for number, (name, knob, value) in enumerate((
+        ("DEFAULT", "preset", "DEFAULT"), ("PAPER", "preset", "PAPER"),
+        ("lanes 128", "lanes", "128"), ("lanes 16", "lanes", "16"),
+    )):  # fmt: skip
+        points[name] = {
+            "knob": knob, "value": value, "fields": {}, "nand2_by_part": None, "memory_kb": 119.5,
+            "nand2": None if name == "lanes 16" else 900e3 + 1e5 * number, "views": 2,
+            "frame_cycles_max": 5_000_000 - 500_000 * number, "fps_min": 160.0 + number,
+            "psnr_db_min": 54.0 - number, "psnr_db_mean": 57.25 - 20 * (name == "PAPER"),
+            "max_error_max": 0.5, "front": name in ("DEFAULT", "lanes 128"), "rtl": None,
+        }  # fmt: skip
+        rows += [{"point": name, **of_view(*view, frame)} for view, frame in VIEWS.items()]
+    points["DEFAULT"]["rtl"] = {
+        "scene": "vase.ply", "camera": "0", "size": SIZE, "cycles": 5_050_000,
+        "model_cycles": 5_000_000, "identical": True,
+    }  # fmt: skip
+    write(
+        folder / "sweep" / "sweep.json",
+        {"size": SIZE, "points": points, "rows": rows, "failed": []},
+    )
+
+
+def machine(folder: Path):
+    """`programs`, `synth`, `memories`."""
+    for preset, file in (("DEFAULT", "programs.json"), ("PAPER", "programs-paper.json")):
+        row = {
+            "operations": 100, "multiply": 50, "add": 40, "divide_or_root": 7, "choose": 3,
+            "pes": 6, "cycles_an_item": 11, "latency": 80, "pes_busy": 0.95, "registers": 50,
+        }  # fmt: skip
+        programs = {name: row | {"operations": 100 + 25 * ("dense" in name)} for name in TEXTS}
+        write(folder / file, {"preset": preset, "programs": programs})
+    parts = {
+        name: {"stage": stage, "count": count, "nand2": nand2, "depth": 50,
+               "speed_nand2": nand2, "speed_depth": 30, "flip_flops": 1, "memories": []}
+        for name, stage, count, nand2 in (
+            ("cull", "stage 0", 1, 15e3), ("project", "stage 1", 1, 70e3),
+            ("sub_sorter", "stage 2", 2, 80e3), ("evaluate", "stage 3", 4, 64e3),
+            ("blend", "stage 3", 4, 384e3), ("axi", "control", 1, 7e3),
+        )
+    }  # fmt: skip
+    nand2 = sum(part["nand2"] for part in parts.values())
+    top = {"nand2": nand2, "speed_nand2": nand2, "paper_nand2": 1_143_800, "parts": parts}
+    write(folder / "synth.json", {"preset": "DEFAULT", "top": top})
+    stages = {"sort": [{"words": 1024, "bits": 16, "count": 2}]}
+    write(
+        folder / "memories.json", {"preset": "DEFAULT", "kilobytes": 4.0, "stages": stages}
+    )  # fmt: skip
+
+
+def campaigns(folder: Path):
+    """`bench ablation` and `bench work`."""
+    rows, work, density = [], [], {}
+    for (scene, camera), frame in VIEWS.items():
+        for number, step in enumerate(STEPS):
+            row = {"step": step, **of_view(scene, camera, frame * (5 - number))}
+            rtl = frame if number == 4 else None
+            rows.append(row | {"rtl_cycles": rtl, "rtl_identical": rtl and True})
+        rates = {"near_rate": 0.25, "culling_rate": 0.3, "early_termination_rate": 0.125,
+                 "pe_utilisation": 0.9}  # fmt: skip
+        work.append(of_view(scene, camera, frame) | COUNTS | rates | {
+            "gaussians": 1000, "behind": 250, "read": 900, "entries": 1000
+        })  # fmt: skip
+        tiles = np.arange(12).reshape(3, 4) * DENSITY[camera]
+        density[f"{scene} {camera}"] = tiles.tolist()
+    steps = [{"name": name, "fields": {}, "paper_fps": fps} for name, fps in STEPS.items()]
+    write(
+        folder / "ablation" / "ablation.json",
+        {"preset": "DEFAULT", "size": SIZE, "steps": steps, "rows": rows, "failed": []},
+    )
+    write(
+        folder / "work" / "work.json",
+        {"preset": "DEFAULT", "size": SIZE, "rows": work, "density": density, "operations": {},
+         "failed": []},
+    )  # fmt: skip
+
+
+def others(folder: Path):
+    """`power`, `hard`, `fpga`, `fit`."""
+    logic = {"nand2": 1e5, "flip_flops": 1e3, "activity": 0.05, "switching": 1e-4, "clock": 1e-4,
+             "leakage": 1e-3}  # fmt: skip
+    memory = {"kilobits": 10, "reads": 1, "writes": 1, "access": 1e-5, "leakage": 1e-4}
+    write(folder / "power.json", {
+        "preset": "DEFAULT", "scene": "vase.ply", "camera": "0", "size": [64, 48], "fps": 100.0,
+        "power_w": 0.125, "dram_w": 0.05, "pixels_per_j": 1e9,
+        "stages": dict.fromkeys(PAPER_LOGIC, logic),
+        "stage_memories": dict.fromkeys(PAPER_MEMORY, memory),
+        "paper": {
+            "power_w": PAPER_ALL,
+            "logic_w": {name: watts for name, (_, watts) in PAPER_LOGIC.items()},
+            "memory_w": dict(PAPER_MEMORY.values()),
+        },
+    })  # fmt: skip
+    for name, preset, engine in (
+        ("hard", "DEFAULT", "golden"), ("hard-rtl", "TINY", "rtl"),
+        ("hard-paper", "PAPER", "golden"),
+    ):  # fmt: skip
+        case = {"about": "thin & <long>", "bound": "≥ 52 dB", "psnr_db": 56.78,
+                "max_error": 2 / 255, "passed": preset != "PAPER"}  # fmt: skip
+        write(
+            folder / name / "hard.json",
+            {"preset": preset, "engine": engine, "cases": {"needles": case}},
+        )
+    noise = np.random.default_rng(0).integers(0, 256, (600, 800, 3), np.uint8)
+    write_png(folder / "hard" / "hard-cases.png", noise)
+    for name, preset in (("fpga-tiny", "TINY"), ("fpga", "DEFAULT")):
+        part = {
+            "luts": 1234, "flip_flops": 55, "multipliers": 2, "block_rams": 0, "fmax_mhz": 98.7,
+            "begin": "a", "end": "b", "logic": 1.0, "routing": 2.0,
+        }  # fmt: skip
+        write(
+            folder / f"{name}.json",
+            {"preset": preset, "device": "85k", "parts": {"array": part}, "failed": {}},
+        )
+    view = halves(1_000_000) | {"fps": 800.0, "psnr_db": None, "max_error": 0.0}
+    field = {"default": 4, "chosen": 1, "reason": "there is no less"}
+    write(folder / "fit" / "small.json", {
+        "scene": "vase.ply", "fps": 60.0, "psnr_db": 50.0, "fields": {"rasterizers": field},
+        "views": {"vase.ply:0": view},
+    })  # fmt: skip
+
+
+def everything(folder: Path):
+    """All results that a report has a use for."""
+    for make in (scenes, sweep, machine, campaigns, others):
+        make(folder)

@@ -1,0 +1,98 @@
+"""A stage of the point half with what goes in and what must come out: for tests and mutation."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from amaranth.lib import wiring
+
+from splatcore.hdl.points.chunk import Chunk
+from splatcore.hdl.points.cull import Cull
+from splatcore.hdl.points.guard_band import Place
+from splatcore.hdl.points.points import Points
+from splatcore.hdl.points.project import Project
+from splatcore.spec.config import Config
+from splatcore.spec.point import chunk_record, culling_record, placing_record, projecting_record
+from tb.helpers.point_rows import PointRows, only_flags
+
+Rows = dict[str, np.ndarray]
+
+STAGES: dict[str, Callable[[Config], wiring.Component]] = {
+    "chunk": Chunk,
+    "cull": Cull,
+    "place": Place,
+    "project": Project,
+    "points": Points,
+}
+
+STREAMS = {
+    "chunk": ({"i": "headers"}, {"o": "chunks"}),
+    "cull": ({"chunks": "culling", "positions": "positions"}, {"o": "culled"}),
+    "place": ({"i": "culled", "chunks": "placing"}, {"o": "placed"}),
+    "project": (
+        {"i": "placed", "chunks": "projecting", "attributes": "attributes", "write": "write"},
+        {"wanted": "wanted", "o": "splats"},
+    ),
+    "points": (
+        {name: name for name in ("headers", "positions", "attributes", "write")},
+        {name: name for name in ("fetch", "wanted", "splats")},
+    ),
+}
+"""Each stage's in streams and out streams, by port: which of `PointRows.streams` they carry."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A component, the rows of its in streams, its other inputs, and the rows that must come."""
+
+    component: wiring.Component
+    inputs: Rows
+    constants: dict[str, int]
+    expected: Rows
+
+    @property
+    def first(self) -> list[str]:
+        """The codebook is written before anything else."""
+        return [name for name in self.inputs if name == "write"]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {name: len(rows) for name, rows in self.expected.items()}
+
+
+def case(stage: str, rows: PointRows) -> Case:
+    """A stage's part of what the twins say about a frame."""
+    config, streams = rows.config, dict(rows.streams)
+    chunks = chunk_record(config).unpack(streams["chunks"])
+    for record in (culling_record(config), placing_record(config), projecting_record()):
+        streams[record.name] = record.pack(chunks[record.name])
+    component = STAGES[stage](config)
+    sources, sinks = STREAMS[stage]
+    return Case(
+        component,
+        {port: streams[name] for port, name in sources.items()},
+        constants(component, rows),
+        {port: settled(config, name, streams[name]) for port, name in sinks.items()},
+    )
+
+
+def settled(config: Config, stream: str, rows: np.ndarray) -> np.ndarray:
+    """Rows of a stream without what does not matter in them."""
+    coordinates = {"culled": "z", "placed": "x y z"}.get(stream)
+    return only_flags(config, coordinates, rows) if coordinates else rows
+
+
+def settled_outputs(stage: str, config: Config, outputs: Rows) -> Rows:
+    """What a stage gave, without what does not matter in it."""
+    sinks = STREAMS[stage][1]
+    return {port: settled(config, name, outputs[port]) for port, name in sinks.items()}
+
+
+def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
+    """Values of a component's ports that stay for a frame."""
+    width, found = rows.config.arithmetic.width, {"clear": 0} | rows.registers
+    names = component.constants.shape().members
+    found["constants"] = sum(
+        rows.registers["constants"][name] << k * width for k, name in enumerate(names)
+    )
+    return {name: found[name] for name in component.signature.members if name in found}

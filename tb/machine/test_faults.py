@@ -1,0 +1,19 @@
+"""Whatever goes wrong: an error is told, nothing hangs, and the next frame is as good as ever."""
+
+import pytest
+
+from tb.helpers.fault_runs import KINDS, check_outcome, drawn, run_fault
+
+RUNS = 40
+"""Random runs for each kind: more than 500 together."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_fault(kind):
+    for seed in range(RUNS):
+        fault = drawn(kind, seed)
+        try:
+            check_outcome(fault, run_fault(fault, seed))
+        except AssertionError as error:
+            raise AssertionError(f"seed {seed}: {fault}: {error}") from error

@@ -1,0 +1,49 @@
+"""The whole machine of `DEFAULT` on the embedded scene and on small real frames."""
+
+import pytest
+
+from splatcore.golden.pipeline import render
+from splatcore.model.formats.camera_file import read_camera
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.machine.machine import Job
+from splatcore.sim.machine.script import LPDDR4
+from splatcore.spec.config import DEFAULT
+from tb.helpers.machines import check, machine
+from tb.helpers.scenes import needs_scenes, scene_path
+
+pytestmark = pytest.mark.slow
+
+SIZE = (480, 270)
+
+WITHIN = 0.05
+"""How far off the cycle model of a half may be, whichever half is alone at work."""
+
+
+def run(model, camera, frames: int = 1):
+    """Frames of one camera, all of them the twin's."""
+    job = Job(model, camera)
+    found = machine(DEFAULT).run([job] * frames, LPDDR4)
+    for number in range(frames):
+        check(DEFAULT, job, found, number)
+    model = frame_cycles(DEFAULT, render(DEFAULT, *job), LPDDR4)
+    for modelled, cycles in (
+        (model.preprocessing, found.preprocessing_cycles[0]),
+        (model.rendering, found.rendering_cycles[-1]),
+    ):
+        assert abs(modelled - cycles) < WITHIN * cycles
+
+
+def test_garden():
+    """Two frames of the embedded scene, both halves at work at once."""
+    run(pack(generate("garden"), DEFAULT)[0], generated_camera("garden").resized(*SIZE), 2)
+
+
+@needs_scenes
+@pytest.mark.parametrize("name, camera", [("skull.sog", "0"), ("kitchen.spz", "kitchen_inside_0")])
+def test_scene(name, camera):
+    path = scene_path(f"{name.split('.')[0]}.cameras.json")
+    view = read_camera(f"{path}:{camera}").resized(*SIZE)
+    run(pack(read_scene(scene_path(name)), DEFAULT)[0], view)

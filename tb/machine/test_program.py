@@ -1,0 +1,244 @@
+"""Memory, host and watchdog around a machine (`sim.machine.machine`), on a small device."""
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from amaranth.back import verilog
+
+from splatcore.model.pack.pack import pack
+from splatcore.sim.machine.areas import make_memory, place_areas
+from splatcore.sim.machine.machine import Job, Machine, Run, host_script
+from splatcore.sim.machine.script import IDEAL, LPDDR4, Report, Script, Timing, execute
+from splatcore.sim.machine.waves import Window, signals, write_waves
+from splatcore.spec.axi import BEAT
+from splatcore.spec.camera import look_at
+from splatcore.spec.config import TINY
+from splatcore.spec.error import InputError
+from splatcore.spec.registers import ErrorCode
+from tb.helpers.copier import BURST, FAULT, FAULTS, PAGES, POINTS, Copier
+from tb.helpers.scenes import random_scene
+
+pytestmark = pytest.mark.slow
+
+SIZE = (64, 16)
+BEATS = SIZE[0] * SIZE[1] * 3 // BEAT
+
+
+@pytest.fixture(scope="module")
+def machine() -> Machine:
+    return Machine(TINY, verilog.convert(Copier(), name="top", emit_src=False))
+
+
+@pytest.fixture(scope="module")
+def models() -> list:
+    return [pack(random_scene(500, 1, seed), TINY)[0] for seed in range(2)]
+
+
+def jobs(models: list, count: int = 1) -> list[Job]:
+    view = look_at(np.array([0.0, 0, -4]), np.zeros(3), *SIZE, 60.0)
+    return [Job(models[k % 2], view) for k in range(count)]
+
+
+def run(machine: Machine, models: list, timing: Timing, fault: str = "none", **options) -> Run:
+    sizes = {"features": FAULT + FAULTS.index(fault)}
+    return machine.run(jobs(models), timing, sizes=sizes, **options)
+
+
+@pytest.mark.parametrize("timing", [IDEAL, LPDDR4, replace(LPDDR4, stall=0.5, seed=3)])
+def test_frames_come_as_they_should(machine, models, timing):
+    seen = []
+    found = machine.run(
+        jobs(models, 4), timing, lambda *told: seen.append(told), {"features": FAULT}
+    )
+    assert found.done and found.state["NEEDED"] == PAGES, found.why
+    for k, frame in enumerate(found.frames):
+        copied = models[k % 2].image[: BEATS * BEAT]
+        np.testing.assert_array_equal(frame.pixels.ravel(), copied)
+        assert frame.counters["points_points"] == BEATS
+        assert frame.started + POINTS - 5 <= frame.ready < frame.finished
+        assert ("raster_pairs" in frame.counters) == (k == 3)
+    assert len(found.frame_cycles) == 3 and min(found.frame_cycles) >= BEATS
+    assert found.report.regions["image0"] == (0, 2 * BEATS * BEAT)
+    assert found.report.traffic == {
+        "read_model": 4 * BEATS * BEAT,
+        "write_features": 4 * BEATS * BEAT,
+    }
+    assert not found.report.outside
+
+
+def test_progress_is_told(machine, models):
+    """A run of a few seconds, as news come twice a second."""
+    seen = []
+    slow = replace(IDEAL, bandwidth=0.001)
+    found = machine.run(jobs(models), slow, lambda *told: seen.append(told), {"features": FAULT})
+    assert found.done
+    cycles, written, total = zip(*seen, strict=True)
+    assert set(total) == {BEATS * BEAT} and cycles == tuple(sorted(cycles))
+    assert 0 < written[-1] <= total[0]
+
+
+@pytest.mark.parametrize(
+    "bandwidth, granule, cycles",
+    [(0, 0, BEATS), (32, 32, BEATS), (8, 0, 4 * BEATS), (8, 32, 4 * BEATS), (8, 128, 8 * BEATS)],
+)
+def test_bandwidth(machine, models, bandwidth, granule, cycles):
+    """Beats are read and written; of a granule of 128 bytes a burst of 64 leaves half unused."""
+    timing = Timing("test", latency=4, bandwidth=bandwidth, granule=granule)
+    frame = run(machine, models, timing).frames[0]
+    saved = 2 * granule // max(bandwidth, 1)  # from before the first access
+    assert cycles - saved <= frame.finished - frame.ready <= cycles + 40
+
+
+def test_latency(machine, models):
+    """A burst's first beat and its answer come so many cycles later, and many are under way."""
+    base, late, one = (
+        run(machine, models, timing).frames[0]
+        for timing in (
+            Timing("test", latency=4),
+            Timing("test", latency=24),
+            Timing("test", latency=24, outstanding=1),
+        )
+    )
+    assert late.finished - late.ready == base.finished - base.ready + 2 * 20
+    assert one.finished - one.ready > BEATS // BURST * (24 + 24 + BURST - 1) / 2
+
+
+def test_read_errors(machine, models):
+    found = run(machine, models, replace(IDEAL, read_errors=(BEATS // 2,)))
+    assert found.error == ErrorCode.READ and found.detail == 3 and not found.done
+    assert found.report.result == "error" and found.frames[0].pixels is None
+    assert run(machine, models, replace(IDEAL, read_errors=(BEATS,))).done
+
+
+def test_write_errors(machine, models):
+    found = run(machine, models, replace(IDEAL, write_errors=(BEATS // BURST - 1,)))
+    assert found.error == ErrorCode.WRITE and "ERROR WRITE, detail 3" in found.why
+    assert run(machine, models, replace(IDEAL, write_errors=(BEATS // BURST,))).done
+
+
+@pytest.mark.parametrize(
+    "fault, rule",
+    [
+        ("ar", "AR was not kept"), ("aw", "AW was not kept"), ("w", "W was not kept"),
+        ("last", "WLAST"), ("boundary", "crosses a boundary"), ("size", "not of whole beats"),
+    ],
+)  # fmt: skip
+def test_rules(machine, models, fault, rule):
+    found = run(machine, models, replace(IDEAL, stall=0.6, seed=5), fault)
+    assert found.report.result == "rule" and rule in found.why
+
+
+def test_outside(machine, models):
+    """An access that no region allows is answered by an error, and told."""
+    found = run(machine, models, IDEAL, "outside")
+    assert found.error == ErrorCode.READ and found.report.outside == 1
+    assert "read of model, 64 bytes at 0x0" in found.why
+
+
+def test_the_model_is_not_written(machine, models):
+    """The regions' rights count: the image is where the model is."""
+    [job] = jobs(models)
+    areas = job_areas(job)
+    script, _, _ = host_script(TINY, [job], [job.model], areas)
+    places = [f"write {script.addresses[name]} " for name in ("PIXELS", "MODEL")]
+    script.lines = [
+        f"{places[0]}{areas.models[0]}" if line.startswith(places[0]) else line
+        for line in script.lines
+    ]
+    report, _ = executed(machine, script, areas, job)
+    assert report.outside == BEATS // BURST
+
+
+def test_hang(machine, models):
+    found = run(machine, models, IDEAL, "hang", idle_max=500)
+    assert found.report.result == "hang" and "STATUS" in found.state
+    assert 500 < found.report.cycles < 1500
+    late = replace(IDEAL, latency=450)
+    assert run(machine, models, late, idle_max=500).done
+
+
+def test_limit(machine, models):
+    assert run(machine, models, IDEAL, cycles_max=300).report.result == "limit"
+
+
+def test_writes_are_seen_from_their_answers_on(machine, models):
+    """Who tells the host before memory has answered has told it too early."""
+    timing = replace(IDEAL, latency=100)
+    found = run(machine, models, timing, "early")
+    assert found.done
+    copied = models[0].image[: BEATS * BEAT].reshape(found.frames[0].pixels.shape)
+    assert (found.frames[0].pixels[-1, -20:] != copied[-1, -20:]).mean() > 0.9
+
+
+def test_more_pages(machine, models):
+    found = machine.run(jobs(models), sizes={"features": FAULT, "pages": PAGES - 1})
+    assert found.done and found.areas.pages == PAGES
+    sizes = {"features": FAULT, "pages": PAGES - 1}
+    found = machine.run(jobs(models), sizes=sizes, retry=False)
+    assert found.error == ErrorCode.PAGES and not found.done
+
+
+def test_reset_in_mid_frame(machine, models):
+    """Nothing of what was asked for before the reset comes after it."""
+    [job] = jobs(models)
+    areas = job_areas(job)
+    script = Script(TINY)
+    first, _, _ = host_script(TINY, [job], [job.model], areas)
+    begun = next(k for k, line in enumerate(first.lines) if line.startswith("wait"))
+    script.lines = [*first.lines[:begun], "cycles 90", "reset 3", *first.lines]
+    report, saved = executed(machine, script, areas, job)
+    assert report.done and len(report.events) == 2
+    assert report.read["model"] > BEATS
+    assert saved == job.model.image[: BEATS * BEAT].tobytes()
+
+
+@pytest.fixture(scope="module")
+def traced() -> Machine:
+    return Machine(TINY, verilog.convert(Copier(), name="top", emit_src=False), trace=True)
+
+
+def test_waves_of_a_window(traced, models, tmp_path):
+    path = tmp_path / "w.vcd"
+    job = jobs(models)
+    run = write_waves(traced, job, IDEAL, Window((250, 299)), path, "simulating")
+    assert run.done and run.report.window == (250, 299)
+    text = path.read_text()
+    times = [int(line[1:]) for line in text.splitlines() if line.startswith("#")]
+    assert times == list(range(2500, 3000, 5))
+    shown = path.with_suffix(".gtkw").read_text().splitlines()
+    names = {f"{scope}.{name}" for scope, name, _ in signals(path)}
+    found = [line.partition("[")[0] for line in shown if line.startswith("TOP.top")]
+    assert "TOP.top.queue.i__payload" in found and set(found) <= names
+    assert f'[dumpfile] "{path}"' in shown
+    with pytest.raises(InputError, match="before the window began"):
+        write_waves(traced, job, IDEAL, Window((10**6, 10**6)), path, "simulating")
+
+
+def test_waves_of_a_tile(traced, models, tmp_path):
+    """From the reading of its list to the last of its pixels, here the first 4 rows."""
+
+    def watch(areas):
+        read = areas.models[0] + 2 * BURST * BEAT
+        return {"watch": f"{read} {areas.images[0]} {SIZE[0] * 3} 0 {SIZE[0] * 3} 0 4"}
+
+    run = traced.run(jobs(models), IDEAL, settings=watch, keep=tmp_path)
+    first, last = run.report.window
+    ready = run.frames[0].ready
+    assert ready < first < ready + 20
+    assert first + 4 * SIZE[0] * 3 // BEAT < last < run.frames[0].finished - 50
+
+
+def job_areas(job: Job):
+    return place_areas(TINY, [job.model], [SIZE], features=FAULT)
+
+
+def executed(machine: Machine, script: Script, areas, job: Job) -> tuple[Report, bytes]:
+    """A script of one's own on a job's memory; the image that it saved."""
+    with TemporaryDirectory() as name:
+        make_memory(Path(name), areas, [job.model])
+        report = execute(machine.program, Path(name), script, areas, LPDDR4)
+        saved = Path(name) / "pixels.0"
+        return report, saved.read_bytes() if saved.exists() else b""

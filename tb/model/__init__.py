@@ -1,0 +1,1 @@
+"""Tests of scene files, cameras, generated scenes and packing."""

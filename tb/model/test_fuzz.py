@@ -1,0 +1,192 @@
+"""Mutated scene and camera files: each reader gives a sound result or an InputError, nothing else.
+
+A longer campaign, which names the file it is at should the interpreter die:
+`python -m tb.model.test_fuzz COUNT SEED`.
+"""
+
+import gzip
+import json
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.read import read_scene
+from splatcore.spec.camera import Camera
+from splatcore.spec.error import InputError
+from tb.helpers.camera_file import colmap_binary, colmap_text, inria, transforms
+from tb.helpers.scene_file import (
+    FORMATS,
+    compressed_ply_bytes,
+    image_bytes,
+    ply_bytes,
+    ply_columns,
+    sog_bytes,
+    sog_codes,
+    sog_meta,
+    splat_bytes,
+    spz_bytes,
+    spz_codes,
+)
+from tb.helpers.scenes import random_scene
+
+ROUNDS = 5000
+ODD_VALUES = (None, True, -1, 0, 1.5, 2**31, 2**64, 1e308, "", "x", [], {}, [[]], [0] * 300)
+ODD_NUMBERS = (b"0", b"-1", b"255", b"65536", b"4294967295", b"1099511627776", b"nan", b"1e999")
+
+Files = dict[str, bytes]
+"""What a reader opens: file name → content; one file, or several in a folder."""
+
+
+def _ply_files() -> dict[str, Files]:
+    columns = ply_columns(random_scene(4, 1))
+    files = {form: {"scene.ply": ply_bytes({"vertex": columns}, form)} for form in FORMATS}
+    rng = np.random.default_rng(0)
+    bounds = rng.normal(size=(2, 18)).astype(np.float32)
+    packed, sh = rng.integers(0, 2**32, (300, 4), np.uint32), np.zeros((300, 9), np.uint8)
+    return files | {"compressed": {"scene.ply": compressed_ply_bytes(bounds, packed, sh)}}
+
+
+SPZ = {f"spz {v}": {"scene.spz": spz_bytes(v, spz_codes(v, 40, 1), 1)} for v in (1, 2, 3, 4)}
+SOG = {f"sog {v}": {"scene.sog": sog_bytes(sog_meta(v, 6, 1), sog_codes(6, 1, 3))} for v in (1, 2)}
+SCENES = _ply_files() | SPZ | SOG | {"splat": {"scene.splat": splat_bytes(5)}}
+CAMERAS = {
+    "inria": {"cameras.json": json.dumps(inria()).encode()},
+    "transforms": {"transforms.json": json.dumps(transforms()).encode()},
+    "colmap text": colmap_text(),
+    "colmap binary": colmap_binary(),
+}
+KINDS = [*SCENES, *CAMERAS]
+
+
+def mutated(data: bytes, rng: np.random.Generator) -> bytes:
+    """One to four of: bits flipped, cut off, bytes inserted or removed, parts swapped, a number or
+    a field of the first bytes replaced by an extreme one.
+    """
+    for _ in range(rng.integers(1, 5)):
+        size = max(len(data), 1)
+        start, end = sorted(int(x) for x in rng.integers(0, size + 1, 2))
+        part = data[start:end]
+        match rng.integers(8):
+            case 0:
+                index = min(start, size - 1)
+                flipped = bytes(byte ^ (1 << rng.integers(8)) for byte in data[index : index + 1])
+                data = data[:index] + flipped + data[index + 1 :]
+            case 1:
+                data = data[:end]
+            case 2:
+                data = data[:start] + rng.bytes(int(rng.integers(1, 20))) + data[start:]
+            case 3:
+                data = data[:start] + data[start + int(rng.integers(1, 9)) :]
+            case 4:
+                data = data[end:] + part + data[:start]
+            case 5:
+                data = data[:end] + part + data[end:]
+            case 6:
+                offset = int(rng.integers(0, min(size, 120)))
+                width = int(rng.choice([1, 2, 4, 8]))
+                extreme = [bytes(width), b"\xff" * width, b"\xff" * (width - 1) + b"\x7f"]
+                data = data[:offset] + extreme[rng.integers(3)] + data[offset + width :]
+            case 7:
+                words = data.split(b" ")
+                words[rng.integers(len(words))] = ODD_NUMBERS[rng.integers(len(ODD_NUMBERS))]
+                data = b" ".join(words)
+    return data
+
+
+def mutated_json(value: object, rng: np.random.Generator) -> object:
+    """A copy with one value of the tree replaced or removed."""
+    if not isinstance(value, dict | list) or not value or rng.random() < 0.1:
+        return ODD_VALUES[rng.integers(len(ODD_VALUES))]
+    copy = dict(value) if isinstance(value, dict) else dict(enumerate(value))
+    key = [*copy][rng.integers(len(copy))]
+    if rng.random() < 0.1:
+        del copy[key]
+    else:
+        copy[key] = mutated_json(copy[key], rng)
+    return copy if isinstance(value, dict) else [*copy.values()]
+
+
+def mutated_files(kind: str, rng: np.random.Generator) -> Files:
+    """A valid file of a kind, mutated outside or, where there is one, inside its container."""
+    files = dict(SCENES.get(kind) or CAMERAS[kind])
+    name = [*files][rng.integers(len(files))]
+    data, inside = files[name], rng.random() < 0.6
+    if inside and kind in ("spz 1", "spz 2", "spz 3"):
+        data = gzip.compress(mutated(gzip.decompress(data), rng), compresslevel=1)
+    elif inside and kind in ("inria", "transforms"):
+        data = json.dumps(mutated_json(json.loads(data), rng)).encode()
+    elif inside and kind in SOG:
+        meta, images = sog_meta(int(kind[4]), 6, 1), dict(sog_codes(6, 1, 3))
+        if rng.random() < 0.6:
+            meta = mutated_json(meta, rng)
+        else:
+            image = [*images][rng.integers(len(images))]
+            images[image] = mutated(image_bytes(images[image]), rng)
+        data = sog_bytes(meta, images)
+    else:
+        data = mutated(data, rng)
+    return files | {name: data}
+
+
+def check(kind: str, files: Files, folder: Path) -> str:
+    """Reads the files; the outcome "read" or "refused" if it is sound."""
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    path = folder / next(iter(files)) if len(files) == 1 else folder
+    try:
+        if kind in CAMERAS:
+            assert all(isinstance(camera, Camera) for camera in read_cameras(path))
+            return "read"
+        scene = read_scene(path)
+    except InputError as error:
+        assert str(error).startswith(str(folder)) and "\n" not in str(error)
+        return "refused"
+    count, coefficients = len(scene), (scene.sh_degree + 1) ** 2
+    assert count >= 1 and scene.sh.shape == (count, coefficients, 3)
+    assert scene.position.shape == scene.scale.shape == (count, 3)
+    assert scene.quaternion.shape == (count, 4) and scene.opacity.shape == (count,)
+    assert not (scene.scale < 0).any()
+    assert not ((scene.opacity < 0) | (scene.opacity > 1)).any()
+    return "read"
+
+
+def attempt(index: int, seed: int, folder: Path) -> tuple[str, str]:
+    """Round `index` of the campaign `seed`: kind of file and outcome."""
+    rng = np.random.default_rng((seed, index))
+    kind = KINDS[index % len(KINDS)]
+    return kind, check(kind, mutated_files(kind, rng), folder)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_unmutated(tmp_path, kind):
+    """The files that the campaign starts from are valid."""
+    assert check(kind, SCENES.get(kind) or CAMERAS[kind], tmp_path) == "read"
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error")
+def test_mutated(tmp_path):
+    """Thousands of broken files, of which each kind has some that read and many that do not."""
+    outcomes = Counter(attempt(index, 1, tmp_path) for index in range(ROUNDS))
+    for kind in KINDS:
+        assert outcomes[kind, "read"] and outcomes[kind, "refused"], kind
+
+
+def main(rounds: int, seed: int) -> None:
+    """A campaign by hand; prints each outcome's count, and where it is before each round."""
+    outcomes = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for index in range(rounds):
+            print(f"\r{index}", end="", file=sys.stderr, flush=True)
+            outcomes[attempt(index, seed, Path(folder))] += 1
+    for (kind, outcome), count in sorted(outcomes.items()):
+        print(f"{kind:22} {outcome:8} {count}")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,249 @@
+"""The garden and the registry of generated scenes."""
+
+import numpy as np
+import pytest
+
+from splatcore.golden.reference import render
+from splatcore.model.generate.garden import PARTS, garden, garden_camera, part_counts
+from splatcore.model.generate.garden_light import (
+    SUN,
+    projected_area,
+    sh_coefficients,
+    transmittance,
+)
+from splatcore.model.generate.garden_splats import (
+    UP,
+    frames,
+    quaternions,
+    random_directions,
+    refine,
+    share_out,
+    splats,
+)
+from splatcore.model.generate.generate import (
+    COUNT_MAX,
+    GARDEN_COUNT,
+    GENERATORS,
+    generate,
+    generated_camera,
+)
+from splatcore.model.generate.hard import HARD
+from splatcore.spec.camera import look_at
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import rotation_matrix
+
+ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
+
+
+def part_of(scene, name):
+    """The Gaussians of one part of a garden."""
+    counts = part_counts(len(scene))
+    start = sum(list(counts.values())[: list(counts).index(name)])
+    return scene[start : start + counts[name]]
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 13, 100, 1_234, 20_000, 70_001])
+def test_count_and_contract(count):
+    scene = garden(count)
+    assert len(scene) == count and scene.sh_degree == 1
+    for name in ARRAYS:
+        array = getattr(scene, name)
+        assert array.dtype == np.float64 and np.isfinite(array).all(), name
+    assert (scene.scale > 0).all() and (scene.opacity > 0).all() and (scene.opacity <= 1).all()
+    assert np.allclose(np.linalg.norm(scene.quaternion, axis=1), 1, atol=1e-12)
+
+
+def test_every_part_alone_gives_its_count():
+    for name, (build, _) in PARTS.items():
+        for count in (1, 2, 3, 5, 17, 64, 301):
+            assert len(build(np.random.default_rng([0, 1]), count)) == count, name
+
+
+def test_deterministic():
+    first, again, other = garden(3_000, 5), garden(3_000, 5), garden(3_000, 6)
+    for name in ARRAYS:
+        assert np.array_equal(getattr(first, name), getattr(again, name)), name
+        assert not np.array_equal(getattr(first, name), getattr(other, name)), name
+
+
+def test_all_parts_keep_their_share():
+    for count in (100, 5_000, 200_000):
+        counts = part_counts(count)
+        assert sum(counts.values()) == count and all(counts.values())
+        for name, (_, share) in PARTS.items():
+            total = sum(s for _, s in PARTS.values())
+            assert abs(counts[name] - count * share / total) <= 1, name
+
+
+def test_share_out():
+    assert share_out(10, [1, 1, 1]).tolist() == [4, 3, 3]
+    assert share_out(1, [0.2, 0.5, 0.3]).tolist() == [0, 1, 0]
+    assert share_out(0, [1, 2]).tolist() == [0, 0]
+
+
+def test_scales_shrink_with_the_count():
+    """A surface of four times the splats has splats of about half the size."""
+    coarse, fine = garden(8_000), garden(32_000)
+    for name in ("ground", "path", "bird_bath", "tree", "sky"):
+        sizes = [np.median(np.sort(part_of(s, name).scale)[:, 1]) for s in (coarse, fine)]
+        assert 1.4 < sizes[0] / sizes[1] < 2.6, name
+
+
+def test_frame_of_the_scene():
+    """y down: the ground is near y = 0, what stands on it has negative y; objects are near."""
+    scene = garden()
+    ground = part_of(scene, "ground").position
+    near = np.linalg.norm(ground, axis=1) < 6
+    assert np.abs(ground[near, 1]).max() < 0.12
+    for name, height in (("tree", 2.0), ("bench", 0.7), ("bird_bath", 0.7), ("fence", 0.8)):
+        y = part_of(scene, name).position[:, 1]
+        assert -1.8 * height < y.min() < -height and y.max() < 0.15, name
+    for name in ("tree", "bench", "bird_bath"):
+        assert np.linalg.norm(part_of(scene, name).position, axis=1).max() < 5, name
+    assert np.linalg.norm(part_of(scene, "sky").position, axis=1).min() > 80
+
+
+def test_statistics_like_a_trained_scene():
+    scene = garden()
+    ratio = scene.scale.max(axis=1) / scene.scale.min(axis=1)
+    assert np.median(ratio) > 5 and ratio.max() > 20
+    assert 0.35 < np.mean(scene.opacity > 0.85) < 0.7
+    assert 0.005 < np.mean(scene.opacity < 0.2) < 0.1
+    leafy = part_of(scene, "tree").opacity
+    assert 0.2 < np.mean((leafy > 0.2) & (leafy < 0.7)) < 0.6
+
+
+def test_sheen():
+    """Glossy things have degree-1 SH, the sky none; water looks brightest towards the sun."""
+    scene = garden()
+    assert not part_of(scene, "sky").sh[:, 1:].any()
+    water = part_of(scene, "bird_bath")[-60:]
+    leaf, soil = part_of(scene, "tree"), part_of(scene, "ground")
+    strength = [np.abs(s.sh[:, 1:]).mean() for s in (water, leaf, soil)]
+    assert strength[0] > 2 * strength[1] > 0 and strength[2] == 0
+    mirror = SUN * [-1, 1, -1]  # where level water sends the sun
+    d = -mirror  # from the viewer to the water; basis (−y, z, −x)
+    gain = np.einsum("a,nac->nc", [-d[1], d[2], -d[0]], water.sh[:, 1:]) * 0.4886
+    assert 0.05 < gain.mean() < 0.5
+
+
+@pytest.mark.parametrize("count, bound", [(2_000, 0.1), (20_000, 0.1), (60_000, 0.15)])
+def test_no_holes(count, bound):
+    """From inside, in all directions, ground and sky leave no black."""
+    gaussians = garden(count).gaussians()
+    camera = garden_camera(96, 54)
+    frame = render(gaussians, camera)
+    assert frame.transmittance.max() < bound
+    assert frame.image.mean(axis=2).min() > 0.03
+    eye = camera.position
+    for target in ([4, -2.2, 0], [-9, -2, -6], [0, -2, -20], [1, -9, 1]):
+        around = look_at(eye, eye + np.array(target) + [0, 1.4, 0], 64, 36, 58)
+        assert render(gaussians, around).transmittance.max() < bound, target
+
+
+def test_the_picture():
+    """Blue above green, with red, yellow and white flowers: what the camera is there to show."""
+    image = np.clip(render(garden(20_000).gaussians(), garden_camera(240, 135)).image, 0, 1)
+    red, green, blue = np.moveaxis(image, 2, 0)
+    top, bottom = slice(0, 20), slice(100, 135)
+    assert blue[top, 120:].mean() > red[top, 120:].mean() + 0.05
+    assert green[bottom].mean() > blue[bottom].mean() + 0.1
+    assert np.sum((red > 0.6) & (green < 0.35) & (blue < 0.35)) > 15  # poppies
+    assert np.sum((red > 0.7) & (green > 0.6) & (blue < 0.35)) > 15  # marigolds
+    assert image.std() > 0.15
+
+
+def test_quaternions_of_frames():
+    rng = np.random.default_rng(1)
+    frame = frames(random_directions(rng, 500), random_directions(rng, 500))
+    half_turns = np.array([np.diag(d) for d in ([1, -1, -1], [-1, 1, -1], [-1, -1, 1], [1, 1, 1])])
+    frame = np.concatenate([frame, half_turns])
+    assert np.allclose(np.linalg.det(frame), 1)
+    assert np.allclose(rotation_matrix(quaternions(frame)), frame, atol=1e-12)
+
+
+def test_refine_keeps_the_shape():
+    rng = np.random.default_rng(2)
+    frame = frames(random_directions(rng, 1), random_directions(rng, 1))
+    one = splats(np.zeros((1, 3)), np.array([0.5, 0.2, 0.05]), frame, 0.8, np.full(3, 0.5))
+    many = refine(rng, one, 4_000)
+    assert len(many) == 4_000 and len(refine(rng, many, 17)) == 17
+    local = many.position @ frame[0]
+    spread = np.sqrt(local.var(axis=0) + many.scale[0] ** 2)
+    assert np.allclose(spread, one.scale[0], rtol=0.2)
+
+
+def test_shadow():
+    """Below an opaque sheet it is dark, beside and above it is not."""
+    rng = np.random.default_rng(3)
+    x, z = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41))
+    sheet = np.stack([x.ravel(), -1 + rng.uniform(-0.03, 0.03, x.size), z.ravel()], axis=1)
+    probes = np.array([[0, -0.2, 0], [3, -0.2, 0], [0, -2.0, 0]])
+    position = np.concatenate([sheet, probes])
+    aim = frames(np.tile(UP, (len(position), 1)), random_directions(rng, len(position)))
+    part = splats(position, np.array([0.05, 0.05, 0.002]), aim, 0.9, np.full(3, 0.5), leafy=0.0)
+    light = transmittance(part, UP, cell=0.2, bias=0.1)
+    assert light[-3] < 0.02 and np.allclose(light[-2:], 1)
+    clear = np.hypot(sheet[:, 0], sheet[:, 2]) > 0.5  # of the third probe's shadow
+    assert np.allclose(light[: x.size][clear], 1)  # nothing shades itself
+    shown = sh_coefficients(part)[:, 0]
+    assert (shown[-3] < shown[-2] - 0.2).all()
+
+
+def test_projected_area():
+    """Against the determinant of the covariance projected onto the plane."""
+    rng = np.random.default_rng(4)
+    aim = frames(random_directions(rng, 50), random_directions(rng, 50))
+    scale = np.exp(rng.uniform(-4, 0, (50, 3)))
+    part = splats(np.zeros((50, 3)), scale, aim, rng.uniform(0, 1, 50), np.full(3, 0.5))
+    plane = frames(SUN[None], UP)[0, :, :2]  # [3, 2]
+    factor = np.einsum("ip,nij->npj", plane, aim * scale[:, None, :])
+    root = np.sqrt(np.linalg.det(factor @ factor.transpose(0, 2, 1)))
+    assert np.allclose(projected_area(part, SUN), 2 * np.pi * part.opacity * root)
+
+
+def test_registry():
+    assert set(GENERATORS) == {"garden", *HARD}
+    for name in GENERATORS:
+        assert generate(name).name == name
+        assert generated_camera(name).name == name
+    assert len(generate("garden")) == GARDEN_COUNT
+    assert len(generate("garden", 321)) == 321
+    assert not np.array_equal(generate("needles", seed=1).sh, generate("needles", seed=2).sh)
+
+
+def test_generated_camera_sizes():
+    own = generated_camera("garden")
+    assert (own.width, own.height) == (960, 540)
+    small = generated_camera("garden", 96, 54)
+    assert (small.width, small.height) == (96, 54)
+    assert small.tan_half_fov == pytest.approx(own.tan_half_fov)
+    wide = generated_camera("needles", width=128)
+    assert (wide.width, wide.height) == (128, 48)
+    with pytest.raises(InputError, match="width 0"):
+        generated_camera("needles", width=0)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (("lawn",), "'lawn'.*garden, needles, flakes"),
+        (("needles", 5), "count: the scene 'needles' has a fixed number"),
+        (("garden", 0), "count: 0"),
+        (("garden", -3), "count: -3"),
+        (("garden", COUNT_MAX + 1), "count: 20000001"),
+        (("garden", 10, -1), "seed: -1"),
+    ],
+)
+def test_errors(arguments, message):
+    with pytest.raises(InputError, match=message):
+        generate(*arguments)
+    with pytest.raises(InputError, match="'lawn'"):
+        generated_camera("lawn")
+
+
+def test_garden_errors():
+    with pytest.raises(InputError, match="count 0"):
+        garden(0)
+    with pytest.raises(InputError, match="seed -1"):
+        garden(5, -1)

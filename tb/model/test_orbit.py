@@ -1,0 +1,113 @@
+"""Views on the path of cameras: where they stand, what they look at, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.model.cameras.orbit import GAP, looked_at, orbiting_views, upright
+from splatcore.spec.camera import look_at
+from splatcore.spec.error import InputError
+
+CENTRE, RADIUS, HEIGHT = np.array([1.0, -2.0, 3.0]), 4.0, 1.5
+MIDDLE = np.array([9.0, 9.0, 9.0])
+UPRIGHT = np.eye(3)
+TILTED = np.array([[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]])
+"""A scene's frame need not be upright."""
+
+
+def ring(count: int, frame: np.ndarray = UPRIGHT) -> list:
+    """Cameras round CENTRE that look at it from above, in a turned frame."""
+    found = []
+    for angle in 2 * np.pi * np.arange(count) / count + 0.3:
+        eye = CENTRE + frame @ [RADIUS * np.sin(angle), -HEIGHT, RADIUS * np.cos(angle)]
+        found.append(look_at(eye, CENTRE, 64, 36, 50.0, down=frame @ [0, 1, 0], name="given"))
+    return found
+
+
+def directions(views) -> np.ndarray:
+    return np.array([view.rotation[2] for view in views])
+
+
+@pytest.mark.parametrize("frame", [UPRIGHT, TILTED])
+@pytest.mark.parametrize("cameras", [2, 3, 5, 7])
+def test_on_the_circle(cameras, frame):
+    """Every view is one of the cameras, turned about the point they look at."""
+    given = ring(5, frame)[:cameras] if cameras < 5 else ring(cameras, frame)
+    assert np.allclose(looked_at(given, MIDDLE), CENTRE, atol=0.02)
+    assert np.allclose(upright(given), frame @ [0, -1, 0], atol=2e-3)
+    views = orbiting_views(given, MIDDLE, 24, 0.0, 1.0)
+    away = np.array([view.position for view in views]) - CENTRE
+    assert np.allclose(away @ frame[:, 1], -HEIGHT, atol=0.05)
+    assert np.allclose(np.linalg.norm(away, axis=1), np.hypot(RADIUS, HEIGHT), atol=0.05)
+    toward = -away / np.linalg.norm(away, axis=1)[:, None]
+    assert (np.sum(directions(views) * toward, axis=1) > 0.999).all()
+    for view in views:
+        assert np.allclose(view.rotation @ view.rotation.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(view.rotation) > 0
+        assert abs(view.rotation[0] @ frame[:, 1]) < 0.01  # level
+        assert (view.width, view.height, view.fx, view.cx) == (64, 36, 50.0, 32.0)
+
+
+def test_all_round_and_never_where_a_camera_is():
+    given = ring(4)
+    views = orbiting_views(given, CENTRE, 48, 0.05, 1.05)
+    away = np.array([view.position for view in views]) - CENTRE
+    angle = np.sort(np.arctan2(away[:, 0], away[:, 2]))
+    assert np.diff(np.append(angle, angle[0] + 2 * np.pi)).max() < np.radians(15)
+    between = np.arccos(np.clip(directions(views) @ directions(given).T, -1, 1))
+    assert between.min() >= GAP and between.min() < 1.5 * GAP
+
+
+def test_rise_and_distance():
+    """Bounds are kept, and nearly reached."""
+    views = orbiting_views(ring(3), CENTRE, 60, 0.2, 1.25)
+    away = np.array([view.position for view in views]) - CENTRE
+    distance = np.linalg.norm(away, axis=1)
+    share = distance / np.hypot(RADIUS, HEIGHT)
+    assert 0.79 < share.min() < 0.85 and 1.18 < share.max() < 1.26
+    lifted = np.arcsin(-away[:, 1] / distance) - np.arctan2(HEIGHT, RADIUS)
+    assert -0.205 < lifted.min() < -0.15 and 0.15 < lifted.max() < 0.205
+
+
+def test_one_camera_looks_at_the_middle():
+    """A single camera's point is the nearest to the middle on its axis, and −y is up."""
+    (camera,) = ring(1)
+    middle = CENTRE + 0.5 * camera.rotation[2] + 0.3 * camera.rotation[1]
+    centre = looked_at([camera], middle)
+    assert np.allclose(centre, CENTRE + 0.5 * camera.rotation[2], atol=0.01)
+    assert np.allclose(upright([camera]), [0, -1, 0], atol=1e-9)
+
+
+def test_cameras_everywhere_leave_room():
+    """Where cameras stand closer than the gap it narrows; there is no hang."""
+    given = ring(200)
+    views = orbiting_views(given, CENTRE, 8, 0.0, 1.0)
+    between = np.arccos(np.clip(directions(views) @ directions(given).T, -1, 1))
+    assert len(views) == 8 and 0 < between.min() < GAP
+
+
+def test_the_same_seed_the_same_views():
+    def numbers(seed):
+        views = orbiting_views(ring(4), CENTRE, 6, 0.1, 1.1, seed)
+        return np.array([[*view.rotation.flat, *view.translation] for view in views])
+
+    assert np.array_equal(numbers(0), numbers(0))
+    assert not np.allclose(numbers(0), numbers(1))
+
+
+def test_where_cameras_look_past_each_other():
+    """Axes that do not meet: the point nearest to all of them."""
+    one, other = ring(4)[:2]
+    other = replace(other, translation=other.translation - other.rotation @ [0, 0.2, 0])
+    centre = looked_at([one, other], CENTRE)
+    assert np.allclose(centre[1], CENTRE[1] + 0.1, atol=0.03)
+
+
+@pytest.mark.parametrize(
+    "cameras, count, message",
+    [([], 3, "cameras: there are none"), (ring(2), 0, "count: 0 is not ≥ 1")],
+)
+def test_bad_arguments(cameras, count, message):
+    with pytest.raises(InputError, match=message):
+        orbiting_views(cameras, CENTRE, count, 0.1, 1.1)

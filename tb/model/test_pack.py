@@ -1,0 +1,263 @@
+"""Packing: every bit by plain integers, what is dropped, sizes, errors, damaged files."""
+
+import numpy as np
+import pytest
+
+from splatcore.golden.reference import render
+from splatcore.model.formats.packed import is_packed, read_model
+from splatcore.model.pack.codebook import quantise
+from splatcore.model.pack.factor import largest_axis, lower_triangular
+from splatcore.model.pack.pack import pack
+from splatcore.spec.config import DEFAULT, PAPER, PRESETS
+from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import CHUNK, CODEBOOK_MAX, COMPONENT, HEADER, model_format
+from splatcore.spec.packed import PackedModel, sh_from_slopes, slopes_from_sh
+from tb.helpers.clouds import camera, cloud
+
+BYTES_MAX = 22
+
+
+def bits(image: np.ndarray, byte: int, offset: int, width: int) -> int:
+    """`width` bits at bit `offset` behind byte `byte`, as a plain integer."""
+    word = int.from_bytes(image[byte : byte + (offset + width + 7) // 8 + 8].tobytes(), "little")
+    return word >> offset & (1 << width) - 1
+
+
+def signed(code: int, width: int) -> int:
+    return code - (code >> width - 1 << width)
+
+
+def half_float(code: int) -> float:
+    """FP16's fields without its infinities: the highest exponent is one more binade."""
+    exponent, fraction = code >> 10 & 31, code & 1023
+    value = (fraction + 1024 * (exponent > 0)) * 2.0 ** (max(exponent, 1) - 25)
+    return -value if code >> 15 else value
+
+
+def plain_unpack(image: np.ndarray, n: int):
+    """Gaussian n of a DEFAULT model of degree 1, bit by bit from the text of spec.memory."""
+    count = bits(image, 0, 64, 32)
+    exponents = [signed(bits(image, 0, 128 + 16 * k, 16), 16) for k in range(4)]
+    align = lambda value: -(-value // 64) * 64  # noqa: E731
+    chunks = 64
+    positions = chunks + align(32 * -(-count // 256))
+    stored = count // 256 * 1440 + -(-(count % 256) * 45 // 8)
+    attributes = positions + align(stored)
+    colours = attributes + align(16 * count)
+    harmonics = colours + align((128 + 64) * 8)
+
+    chunk, place = divmod(n, 256)
+    head = chunks + 32 * chunk
+    ends = [bits(image, head, 120 + 15 + 24 + 16 + 9 * k, 9) for k in range(7)]
+    octant = sum(place >= end for end in ends)
+    position = []
+    for axis in range(3):
+        origin = signed(bits(image, head, 40 * axis, 40), 40)
+        shift = bits(image, head, 120 + 5 * axis, 5)
+        offset = bits(image, positions + 1440 * chunk, 45 * place + 15 * axis, 15)
+        offset += (octant >> axis & 1) << 15
+        position.append((origin + (offset << shift)) * 2.0 ** exponents[0])
+
+    word = bits(image, attributes + 16 * n, 0, 128)
+    take = lambda offset, width: word >> offset & (1 << width) - 1  # noqa: E731
+    diagonal = [half_float(take(15 * k, 15)) for k in range(3)]
+    l10, l20, l21 = (half_float(take(45 + 16 * k, 16)) for k in range(3))
+    factor = np.array([[diagonal[0], 0, 0], [l10, diagonal[1], 0], [l20, l21, diagonal[2]]])
+    opacity = 2.0 ** (-take(93, 8) / 32)
+    entries = (take(101, 7), 128 + take(108, 6))
+    colour = [
+        sum(signed(bits(image, colours + 8 * e, 12 * k, 12), 12) for e in entries) for k in range(3)
+    ]
+    entries = (take(114, 7), 128 + take(121, 7))
+    slopes = [
+        sum(signed(bits(image, harmonics + 16 * e, 10 * k, 10), 10) for e in entries)
+        for k in range(9)
+    ]
+    colour = np.array(colour) * 2.0 ** exponents[2]
+    slopes = np.array(slopes).reshape(3, 3) * 2.0 ** exponents[3]
+    return position, factor * 2.0 ** exponents[1], opacity, colour, slopes
+
+
+def test_every_bit_by_plain_integers():
+    model, _ = pack(cloud(1, count=700))
+    gaussians = model.gaussians()
+    assert 600 < len(model) < 700  # the transparent ones are dropped
+    for n in range(len(model)):
+        position, factor, opacity, colour, slopes = plain_unpack(model.image, n)
+        assert list(gaussians.position[n]) == position
+        assert (gaussians.factor[n] == factor).all()
+        assert gaussians.opacity[n] == pytest.approx(opacity, rel=1e-15)
+        np.testing.assert_allclose(
+            gaussians.sh[n, 0] * 0.28209479177387814 + 0.5, colour, atol=1e-14
+        )
+        direction = np.array([0.6, -0.64, 0.48])
+        x, y, z = 0.4886025119029199 * direction
+        sheen = -y * gaussians.sh[n, 1] + z * gaussians.sh[n, 2] - x * gaussians.sh[n, 3]
+        np.testing.assert_allclose(slopes @ direction, sheen, atol=1e-14)
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+@pytest.mark.parametrize("count", [0, 1, CHUNK, CHUNK + 1, 3000])
+def test_close_to_the_scene(count, degree):
+    scene = cloud(2, count=count, degree=degree)
+    scene.opacity[:] = np.maximum(scene.opacity, 0.01)
+    model, report = pack(scene)
+    packed, order = model.gaussians(), match(scene.position, model.gaussians().position)
+    assert len(packed) == report.packed == count
+    assert sorted(order) == list(range(count))
+    gaussians = scene.gaussians()
+    lower = lower_triangular(gaussians.factor[order])
+    scale = largest_axis(lower)[:, None, None]
+    assert (np.abs(packed.factor - lower) <= scale * 2.0**-11).all()
+    assert (np.abs(np.log2(packed.opacity / scene.opacity[order])) <= 2.0**-6 + 1e-12).all()
+    assert report.position_error <= 1e-4
+    if count:
+        assert report.colour_rms < 0.05
+
+
+def match(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """For each point of b [M, 3] the index of the nearest point of a [N, 3]."""
+    return np.array([np.argmin(((a - point) ** 2).sum(1)) for point in b], int)
+
+
+def test_what_cannot_be_seen_is_dropped_and_counted():
+    scene = cloud(3, count=40)
+    scene.opacity[:] = 0.5
+    scene.opacity[[3, 4, 5]] = np.nextafter(ALPHA_MIN, 0), 0.0, ALPHA_MIN
+    scene.position[7, 0] = np.nan
+    scene.scale[8, 1] = np.inf
+    scene.quaternion[9, 2] = np.nan
+    scene.sh[10, 3, 1] = -np.inf
+    scene.opacity[11] = np.nan
+    model, report = pack(scene)
+    assert (report.not_finite, report.transparent, report.packed) == (5, 2, 33)
+    assert len(model) == 33
+    for array in (model.position, model.factor, model.opacity, model.sh):
+        assert np.isfinite(array).all()
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda config: config.name)
+def test_size(preset, degree):
+    model, report = pack(cloud(4, count=4000, degree=degree), preset)
+    assert report.codebook_bytes == model_format(preset, degree).codebook_bytes <= CODEBOOK_MAX
+    assert report.bytes == len(model.image)
+    limit = BYTES_MAX + 0.2 if preset is PAPER else BYTES_MAX
+    assert report.bytes_per_gaussian <= limit
+
+
+def test_paper_stores_absolute_half_floats():
+    scene = cloud(5, count=300)
+    scene.position[:] += 100
+    model, report = pack(scene, PAPER)
+    expected = scene.position.astype(np.float16).astype(np.float64)
+    assert {tuple(p) for p in model.position} == {tuple(p) for p in expected[keepable(scene)]}
+    assert report.position_error > 0.01
+
+
+def keepable(scene) -> np.ndarray:
+    return scene.opacity >= ALPHA_MIN
+
+
+def test_degrees():
+    scene = cloud(6, count=50, degree=3)
+    assert pack(scene)[0].format.sh_degree == 1
+    assert pack(scene, sh_degree=0)[0].format.sh_degree == 0
+    assert pack(scene.with_sh_degree(0), sh_degree=1)[0].format.sh_degree == 0
+
+
+def test_few_colours_are_kept_to_the_entry():
+    """No more distinct vectors than entries: only the rounding of entries is left."""
+    scene = cloud(7, count=100)
+    _, report = pack(scene)
+    assert report.colour_rms < 2.0**-10
+
+
+def test_stages_of_a_codebook():
+    vectors = np.random.default_rng(0).normal(size=(5000, 3))
+    errors = []
+    for stages in ((4,), (4, 4), (4, 4, 4)):
+        codebook = quantise(vectors, stages, COMPONENT)
+        errors.append(((codebook.decode() - vectors) ** 2).mean())
+        for entries, index, n in zip(codebook.entries, codebook.index, stages, strict=True):
+            assert entries.shape == (1 << n, 3) and index.max() < 1 << n
+            assert (entries == np.rint(entries)).all() and np.abs(entries).max() <= COMPONENT.max
+    assert errors[2] < errors[1] / 3 < errors[0] / 9
+
+
+def test_slopes_and_back():
+    sh = np.random.default_rng(1).normal(size=(20, 3, 3))
+    np.testing.assert_allclose(sh_from_slopes(slopes_from_sh(sh)), sh, atol=1e-15)
+
+
+def test_needles_keep_their_thickness():
+    """Σ of axis ratio 1e6 has none of the thin axis left in float64; its factor has."""
+    scene = cloud(8, count=200)
+    scene.scale[:] = [1.0, 1e-6, 1e-6]
+    factor = scene.gaussians().factor
+    lower = lower_triangular(factor)
+    assert (np.triu(lower, 1) == 0).all() and (np.diagonal(lower, axis1=1, axis2=2) >= 0).all()
+    thin = np.linalg.svd(lower, compute_uv=False)[:, 1:]
+    np.testing.assert_allclose(thin, 1e-6, rtol=1e-8)
+    sigma = factor @ np.swapaxes(factor, 1, 2)
+    np.testing.assert_allclose(lower @ np.swapaxes(lower, 1, 2), sigma, atol=1e-14)
+
+
+def test_chunk_headers_are_bounds():
+    scene = cloud(9, count=10_000)
+    model, _ = pack(scene)
+    chunks, gaussians = model.chunks, model.gaussians()
+    of = np.arange(len(model)) // CHUNK
+    step = np.ldexp(
+        1.0, int(HEADER["position_exponent"].decode(model.header["position_exponent"])[0])
+    )
+    low = chunks["origin"][of] * step
+    side = (chunks["extent"][of] + 1.0) * 256 * 2.0 ** chunks["shift"][of] * step
+    assert (gaussians.position >= low).all() and (gaussians.position < low + side).all()
+    sigma = np.linalg.svd(gaussians.factor, compute_uv=False)[:, 0]
+    reach = sigma * np.sqrt(2 * np.log(255 * gaussians.opacity))
+    assert (chunks["reach"][of] >= reach * (1 - 1e-12)).all()
+    assert (
+        chunks["reach"] <= 1.01 * np.maximum.reduceat(reach, np.arange(0, len(model), CHUNK))
+    ).all()
+
+
+def test_a_packed_model_renders_like_its_scene():
+    scene = cloud(10, count=500)
+    model, _ = pack(scene)
+    a, b = (
+        render(g, camera(64, 48)).image.clip(0, 1) for g in (model.gaussians(), scene.gaussians())
+    )
+    assert 10 * np.log10(1 / ((a - b) ** 2).mean()) > 30
+
+
+def test_deterministic():
+    assert (pack(cloud(11, count=5000))[0].image == pack(cloud(11, count=5000))[0].image).all()
+
+
+def test_files(tmp_path):
+    model, _ = pack(cloud(12, count=300))
+    (tmp_path / "a.splatcore").write_bytes(model.image.tobytes())
+    assert is_packed(tmp_path / "a.splatcore") and not is_packed(tmp_path / "none")
+    assert (read_model(tmp_path / "a.splatcore").image == model.image).all()
+    with pytest.raises(InputError, match="none"):
+        read_model(tmp_path / "none")
+
+
+def test_damaged_files_are_refused():
+    image = pack(cloud(13, count=300))[0].image
+    rng = np.random.default_rng(0)
+    for length in [0, 1, 63, 64, 100, len(image) - 1]:
+        with pytest.raises(InputError):
+            PackedModel(image[:length], "cut")
+    places = [*range(HEADER.width), *rng.integers(HEADER.width, 8 * len(image), 500)]
+    for place in places:
+        damaged = image.copy()
+        damaged[place // 8] ^= 1 << place % 8
+        with pytest.raises(InputError, match=r"^flipped: [^\n]*$"):
+            PackedModel(damaged, "flipped")
+
+
+def test_default_is_the_design_of_spec_memory():
+    assert DEFAULT.colour_index[1] == (7, 6) and DEFAULT.sh_index[1] == (7, 7)

@@ -1,0 +1,256 @@
+"""PLY scenes: every layout, order and type; compressed PLY; malformed files."""
+
+import os
+
+import numpy as np
+import pytest
+from plyfile import PlyData
+
+from splatcore.model.formats.ply import OPACITY_MARGIN, SCALE_MIN, read_ply, write_ply
+from splatcore.model.formats.read import read_scene
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import Scene
+from tb.helpers.scene_file import (
+    CHUNK_BOUNDS,
+    FORMATS,
+    compressed_ply_bytes,
+    ply_bytes,
+    ply_columns,
+)
+from tb.helpers.scenes import GAUSSIANS, needs_scenes, random_scene, scene_path
+
+FLOAT32_BOUND = 1e-6
+"""Relative error that float32 leaves in a scale or an opacity (measured 7e-7 at most)."""
+
+
+def check_equal(scene: Scene, expected: Scene) -> None:
+    """Positions, quaternions and SH exactly as float32; scale and opacity after exp and sigmoid."""
+    for name in ("position", "quaternion", "sh"):
+        stored = getattr(expected, name).astype(np.float32).astype(np.float64)
+        assert np.array_equal(getattr(scene, name), stored), name
+    for name in ("scale", "opacity"):
+        value = getattr(expected, name)
+        assert np.abs(getattr(scene, name) / value - 1).max() < FLOAT32_BOUND, name
+
+
+@pytest.mark.parametrize("degree", range(4))
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("extra", [False, True])
+def test_any_layout_reads_alike(tmp_path, degree, form, extra):
+    """Shuffled properties, ASCII and both byte orders, normals and unknown properties."""
+    expected = random_scene(5, degree)
+    columns = ply_columns(expected)
+    types = {}
+    if extra:
+        columns |= {name: np.full(5, 7.0) for name in ("nx", "ny", "nz", "red")}
+        columns = {name: columns[name] for name in np.random.default_rng(1).permutation([*columns])}
+        types = {"red": "uchar", "x": "double"}
+    elements = (
+        {"camera": {"focal": np.ones(2)}, "vertex": columns} if extra else {"vertex": columns}
+    )
+    path = tmp_path / "scene.ply"
+    path.write_bytes(ply_bytes(elements, form, types))
+    scene = read_scene(path)
+    check_equal(scene, expected)
+    assert (scene.name, scene.sh_degree, scene.notes) == (str(path), degree, ())
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_header_line_ends(tmp_path, newline):
+    expected = random_scene(3, 1)
+    path = tmp_path / "scene.ply"
+    path.write_bytes(ply_bytes({"vertex": ply_columns(expected)}, newline=newline))
+    check_equal(read_scene(path), expected)
+
+
+def test_sh_is_channel_major(tmp_path):
+    """f_rest_[channel·K + k] is coefficient 1 + k of that channel."""
+    columns = ply_columns(random_scene(1, 2))
+    columns |= {f"f_rest_{i}": np.array([i]) for i in range(24)}
+    path = tmp_path / "scene.ply"
+    path.write_bytes(ply_bytes({"vertex": columns}))
+    assert np.array_equal(read_ply(path).sh[0, 1:], np.arange(24).reshape(3, 8).T)
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_written_scene_reads_back(tmp_path, degree):
+    expected = random_scene(300, degree)
+    write_ply(tmp_path / "scene.ply", expected)
+    check_equal(read_ply(tmp_path / "scene.ply"), expected)
+    vertex = PlyData.read(str(tmp_path / "scene.ply"))["vertex"]
+    rest = [f"f_rest_{i}" for i in range(3 * ((degree + 1) ** 2 - 1))]
+    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *rest]
+    names += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+    assert [p.name for p in vertex.properties] == names
+
+
+def test_written_extremes_are_finite(tmp_path):
+    """Zero scales, opacities of 0 and 1: finite in the file, as close as float32 allows."""
+    scene = random_scene(2, 0)
+    scene = Scene(scene.position, scene.scale * 0, scene.quaternion, np.array([0, 1]), scene.sh)
+    write_ply(tmp_path / "scene.ply", scene)
+    vertex = PlyData.read(str(tmp_path / "scene.ply"))["vertex"].data
+    assert all(np.isfinite(vertex[name]).all() for name in vertex.dtype.names)
+    back = read_ply(tmp_path / "scene.ply")
+    assert np.allclose(back.scale, SCALE_MIN, rtol=1e-5)
+    assert np.abs(back.opacity - scene.opacity).max() < 1.01 * OPACITY_MARGIN
+
+
+def test_odd_gaussians_are_noted(tmp_path):
+    """NaN, Inf and quaternions without a direction are read and counted."""
+    columns = ply_columns(random_scene(6, 0))
+    columns["x"][0], columns["scale_1"][1], columns["f_dc_2"][1] = np.nan, np.inf, np.nan
+    for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
+        columns[name][3] = 0
+        columns[name][4] *= 1e6
+    path = tmp_path / "scene.ply"
+    path.write_bytes(ply_bytes({"vertex": columns}))
+    assert read_scene(path).notes == (
+        "2 Gaussians with NaN or Inf",
+        "1 quaternions of norm 0",
+        "1 quaternions of a norm beyond 0.001 … 1000",
+    )
+
+
+def _compressed(count: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(count)
+    bounds = np.sort(rng.uniform(-1, 1, (-(-count // 256), 3, 2, 3)), axis=2).astype(np.float32)
+    packed = rng.integers(0, 2**32, (count, 4), np.uint32)
+    sh = rng.integers(0, 256, (count, 3 * ((degree + 1) ** 2 - 1)), np.uint8)
+    return bounds.reshape(-1, 18), packed, sh
+
+
+def _unpacked(word: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
+    """Bit fields of words [N], from the top bit down, each in [0, 1]: [N, fields]."""
+    low, fields = 32, []
+    for width in widths:
+        low -= width
+        fields.append((word >> low & (2**width - 1)) / (2**width - 1))
+    return np.stack(fields, axis=1)
+
+
+@pytest.mark.parametrize("degree", range(4))
+@pytest.mark.parametrize("coloured", [True, False])
+def test_compressed(tmp_path, degree, coloured):
+    """PlayCanvas's format from its description; without bounds of colours as old files are."""
+    count = 600
+    bounds, packed, sh = _compressed(count, degree)
+    names = CHUNK_BOUNDS if coloured else CHUNK_BOUNDS[:12]
+    path = tmp_path / "scene.ply"
+    path.write_bytes(compressed_ply_bytes(bounds[:, : len(names)], packed, sh, names))
+    scene = read_scene(path)
+
+    low, high = np.repeat(bounds.reshape(-1, 3, 2, 3), 256, axis=0)[:count].transpose(2, 1, 0, 3)
+    position, quaternion, log_scale, colour = (
+        _unpacked(word, widths)
+        for word, widths in zip(
+            packed.T, [(11, 10, 11), (2, 10, 10, 10), (11, 10, 11), (8,) * 4], strict=True
+        )
+    )
+    assert np.abs(scene.position - (low + (high - low) * position)[0]).max() < 1e-6
+    assert np.abs(np.log(scene.scale) - low[1] - (high - low)[1] * log_scale).max() < 1e-6
+    rgb = colour[:, :3] * (high - low)[2] + low[2] if coloured else colour[:, :3]
+    assert np.abs(0.5 + 0.28209479 * scene.sh[:, 0] - rgb).max() < 1e-6
+    # gsply keeps the logit within ± 10.
+    assert np.abs(scene.opacity - colour[:, 3]).max() < 5e-5
+    largest = np.round(quaternion[:, 0] * 3).astype(int)
+    rest = scene.quaternion[np.arange(4) != largest[:, None]].reshape(-1, 3)
+    assert np.abs(rest - (quaternion[:, 1:] - 0.5) * np.sqrt(2)).max() < 1e-6
+    expected = (sh.reshape(count, 3, -1).transpose(0, 2, 1) - 127.5) / 32
+    assert np.abs(scene.sh[:, 1:] - expected).max(initial=0) < 1e-6
+
+
+PLAIN = ply_columns(random_scene(4, 1))
+
+
+def _without(*names: str) -> bytes:
+    return ply_bytes({"vertex": {k: v for k, v in PLAIN.items() if k not in names}})
+
+
+def _header(count: object, properties: str = "property float x\n", form: str = "ascii") -> bytes:
+    return f"ply\nformat {form} 1.0\nelement vertex {count}\n{properties}end_header\n".encode()
+
+
+def _packed(names=CHUNK_BOUNDS, chunks: int = 1, sh: int = 9, rows: int = 10) -> bytes:
+    bounds, packed, _ = _compressed(10, 0)
+    return compressed_ply_bytes(
+        np.repeat(bounds, chunks, axis=0), packed, np.zeros((rows, sh), np.uint8), names
+    )
+
+
+BAD = {
+    "is empty": b"",
+    "no 'end_header'": b"ply\nformat ascii 1.0\n",
+    "expected one of": b"ply\nformat ascii 1.0\nnonsense\nend_header\n",
+    "format 'ebcdic'": _header(1, form="ebcdic"),
+    "expected version '1.0'": b"ply\nformat ascii 2.0\nend_header\n",
+    "element 'vertex' is missing": b"ply\nformat ascii 1.0\nend_header\n",
+    "has no count": _header("many"),
+    "-1 × 1 values": _header(-1),
+    "1099511627776 × 1 values": _header(2**40),
+    "1000000000000 × 0 values": _header(10**12, properties=""),
+    "holds 0 Gaussians": _header(0),
+    "early end-of-file": _header(3) + b"1\n",
+    "early end-of-file ": ply_bytes({"vertex": PLAIN})[:-1],
+    "malformed input": _header(1) + b"one\n",
+    "expected end-of-line": _header(1) + b"1 2\n",
+    "has list properties": _header(1, "property list uchar int x\n") + b"0\n",
+    "two properties with same name": _header(1, "property float x\n" * 2) + b"1 2\n",
+    "property 'rot_3' is missing": _without("rot_3"),
+    "property 'f_dc_0' is missing": _without("f_dc_0"),
+    "property 'opacity' is missing": _without("opacity"),
+    "property 'z' is missing": _without("z"),
+    "8 properties 'f_rest_*'": _without("f_rest_4"),
+    "property 'f_rest_4' is missing": _without("f_rest_4").replace(
+        b"property float x\n", b"property float f_rest_9\nproperty float x\n"
+    )
+    + bytes(16),
+    "property 'max_b' is missing": _packed([*CHUNK_BOUNDS[:-1], "blue"]),
+    "'chunk' has 2 rows, not 1": _packed(chunks=2),
+    "'sh' has 9 rows": _packed(rows=9),
+    "12 properties 'f_rest_*'": _packed(sh=12),
+    "'packed_scale' is not uint32": _packed().replace(b"uint packed_s", b"float packed_s"),
+    "'f_rest_3' is not uint8": _packed().replace(b"uchar f_rest_3", b"char f_rest_3"),
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_bad_file(tmp_path, message):
+    path = tmp_path / "bad.ply"
+    path.write_bytes(BAD[message])
+    with pytest.raises(InputError) as error:
+        read_scene(path)
+    assert str(error.value).startswith(f"{path}: ") and "\n" not in str(error.value)
+    assert message.strip() in str(error.value)
+
+
+def test_bad_path(tmp_path):
+    """A missing file, a folder, a pipe, an impossible name, a file of no known format."""
+    (tmp_path / "text.ply").write_text("hello")
+    os.mkfifo(tmp_path / "pipe.ply")
+    for name, message in [
+        ("none.ply", "No such file"),
+        ("", "is a directory"),
+        ("pipe.ply", "is not a regular file"),
+        ("a\0b", "null"),
+        ("text.ply", "is no PLY, SPZ, SOG or .splat file"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            read_scene(f"{tmp_path}/{name}")
+    with pytest.raises(InputError, match=r"cannot be written"):
+        write_ply(tmp_path / "none" / "scene.ply", random_scene(1, 0))
+
+
+NOTES = {"kitchen.spz": ("trained with antialiasing: rendered without",)}
+"""What is odd in the real files."""
+
+
+@needs_scenes
+@pytest.mark.parametrize("name", GAUSSIANS)
+def test_real_file(name):
+    """Every real file opens with the count and degree that its folder states."""
+    scene = read_scene(scene_path(name))
+    assert (len(scene), scene.sh_degree) == GAUSSIANS[name]
+    assert scene.notes == NOTES.get(name, ()) and scene.name == str(scene_path(name))
+    assert np.abs(np.linalg.norm(scene.quaternion, axis=1) - 1).max() < 0.01
+    assert scene.opacity.min() >= 0 and scene.opacity.max() <= 1 and scene.scale.min() > 0

@@ -1,0 +1,240 @@
+"""SOG scenes, versions 1 and 2: every image decoded, agreement with PLY, malformed files."""
+
+import copy
+import io
+import json
+import struct
+import zipfile
+
+import numpy as np
+import pytest
+
+from splatcore.model.formats.read import read_scene
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import rotation_matrix
+from tb.helpers.scene_file import image_bytes, sog_bytes, sog_codes, sog_meta
+from tb.helpers.scenes import needs_scenes, random_scene, scene_path
+
+
+def read(tmp_path, data: bytes):
+    path = tmp_path / "scene.sog"
+    path.write_bytes(data)
+    return read_scene(path)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("degree", range(4))
+def test_every_image(tmp_path, version, degree):
+    """Each Gaussian by the formulas of the format, one at a time; 17 in images of 4×5 pixels."""
+    count, width = 17, 5
+    codes, meta = sog_codes(count, degree, width), sog_meta(version, count, degree)
+    scene = read(tmp_path, sog_bytes(meta, codes))
+    assert (len(scene), scene.sh_degree, scene.notes) == (count, degree, ())
+
+    def value(name: str, code: int, channel: int) -> float:
+        if version == 2:
+            return meta[name]["codebook"][code]
+        low, high = meta[name]["mins"], meta[name]["maxs"]
+        if name != "shN":
+            low, high = low[channel], high[channel]
+        return low + (high - low) * code / 255
+
+    for i in range(count):
+        pixel = {
+            name: image[i // width, i % width].astype(int)
+            for name, image in codes.items()
+            if name != "shN_centroids"
+        }
+        for axis in range(3):
+            low, high = meta["means"]["mins"][axis], meta["means"]["maxs"][axis]
+            code = pixel["means_l"][axis] + 256 * pixel["means_u"][axis]
+            log = low + (high - low) * code / 65535
+            position = np.expm1(abs(log)) * np.sign(log)
+            assert abs(scene.position[i, axis] - position) < 1e-12
+            scale = np.exp(value("scales", pixel["scales"][axis], axis))
+            assert abs(scene.scale[i, axis] / scale - 1) < 1e-12
+            assert abs(scene.sh[i, 0, axis] - value("sh0", pixel["sh0"][axis], axis)) < 1e-12
+        alpha = pixel["sh0"][3]
+        opacity = alpha / 255 if version == 2 else 1 / (1 + np.exp(-value("sh0", alpha, 3)))
+        assert abs(scene.opacity[i] - opacity) < 1e-12
+        label = pixel["shN_labels"][0] + 256 * pixel["shN_labels"][1] if degree else 0
+        for k in range((degree + 1) ** 2 - 1):
+            x = label % 64 * ((degree + 1) ** 2 - 1) + k
+            for channel, code in enumerate(codes["shN_centroids"][label // 64, x].tolist()):
+                assert abs(scene.sh[i, 1 + k, channel] - value("shN", code, channel)) < 1e-12
+
+
+def test_quaternions(tmp_path):
+    """Rotations of known quaternions survive: packed here as the format says."""
+    count = 512
+    quaternion = random_scene(count, 0).quaternion
+    codes = sog_codes(count, 0, 32)
+    for i, q in enumerate(quaternion):
+        largest = int(np.argmax(np.abs(q)))
+        small = np.delete(q * np.sign(q[largest]), largest)
+        rgb = np.round((small / np.sqrt(2) + 0.5) * 255)
+        codes["quats"][i // 32, i % 32] = [*rgb, 252 + largest]
+    scene = read(tmp_path, sog_bytes(sog_meta(2, count, 0), codes))
+    error = np.abs(rotation_matrix(scene.quaternion) - rotation_matrix(quaternion))
+    assert error.max() < 0.02  # measured 0.010: steps of √2/255
+
+
+def test_missing_alpha_is_opaque(tmp_path):
+    """An encoder drops an alpha of 255 throughout; so do images without alpha."""
+    codes = sog_codes(4, 0, 4)
+    codes["quats"][..., 3] = 255
+    codes["sh0"] = codes["sh0"][..., :3].copy()
+    scene = read(tmp_path, sog_bytes(sog_meta(2, 4, 0), codes))
+    assert scene.opacity.tolist() == [1] * 4
+    assert (np.argmax(scene.quaternion, axis=1) == 3).any()
+
+
+def test_null_at_the_start_of_a_codebook(tmp_path):
+    """A fault of early writers, mended as PlayCanvas's engine does."""
+    codes, meta = sog_codes(4, 0, 4), sog_meta(2, 4, 0)
+    book = meta["sh0"]["codebook"] = [None, *np.linspace(-1, 1, 255).tolist()]
+    codes["sh0"][...] = 0
+    scene = read(tmp_path, sog_bytes(meta, codes))
+    assert np.allclose(scene.sh, book[1] + (book[1] - book[255]) / 255)
+
+
+@needs_scenes
+def test_agrees_with_ply():
+    """leica-sofort, stored as PLY and as SOG: each Gaussian and its nearest in the other file.
+
+    Bounds are 1.5 to 2 times what was measured (in the comments).
+    """
+    ply = read_scene(scene_path("leica-sofort-top8192.ply"))
+    sog = read_scene(scene_path("leica-sofort-top8192.sog"))
+    nearest = np.concatenate(
+        [
+            np.argmin(((sog.position - part[:, None]) ** 2).sum(axis=2), axis=1)
+            for part in np.array_split(ply.position, 32)
+        ]
+    )
+    assert len(set(nearest)) == len(ply)  # one to one
+    sog = sog[nearest]
+    position = np.abs(sog.position - ply.position) / (1 + np.abs(ply.position))
+    assert position.max() < 1.5e-4  # measured 8.6e-5, one step of the 16-bit logarithm
+    assert np.abs(np.log(sog.scale / ply.scale)).max() < 0.15  # measured 0.082
+    cosine = np.abs((sog.quaternion * ply.quaternion).sum(axis=1))
+    assert np.degrees(2 * np.arccos(np.minimum(cosine, 1))).max() < 3  # measured 1.7
+    assert np.abs(sog.opacity - ply.opacity).max() < 1.001 / 255  # measured 1.000 / 255
+    error = sog.sh - ply.sh
+    assert np.abs(error[:, 0]).max() < 0.06  # measured 0.032
+    assert np.sqrt(np.mean(error[:, 1:] ** 2)) < 1.5e-3  # measured 7.7e-4; the values' own is 0.082
+
+
+META = sog_meta(2, 6, 1)
+CODES = sog_codes(6, 1, 3)
+
+
+def _meta(*keys: object, version: int = 2) -> bytes:
+    """A file whose meta.json has one value replaced (the last of `keys`) or removed (None)."""
+    meta = copy.deepcopy(META if version == 2 else sog_meta(1, 6, 1))
+    *path, last, value = keys
+    table = meta
+    for key in path:
+        table = table[key]
+    if value is None:
+        del table[last]
+    else:
+        table[last] = value
+    return sog_bytes(meta, CODES)
+
+
+def _image(name: str, pixels: np.ndarray | bytes | None) -> bytes:
+    """A file with one image replaced or removed."""
+    codes = CODES | {name: pixels}
+    return sog_bytes(META, {k: v for k, v in codes.items() if v is not None})
+
+
+def _zip(name: str, compression: int = zipfile.ZIP_STORED) -> bytes:
+    """A zip archive with one file."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", compression) as archive:
+        archive.writestr(name, "{}")
+    return file.getvalue()
+
+
+def _tag(tag: int) -> np.ndarray:
+    image = CODES["quats"].copy()
+    image[1, 0, 3] = tag
+    return image
+
+
+def _labels(label: int) -> np.ndarray:
+    image = CODES["shN_labels"].copy()
+    image[0, 2] = (label % 256, label // 256, 0)
+    return image
+
+
+GOOD = sog_bytes(META, CODES)
+ENCRYPTED = bytearray(GOOD)
+ENCRYPTED[GOOD.index(b"PK\x01\x02") + 8] |= 1
+LONG = bytearray(GOOD)
+struct.pack_into("<I", LONG, GOOD.index(b"PK\x01\x02") + 24, 10**9)
+TEXT = json.dumps(META)
+
+BAD = {
+    "is no zip archive": GOOD[:200],
+    "no meta.json": _zip("other.json"),
+    "meta.json: claims 1000000000 bytes": bytes(LONG),
+    "zip compression 12": _zip("meta.json", zipfile.ZIP_BZIP2),
+    "encrypted": bytes(ENCRYPTED),
+    "is not valid JSON": sog_bytes(TEXT[:-1], CODES),
+    "NaN is not JSON": sog_bytes(TEXT.replace('"count": 6', '"count": NaN'), CODES),
+    "meta.json: is [], not an object": sog_bytes([], CODES),
+    "recursion": sog_bytes("[" * 100_000, CODES),
+    "version 3": _meta("version", 3),
+    "'version': is '2', not an integer": _meta("version", "2"),
+    "'version': is True": _meta("version", True),
+    "'count' is missing": _meta("count", None),
+    "'count': is '6'": _meta("count", "6"),
+    "'count': is 6.5": _meta("count", 6.5),
+    "holds 0 Gaussians": _meta("count", 0),
+    "7 Gaussians in images of 3×2": _meta("count", 7),
+    "'shape' is missing": _meta("means", "shape", None, version=1),
+    "'shape' is empty": _meta("means", "shape", [], version=1),
+    "'shape': is 'x'": _meta("means", "shape", ["x", 3], version=1),
+    "'means' is missing": _meta("means", None),
+    "'means': is [], not an object": _meta("means", []),
+    "means: 'mins' is missing": _meta("means", "mins", None),
+    "means: 'mins': has 2 entries, not 3": _meta("means", "mins", [0, 1]),
+    "means: 'maxs': is '1', not a number": _meta("means", "maxs", [0, 1, "1"]),
+    "means: 'maxs': is 1000": _meta("means", "maxs", [0, 1, 10**400]),
+    "means: 'maxs': is False": _meta("means", "maxs", [0, 1, False]),
+    "means: 'files' has 1 entries, not 2": _meta("means", "files", ["means_l.webp"]),
+    "means: 'files': is 3, not a string": _meta("means", "files", [3, 4]),
+    "quats: 'files': is 'q', not a list": _meta("quats", "files", "q"),
+    "no none.webp": _meta("quats", "files", ["none.webp"]),
+    "scales: 'codebook' is missing": _meta("scales", "codebook", None),
+    "scales: 'codebook' has 0": _meta("scales", "codebook", []),
+    "scales: 'codebook' has 257": _meta("scales", "codebook", [0] * 257),
+    "is outside its 'codebook'": _meta("scales", "codebook", [0] * 9),
+    "sh0: 'codebook': is None": _meta("sh0", "codebook", [0, None]),
+    "sh0: 'mins': has 3 entries, not 4": _meta("sh0", "mins", [0] * 3, version=1),
+    "shN: 'mins': is [0], not a number": _meta("shN", "mins", [0], version=1),
+    "shN: 'bands' is missing": _meta("shN", "bands", None),
+    "SH degree is not 1, 2 or 3": _meta("shN", "bands", 4),
+    "100 × 8 centroids in 192×2": _meta("shN", "bands", 2),
+    "129 × 3 centroids": _meta("shN", "count", 129),
+    "0 × 3 centroids": _meta("shN", "count", 0),
+    "label 100 is outside its 100": _image("shN_labels", _labels(100)),
+    "label 25700 is outside": _image("shN_labels", _labels(25700)),
+    "Gaussian 3 has the tag 251": _image("quats", _tag(251)),
+    "no sh0.webp": _image("sh0", None),
+    "sh0.webp: is no WebP or PNG": _image("sh0", b"RIFF"),
+    "sh0.webp: is a broken image": _image("sh0", image_bytes(CODES["sh0"])[:-12] + bytes(12)),
+    "scales is 2×3, not 3×2": _image("scales", CODES["scales"].reshape(3, 2, 4)),
+    "mode L, not RGB or RGBA": _image("sh0", image_bytes(CODES["sh0"][..., 0], "PNG")),
+    "sh0.webp: claims 64000000 bytes": _image("sh0", np.zeros((4000, 4000, 4), np.uint8)),
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_bad_file(tmp_path, message):
+    with pytest.raises(InputError) as error:
+        read(tmp_path, BAD[message])
+    assert str(error.value).startswith(f"{tmp_path}/scene.sog: ")
+    assert message in str(error.value) and "\n" not in str(error.value)

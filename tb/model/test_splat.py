@@ -1,0 +1,74 @@
+""".splat scenes: 32 bytes a Gaussian."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from splatcore.model.formats.read import read_scene
+from splatcore.spec.error import InputError
+from tb.helpers.scene_file import ply_bytes, ply_columns, splat_bytes
+from tb.helpers.scenes import random_scene
+
+
+def read(tmp_path, data: bytes):
+    path = tmp_path / "scene.splat"
+    path.write_bytes(data)
+    return read_scene(path)
+
+
+def test_one_record(tmp_path):
+    """Every field of one Gaussian, in the order of the format."""
+    record = struct.pack("<6f8B", 1, -2, 3, 0.5, 0.25, 0.125, 255, 0, 51, 204, 0, 128, 160, 255)
+    scene = read(tmp_path, record)
+    assert scene.position.tolist() == [[1, -2, 3]]
+    assert scene.scale.tolist() == [[0.5, 0.25, 0.125]]
+    assert scene.quaternion.tolist() == [[-1, 0, 0.25, 127 / 128]]
+    assert scene.opacity.tolist() == [204 / 255]
+    colour = 0.5 + 0.28209479177387814 * scene.sh[0, 0]
+    assert np.abs(colour - [1, 0, 0.2]).max() < 1e-12
+    assert (scene.sh_degree, scene.notes) == (0, ())
+
+
+def test_many_records(tmp_path):
+    """Each Gaussian reads as it would alone."""
+    data = splat_bytes(20)
+    scene = read(tmp_path, data)
+    assert len(scene) == 20
+    for index in range(20):
+        alone = read(tmp_path, data[32 * index : 32 * index + 32])
+        for name in ("position", "scale", "quaternion", "opacity", "sh"):
+            assert np.array_equal(getattr(alone, name)[0], getattr(scene, name)[index])
+
+
+def test_odd_gaussians_are_noted(tmp_path):
+    """NaN stays, the sign of a scale goes, a quaternion of 128s is zero."""
+    grey = struct.pack("<8B", 128, 128, 128, 128, 128, 128, 128, 128)
+    records = [
+        struct.pack("<6f", 0, 0, 0, 1, -2, 3) + grey,
+        struct.pack("<6f", np.nan, 0, 0, 1, 2, 3) + grey,
+    ]
+    scene = read(tmp_path, b"".join(records))
+    assert scene.scale.tolist() == [[1, 2, 3]] * 2
+    assert scene.notes == (
+        "1 Gaussians with a negative scale, sign dropped",
+        "1 Gaussians with NaN or Inf",
+        "1 quaternions of norm 0",
+    )
+
+
+def test_content_goes_before_extension(tmp_path):
+    """A PLY is a PLY whatever its name; a .splat needs its extension."""
+    scene = read(tmp_path, ply_bytes({"vertex": ply_columns(random_scene(3, 1))}))
+    assert scene.sh_degree == 1
+    (tmp_path / "scene.bin").write_bytes(splat_bytes(2))
+    with pytest.raises(InputError, match=r"is no PLY, SPZ, SOG or \.splat file"):
+        read_scene(tmp_path / "scene.bin")
+
+
+@pytest.mark.parametrize(
+    ("size", "message"), [(0, "is empty"), (31, "31 bytes are no multiple"), (33, "33 bytes")]
+)
+def test_bad_size(tmp_path, size, message):
+    with pytest.raises(InputError, match=f"scene.splat: {message}"):
+        read(tmp_path, splat_bytes(2)[:size])

@@ -1,0 +1,237 @@
+"""Views of a scene without photographs: where they stand, what they see, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.reference import project
+from splatcore.model.cameras.surround import perturbed, surrounding_views
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.garden_splats import random_directions
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.spec.camera import look_at
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import Gaussians
+from tb.helpers.scenes import needs_scenes, scene_path
+
+VIEWS = 48
+
+
+def gaussians(position, scale=0.05, opacity=0.9) -> Gaussians:
+    """Round Gaussians at `position` [N, 3]."""
+    count = len(position)
+    factor = np.zeros((count, 3, 3))
+    factor[:, range(3), range(3)] = scale
+    opacity = np.broadcast_to(np.asarray(opacity, float), count)
+    return Gaussians(np.asarray(position, float), factor, opacity, np.zeros((count, 1, 3)))
+
+
+def ball(count=4_000, radius=1.0) -> np.ndarray:
+    return random_directions(np.random.default_rng(0), count) * radius
+
+
+def joined(*parts: Gaussians) -> Gaussians:
+    names = ("position", "factor", "opacity", "sh")
+    return Gaussians(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def eyes(views) -> np.ndarray:
+    return np.array([camera.position for camera in views])
+
+
+def hits(scene: Gaussians, views) -> np.ndarray:
+    """How many of the views hold each Gaussian, [N]."""
+    count = np.zeros(len(scene), int)
+    for camera in views:
+        count[project(scene, camera)[0].index] += 1
+    return count
+
+
+def numbers(views) -> np.ndarray:
+    return np.array([[*camera.rotation.flat, *camera.translation, camera.fx] for camera in views])
+
+
+@pytest.mark.parametrize("count, width, height", [(1, 64, 48), (9, 30, 80), (48, 1920, 1080)])
+def test_count_and_size(count, width, height):
+    views = surrounding_views(gaussians(ball(500)), count, width, height)
+    assert len(views) == count
+    assert {(camera.width, camera.height) for camera in views} == {(width, height)}
+    assert len({camera.name for camera in views}) == count
+    for camera in views:
+        angle = 2 * np.degrees(np.arctan(max(camera.tan_half_fov)))
+        assert 40 <= angle <= 75 and camera.fx == camera.fy
+        assert camera.rotation[1, 1] > 0  # upright: y points down
+
+
+def test_a_seed_decides():
+    scene = gaussians(ball(500))
+    one, same, other = (numbers(surrounding_views(scene, 12, 64, 36, s)) for s in (3, 3, 4))
+    assert np.array_equal(one, same)
+    apart = np.linalg.norm(one[:, None, 9:12] - other[None, :, 9:12], axis=2)
+    assert apart.min() > 1e-3  # no view in common: another seed's serve to judge by
+
+
+def test_all_round_an_object_and_not_inside():
+    """From every side, above it, outside the hollow ball, and each part held by two views."""
+    middle = np.array([5.0, -2, 1])
+    scene = gaussians(ball() + middle)
+    views = surrounding_views(scene, VIEWS, 96, 54)
+    away = eyes(views) - middle
+    assert np.linalg.norm(away, axis=1).min() > 1
+    assert away[:, 1].max() < 1 and np.mean(away[:, 1] < 0) > 0.75  # mostly from above
+    turn = np.sort(np.arctan2(away[:, 0], away[:, 2]))
+    gaps = np.diff([*turn, turn[0] + 2 * np.pi])
+    assert gaps.max() < np.radians(45)
+    assert np.mean(hits(scene, views) >= 2) > 0.99
+
+
+def test_room_is_seen_from_inside_and_not_through_walls():
+    """A room that is open at +z: eyes within it, none behind its walls."""
+    rng = np.random.default_rng(6)
+    walls = [
+        rng.uniform(-1, 1, (count, 3)) * half + np.array(middle)
+        for count, half, middle in (
+            (12_000, [2, 1.2, 0.02], [0, 0, -1.6]),
+            (9_000, [0.02, 1.2, 1.6], [-2, 0, 0]),
+            (9_000, [0.02, 1.2, 1.6], [2, 0, 0]),
+            (9_000, [2, 0.02, 1.6], [0, 1.2, 0]),
+        )
+    ]
+    scene = gaussians(np.concatenate(walls), 0.04)
+    views = surrounding_views(scene, VIEWS, 96, 54)
+    x, y, z = eyes(views).T
+    above = y < -1.2  # there is no ceiling
+    assert (above | (z > -1.6)).all()
+    assert (above | (z > 1.6) | (np.abs(x) < 2)).all()
+    assert np.sum(~above & (np.abs(x) < 2) & (np.abs(z) < 1.6)) >= VIEWS // 8
+    assert np.mean(hits(scene, views) >= 2) > 0.95
+
+
+def test_a_screen_is_not_looked_at():
+    """Matter before the object on one side keeps views from there that do not pass it."""
+    rng = np.random.default_rng(5)
+    screen = rng.uniform(-1, 1, (900, 3)) * [1.2, 1.5, 0.01] + np.array([0, -0.6, -1.5])
+    subject = gaussians(ball(20_000))
+
+    def behind(scene):
+        x, y, z = eyes(surrounding_views(scene, VIEWS, 96, 54)).T
+        return np.sum((z < -1.6) & (np.abs(x) < 0.4 * -z) & (y > -1.2))
+
+    assert behind(subject) >= 3
+    assert behind(joined(subject, gaussians(screen, 0.1))) == 0
+
+
+def test_what_cannot_be_seen_does_not_matter():
+    """Transparent and broken Gaussians, however many, change no view."""
+    scene = gaussians(ball(500))
+    bad = gaussians(np.tile([[np.nan, 0, 0], [0, np.inf, 0]], (700, 1)))
+    clear = gaussians(ball(9_000, 50.0), opacity=0.003)
+    odd = gaussians(ball(900, 30.0), opacity=np.nan)
+    wide = gaussians(ball(900, 20.0), scale=np.inf)
+    plain = surrounding_views(scene, 6, 64, 36)
+    views = surrounding_views(joined(scene, bad, clear, odd, wide), 6, 64, 36)
+    assert np.allclose(eyes(views), eyes(plain))
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.5])
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_place(count, scale):
+    place = np.array([3.0, 4, -5])
+    scene = gaussians(np.tile(place, (count, 1)), scale)
+    views = surrounding_views(scene, 8, 64, 36)
+    assert (hits(scene, views) == 8).all()
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        gaussians(np.zeros((0, 3))),
+        gaussians(np.full((5, 3), np.nan)),
+        gaussians(ball(5), opacity=0.0),
+        gaussians(ball(5), opacity=np.nan),
+        gaussians(ball(5), scale=np.inf),
+    ],
+)
+def test_nothing_to_see(scene):
+    with pytest.raises(InputError, match="no Gaussian can be seen"):
+        surrounding_views(scene, 4, 64, 36)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ((0, 64, 36), "count: 0 is not ≥ 1"),
+        ((4, 64, 36, -1), "seed: -1 is not ≥ 0"),
+        ((4, 0, 36), "width: 0 is not in 1"),
+        ((4, 64, 9000), "height: 9000 is not in 1"),
+    ],
+)
+def test_bad_arguments(arguments, message):
+    with pytest.raises(InputError, match=message):
+        surrounding_views(gaussians(ball(50)), *arguments)
+
+
+def test_garden():
+    """Nearly all that the garden's own camera sees is in two views; all stand over the ground."""
+    scene = generate("garden", 8_000).gaussians()
+    views = surrounding_views(scene, VIEWS, 96, 54)
+    own = project(scene, generated_camera("garden", 96, 54))[0].index
+    assert np.mean(hits(scene, views)[own] >= 2) > 0.95
+    assert eyes(views)[:, 1].max() < 0
+
+
+def test_perturbed():
+    """Bounds are kept and reached, directions are all there, the lens stays."""
+    camera = look_at([1, -2, -4], [0.2, 0, 0], 64, 36, 50.0, name="a")
+    camera = replace(camera, cx=30.5)
+    rng = np.random.default_rng(1)
+    others = [perturbed(camera, 0.5, 0.1, rng) for _ in range(400)]
+    step = eyes(others) - camera.position
+    length = np.linalg.norm(step, axis=1)
+    assert length.max() <= 0.5 and length.max() > 0.48 and length.min() < 0.02
+    assert (np.abs((step > 0).mean(axis=0) - 0.5) < 0.1).all()
+    between = np.array([other.rotation @ camera.rotation.T for other in others])
+    assert np.abs(between @ between.swapaxes(1, 2) - np.eye(3)).max() < 1e-12
+    turn = np.arccos(np.clip((np.trace(between, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    assert turn.max() <= 0.1 + 1e-9 and turn.max() > 0.095 and turn.min() < 0.005
+    for other in others[:3]:
+        for field in ("width", "height", "fx", "fy", "cx", "cy", "name"):
+            assert getattr(other, field) == getattr(camera, field), field
+    still = perturbed(camera, 0.0, 0.0, rng)
+    assert np.allclose(numbers([still]), numbers([camera]), atol=1e-12)
+
+
+@needs_scenes
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "file, cameras",
+    [
+        ("flowers.spz", "flowers"),
+        ("playbot.spz", "playbot"),
+        ("skull.sog", "skull"),
+        ("leica-sofort-top8192.ply", "leica-sofort"),
+        ("kitchen.spz", "kitchen"),
+    ],
+)
+def test_views_hold_what_the_scenes_cameras_see(file, cameras):
+    """≥ 95 % of what each of a scene's own cameras sees is in at least two of 48 views."""
+    whole = read_scene(scene_path(file))
+    views = surrounding_views(whole.gaussians(), VIEWS, 480, 270)
+    some = whole[:: max(len(whole) // 8_000, 1)].with_sh_degree(0).gaussians()
+    count = hits(some, views)
+    for camera in read_cameras(scene_path(f"{cameras}.cameras.json")):
+        own = project(some, camera.resized(480, 270))[0].index
+        assert np.mean(count[own] >= 2) >= 0.95, camera.name
+
+
+@needs_scenes
+def test_kitchen_from_inside():
+    """Some eyes are within the room: matter on both sides of them along x and z."""
+    scene = read_scene(scene_path("kitchen.spz"))
+    solid = scene.position[scene.opacity > 0.5]
+    low, high = np.percentile(solid, (10, 90), axis=0)
+    place = eyes(surrounding_views(scene.gaussians(), VIEWS, 96, 54))
+    inside = ((place > low) & (place < high))[:, [0, 2]].all(axis=1)
+    assert inside.sum() >= VIEWS // 8

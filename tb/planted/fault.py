@@ -1,0 +1,115 @@
+"""Faults in the text of hardware: one change to one line, for `tb.planted.mutate`."""
+
+import ast
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+OPERATORS = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
+    ast.BitXor: ast.BitAnd, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
+}  # fmt: skip
+
+HANDSHAKES = ("valid", "ready", "enable", "en")
+"""Names of signals that let an item pass."""
+
+KINDS = ("operator", "constant", "index", "condition", "handshake")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One change. text: the whole file with it."""
+
+    file: str
+    kind: str
+    line: int
+    before: str
+    after: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.kind:9} hdl/{self.file}.py:{self.line}: {self.before} → {self.after}"
+
+
+def draw(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
+    """`count` faults of these files (name → text), fewer if there are no more: files take turns,
+    and in each file the kinds.
+    """
+    rng = random.Random(seed)
+    queues = []
+    for name in sorted(sources):
+        by_kind = {kind: [] for kind in KINDS}
+        for fault in faults(name, sources[name]):
+            by_kind[fault.kind].append(fault)
+        for group in by_kind.values():
+            rng.shuffle(group)
+        queue = []
+        while any(by_kind.values()):
+            queue += [group.pop() for group in by_kind.values() if group]
+        queues.append(queue)
+    drawn = [queue[k] for k in range(max(map(len, queues))) for queue in queues if k < len(queue)]
+    return drawn[:count]
+
+
+def faults(name: str, text: str) -> Iterator[Fault]:
+    """Every fault that a file can have."""
+    tree = ast.parse(text)
+    for function in ast.walk(tree):
+        # What a constructor does is widths and ports, not logic.
+        if isinstance(function, ast.FunctionDef) and function.name != "__init__":
+            for node in ast.walk(function):
+                for kind, old, new in changes(node):
+                    yield _fault(name, text, kind, old, new)
+
+
+def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr, str]]:
+    """Kind, the expression to replace, and by what."""
+    if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
+        other = ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right)
+        yield "operator", node, f"({ast.unparse(other)})"
+    elif isinstance(node, ast.Compare) and type(node.ops[0]) in OPERATORS:
+        other = ast.Compare(node.left, [OPERATORS[type(node.ops[0])]()], node.comparators)
+        yield "operator", node, f"({ast.unparse(other)})"
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Invert):
+        yield "operator", node, f"({ast.unparse(node.operand)})"
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        yield from _call(node)
+    elif isinstance(node, ast.Subscript):
+        for part in (node.slice.lower, node.slice.upper) if _slice(node) else (node.slice,):
+            name = ast.Constant | ast.JoinedStr  # of a field: no other one is next to it
+            if part is not None and not isinstance(part, name | ast.Slice | ast.Tuple):
+                yield "index", part, f"({ast.unparse(part)}) - 1"
+            elif isinstance(part, ast.Constant) and isinstance(part.value, int):
+                yield "index", part, str(part.value + 1)
+
+
+def _slice(node: ast.Subscript) -> bool:
+    return isinstance(node.slice, ast.Slice)
+
+
+def _call(node: ast.Call) -> Iterator[tuple[str, ast.expr, str]]:
+    """Conditions, and what is assigned."""
+    if node.func.attr in ("If", "Elif") and node.args:
+        yield "condition", node.args[0], "1"
+    elif node.func.attr == "eq" and len(node.args) == 1:
+        [value] = node.args
+        target = node.func.value
+        if isinstance(target, ast.Attribute) and target.attr in HANDSHAKES:
+            if not isinstance(value, ast.Constant):
+                yield "handshake", value, "1"
+        elif isinstance(value, ast.Constant) and isinstance(value.value, int):
+            yield "constant", value, str(value.value ^ 1)
+
+
+def _fault(name: str, text: str, kind: str, old: ast.expr, new: str) -> Fault:
+    lines = text.splitlines(keepends=True)
+    starts = [0]
+    for line in lines:
+        starts.append(starts[-1] + len(line.encode()))
+    begin = starts[old.lineno - 1] + old.col_offset
+    end = starts[old.end_lineno - 1] + old.end_col_offset
+    data = text.encode()
+    changed = (data[:begin] + new.encode() + data[end:]).decode()
+    before = " ".join(ast.unparse(old).split())
+    return Fault(name, kind, old.lineno, before, new, changed)

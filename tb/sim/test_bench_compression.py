@@ -1,0 +1,238 @@
+"""`splatcore bench compression`: steps by hand, resuming, failures, bad input."""
+
+import json
+
+import numpy as np
+import pytest
+
+from splatcore.golden import pipeline
+from splatcore.golden.reference import render
+from splatcore.model.compress.checkpoint import ply_bytes
+from splatcore.model.formats.camera_file import cameras_json, read_cameras
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.formats.read import read_scene
+from splatcore.model.pack.pack import pack
+from splatcore.sim.common.metric import difference, flip
+from splatcore.sim.common.picture import read_png
+from splatcore.sim.compression import bench as bench_compression
+from splatcore.sim.compression import measure as compression_measure
+from splatcore.sim.compression import run as compression_run
+from splatcore.sim.compression.measure import compared, mean
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.error import InputError
+from tb.helpers.command import ROOT, load
+from tb.helpers.compression_stand_in import COUNT, Interrupt, bench, held_out, installed, small
+
+pytestmark = pytest.mark.compress
+
+pytest.importorskip("flip_evaluator")
+
+CHECK_INSTALLED = compression_run.check_installed
+
+
+@pytest.fixture
+def fake(tmp_path, monkeypatch):
+    return installed(tmp_path, monkeypatch)
+
+
+def test_steps(fake, tmp_path, capsys):
+    """Sizes, ratios, quality, changes and work of every step, by hand."""
+    assert bench("a.ply", "--part", "steps,budget", "--steps", "5") == 0
+    facts = load(tmp_path / "out" / "compression.json")
+    scene = facts["scenes"]["a.ply"]
+    rows = scene["steps"]["rows"]
+    assert [row["kind"] for row in rows] == ["original", "distill", *["prune"] * 4, "quantize"]
+    assert [row["gaussians"] for row in rows[1:6]] == [600, 360, 216, 130, 104]
+    assert facts["failed"] == [] and scene["against"] == "original" and scene["views"] == 2
+    assert rows[0] | {"psnr_db": None, "ratio": 1.0, "ssim": 1.0, "flip": 0.0} == rows[0]
+    assert scene["ply_bytes"] == rows[0]["bytes"] == ply_bytes(600, 3)
+    original = read_scene("a.ply")
+    cut = original.with_sh_degree(1)
+    for count in (360, 216):
+        cut = cut[np.linspace(0, len(cut) - 1, count).astype(int)]
+    truths = [render(original.gaussians(), camera).pixels for camera in held_out()]
+    found = [render(cut.gaussians(), camera).pixels for camera in held_out()]
+    metrics = [difference(a, b) for a, b in zip(found, truths, strict=True)]
+    row = rows[3]
+    assert row["psnr_db"] == pytest.approx(np.mean([m.psnr_db for m in metrics]), abs=0.01)
+    assert row["psnr_db_min"] == pytest.approx(min(m.psnr_db for m in metrics), abs=0.01)
+    assert row["max_error"] == pytest.approx(max(m.max_error for m in metrics), abs=0.01)
+    flips = [flip(a, b) for a, b in zip(found, truths, strict=True)]
+    assert row["flip"] == pytest.approx(np.mean(flips), abs=1e-4) == row["flip_change"]
+    assert row["ssim_change"] == pytest.approx(row["ssim"] - 1) and row["psnr_db_change"] is None
+    assert row["ratio"] == ply_bytes(600, 3) / ply_bytes(216, 1)
+    frames = [pipeline.render(DEFAULT, pack(cut, DEFAULT)[0], camera) for camera in held_out()]
+    work = row["work"]
+    assert work["splats"] == np.mean([frame.counts["splats"] for frame in frames])
+    assert work["tile_pairs"] == np.mean([frame.counts["tile_pairs"] for frame in frames])
+    cycles = np.mean([frame_cycles(DEFAULT, frame).frame for frame in frames])
+    assert work["cycles"] == cycles and work["fps_at_800mhz"] == 8e8 / cycles
+    model = scene["budget"]["model"]
+    assert model["psnr_db"] == rows[-1]["psnr_db"] and model["max_error"] == rows[-1]["max_error"]
+    printed = capsys.readouterr().out
+    assert "quantize" in printed and "error budget" in printed and "k cycles" in printed
+    assert read_png("out/a.ply.png").std() > 5
+
+
+def test_what_is_there_is_not_made_again(fake, tmp_path, monkeypatch):
+    """A second call measures and compresses nothing, and writes the same."""
+    arguments = ("a.ply", "--steps", "5", "--ratios", "12", "--schedule-scene", "a.ply")
+    assert bench(*arguments) == 0
+    names = ("compression.json", "steps.csv", "schedule.csv", "curve.csv", "budget.csv")
+    first = {name: (tmp_path / "out" / name).read_bytes() for name in names}
+    done = list(fake.calls)
+    assert done.count("teacher 96 1920x1080 0, 2 cameras") == 1
+
+    def never(*_):
+        raise AssertionError("rendered again")
+
+    for module in (compression_measure, pipeline):
+        monkeypatch.setattr(module, "render", never)
+    assert bench(*arguments) == 0
+    assert fake.calls == done
+    assert first == {name: (tmp_path / "out" / name).read_bytes() for name in names}
+
+
+def test_goes_on_after_an_interrupt(fake, tmp_path):
+    fake.stop_after = "prune (2)"
+    with pytest.raises(Interrupt):
+        bench("a.ply", "--part", "steps")
+    fake.stop_after = None
+    assert bench("a.ply", "--part", "steps") == 0
+    for name in ("original", "distill 1", "prune (2)", "prune (3)", "prune (5)"):
+        assert fake.calls.count(name) == 1, name
+
+
+def test_options_and_sources_decide(fake, tmp_path, monkeypatch):
+    """Other options are another compression, beside the first; other sources are measured anew."""
+    for steps in ("5", "6", "5"):
+        assert bench("a.ply", "--part", "budget", "--steps", steps) == 0
+    called = [call for call in fake.calls if call.startswith("compress")]
+    assert called == 4 * ["compress 600 None"]  # distillation, then the rest, for 5 steps and for 6
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 4
+    measured = tmp_path / "out" / "measured"
+    before = len(list(measured.iterdir()))
+    monkeypatch.setattr(compression_measure, "sources", lambda _: "others")
+    assert bench("a.ply", "--part", "budget", "--steps", "5") == 0
+    assert len(list(measured.iterdir())) == before + 2
+    first = (tmp_path / "out" / "compression.json").read_text()
+    for path in measured.iterdir():
+        path.write_text(path.read_text()[:-20])
+    assert bench("a.ply", "--part", "budget", "--steps", "5") == 0
+    assert (tmp_path / "out" / "compression.json").read_text() == first
+
+
+def test_what_is_learned_from_decides(fake, tmp_path):
+    """Other views, and other cameras beside the scene, are another compression."""
+    for views in ("5", "6", "5"):
+        assert bench("a.ply", "--part", "budget", "--views", views) == 0
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 4
+    one = read_cameras("a.cameras.json")[:1]
+    (tmp_path / "a.cameras.json").write_text(cameras_json(one))
+    assert bench("a.ply", "--part", "budget", "--views", "5") == 0
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 6
+
+
+def test_failure_of_one_scene_leaves_the_others(fake, tmp_path, capsys):
+    write_ply("b.ply", small(300))
+    (tmp_path / "c.ply").write_bytes((tmp_path / "a.ply").read_bytes()[:9999])
+    (tmp_path / "b.cameras.json").write_text((tmp_path / "a.cameras.json").read_text())
+    fake.breaks_at = 300
+    assert bench("c.ply", "b.ply", "a.ply", "--part", "budget") == 1
+    facts = load(tmp_path / "out" / "compression.json")
+    assert [failure["what"] for failure in facts["failed"]] == ["c.ply: budget", "b.ply: budget"]
+    assert list(facts["scenes"]) == ["a.ply"]
+    error = capsys.readouterr().err
+    assert "missing: c.ply: budget: c.ply: " in error
+    assert "missing: b.ply: budget: FloatingPointError: the loss is NaN at step 7" in error
+
+
+def test_failure_takes_an_old_result_away(fake, tmp_path):
+    """What could not be measured again is not left there as if it had been."""
+    assert bench("a.ply", "--part", "budget,curve", "--ratios", "12") == 0
+    fake.breaks_at = COUNT
+    assert bench("a.ply", "--part", "budget", "--steps", "5") == 1
+    scene = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]
+    assert "budget" not in scene and "curve" in scene
+
+
+def test_results_of_other_scenes_stay(fake, tmp_path):
+    write_ply("b.ply", small(300))
+    (tmp_path / "b.cameras.json").write_text((tmp_path / "a.cameras.json").read_text())
+    assert bench("a.ply", "--part", "budget") == 0
+    assert bench("b.ply", "--part", "curve", "--ratios", "3") == 0
+    scenes = load(tmp_path / "out" / "compression.json")["scenes"]
+    assert set(scenes) == {"a.ply", "b.ply"}
+    assert "budget" in scenes["a.ply"] and "curve" in scenes["b.ply"]
+    assert bench("b.ply", "--part", "curve", "--ratios", "3", "--seed", "1") == 0
+    assert set(load(tmp_path / "out" / "compression.json")["scenes"]) == {"b.ply"}
+
+
+def test_mean():
+    rows = [{"psnr_db": 30.0, "max_error": 0.1, "lpips": None}, {"psnr_db": 40.0, "max_error": 0.5,
+            "lpips": None}, {"psnr_db": None, "max_error": 0.0, "lpips": None}]  # fmt: skip
+    assert mean(rows) == {
+        "psnr_db": 35.0, "psnr_db_min": 30.0, "max_error": 0.5, "lpips": None,
+    }  # fmt: skip
+
+
+def test_equal_pictures():
+    image = np.random.default_rng(0).integers(0, 256, (40, 50, 3), dtype=np.uint8)
+    found = compared(image, image)
+    assert found["psnr_db"] is None and found["ssim"] == pytest.approx(1) and found["flip"] == 0
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    {
+        "a.ply --part steps,dance": "--part 'dance': unknown (there are steps, schedule",
+        "a.ply --ratios 10,x": "--ratios '10,x': are not numbers",
+        "a.ply --ratios 0.5": "--ratios '0.5': are not all over 1",
+        "a.ply --steps -1": "--steps -1: is not 0 or more",
+        "a.ply --views 0": "--views 0: is not 1 or more",
+        "a.ply --scale 2": "--scale 2: is not over 0",
+        "a.ply --schedule-scene b": "--schedule-scene b: is not among a.ply",
+        "a.ply --view-size 9": "--size '9': is not WIDTHxHEIGHT",
+        "none.ply": "none.ply: there is no such file",
+        "a.ply ./a.ply": "a.ply: two scenes have this name",
+        "a.splatcore": "a.splatcore: is a packed model",
+        "a.ply --preset HUGE": "HUGE",
+    }.items(),
+)
+def test_bad_input(arguments, message, fake, tmp_path, capsys):
+    pack(small(20), DEFAULT)[0].image.tofile("a.splatcore")
+    assert bench(*arguments.split()) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("error: ") and message in printed.err and not printed.out
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_pytorch(fake, monkeypatch, capsys):
+    monkeypatch.setattr(compression_run, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"needs PyTorch; install it by pip install"):
+        CHECK_INSTALLED()
+
+
+def test_json_is_documented(fake, tmp_path):
+    assert bench("a.ply", "--ratios", "12", "--steps", "5") == 0
+    text = (ROOT / "docs" / "json.md").read_text()
+    documented = text.partition("## `splatcore bench compression`")[2].partition("\n## ")[0]
+
+    def keys(value: object):
+        if isinstance(value, list):
+            for item in value:
+                yield from keys(item)
+        elif isinstance(value, dict):
+            for key, item in value.items():
+                yield key
+                yield from keys(item)
+
+    facts = load(tmp_path / "out" / "compression.json")
+    facts["scenes"] = list(facts["scenes"].values())
+    for scene in facts["scenes"]:
+        scene["steps"].pop("recipe"), scene["curve"].pop("recipe")
+    missing = {key for key in keys(facts) if f"`{key}`" not in documented}
+    assert not missing
+    assert bench_compression.PARTS == ("steps", "schedule", "curve", "budget")
+    json.dumps(facts, allow_nan=False)

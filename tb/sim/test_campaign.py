@@ -1,0 +1,246 @@
+"""Campaigns: results are kept, failures named, lost workers lose nothing; sweep, ablation, work."""
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from distributed import LocalCluster
+from typer.testing import CliRunner
+
+import splatcore.sim.cli.main  # noqa: F401  (registers the commands)
+from splatcore.golden.pipeline import render
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.sim.bench.ablation import machines
+from splatcore.sim.bench.campaign import Failure, Task, results
+from splatcore.sim.bench.confirm import confirmed
+from splatcore.sim.bench.scenes import View
+from splatcore.sim.bench.sweep import SPEED, picture_of
+from splatcore.sim.bench.sweep_campaign import front, summary
+from splatcore.sim.bench.sweep_points import Point, points
+from splatcore.sim.bench.workload import every_camera, tile_density, view_work
+from splatcore.sim.cli.options import app
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.convention import TILE
+from splatcore.spec.error import InputError
+from tb.helpers.scenes import needs_scenes, scene_path
+
+SIZE = "96x80"
+GARDEN = View("garden", "", SIZE)
+
+
+def double(number: int, log: str) -> dict:
+    """A measurement that tells how often it was made."""
+    with open(log, "a") as file:
+        file.write(f"{number}\n")
+    if number < 0:
+        raise ValueError(f"{number} is negative")
+    return {"value": 2 * number}
+
+
+def die(number: int, log: str) -> dict:
+    """A measurement that takes its process with it."""
+    os._exit(1)
+
+
+def task(number: int, log, function=double) -> Task:
+    return Task(f"number {number}", str(number), function, (number, str(log)))
+
+
+def run(tasks: list[Task], folder) -> dict:
+    return {task.name: found for task, found in results(tasks, folder, None, "test")}
+
+
+@pytest.mark.slow
+def test_results_are_kept(tmp_path):
+    """Only what is missing or of another key is measured again."""
+    log = tmp_path / "log"
+    tasks = [task(number, log) for number in range(3)]
+    first = run(tasks, tmp_path / "parts")
+    assert {name: found["value"] for name, found in first.items()} == {
+        "number 0": 0, "number 1": 2, "number 2": 4,
+    }  # fmt: skip
+    (tmp_path / "parts" / "number 1.json").write_text("{broken")
+    other = replace(tasks[2], about="another")
+    again = run([tasks[0], tasks[1], other], tmp_path / "parts")
+    assert again["number 2"]["value"] == 4
+    assert sorted(log.read_text().split()) == ["0", "1", "1", "2", "2"]
+
+
+@pytest.mark.slow
+def test_failure_is_named(tmp_path):
+    """One measurement that fails leaves the others in place."""
+    found = run([task(n, tmp_path / "log") for n in (1, -1, 2)], tmp_path / "parts")
+    assert found.pop("number -1") == Failure("number -1", "ValueError: -1 is negative")
+    assert {f["value"] for f in found.values()} == {2, 4}
+
+
+@pytest.mark.slow
+def test_lost_process_loses_nothing(tmp_path):
+    """The task that takes its process with it is named, and all others have their results."""
+    tasks = [task(n, tmp_path / "log") for n in range(4)]
+    tasks.insert(1, task(9, tmp_path / "log", die))
+    found = run(tasks, tmp_path / "parts")
+    assert isinstance(found.pop("number 9"), Failure)
+    assert {name: f["value"] for name, f in found.items()} == {
+        f"number {n}": 2 * n for n in range(4)
+    }
+
+
+@pytest.mark.slow
+def test_cluster(tmp_path):
+    """Workers of a Dask scheduler do the same, and one that is lost is made up for."""
+    tasks = [task(n, tmp_path / "log") for n in (0, 1, -1, 2)]
+    tasks.insert(3, task(9, tmp_path / "log", die))
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        found = dict(results(tasks, tmp_path / "parts", cluster.scheduler_address, "test"))
+    found = {task.name: result for task, result in found.items()}
+    assert isinstance(found.pop("number 9"), Failure)
+    assert found.pop("number -1").why == "ValueError: -1 is negative"
+    assert {name: f["value"] for name, f in found.items()} == {
+        f"number {n}": 2 * n for n in range(3)
+    }
+
+
+def test_speed_changes_no_picture():
+    """Machines that differ in `SPEED` alone share picture and counts, not cycles."""
+    model, camera = pack(generate("garden", 2000), DEFAULT)[0], generated_camera("garden", 200, 150)
+    fast = replace(DEFAULT, rasterizers=8, pe_arrays=2, sub_sorters=4, skip_zeros=False)
+    assert picture_of(fast) == picture_of(DEFAULT)
+    one, other = (render(config, model, camera) for config in (DEFAULT, fast))
+    assert np.array_equal(one.pixels, other.pixels) and one.counts == other.counts
+    assert frame_cycles(DEFAULT, one) != frame_cycles(fast, one)
+    assert all(hasattr(DEFAULT, name) for name in SPEED)
+    assert picture_of(replace(DEFAULT, weight=10)) != picture_of(DEFAULT)
+
+
+def test_points_are_different():
+    """No two points are the same machine but for its name, and each tells what it changes."""
+    found = list(points())
+    assert len({replace(point.config, name="") for point in found}) == len(found)
+    assert len({point.name for point in found}) == len(found)
+    assert all(point.fields for point in found if point.name != "DEFAULT")
+
+
+def test_front():
+    """What another point is as good as in everything, and better in something, is not on it."""
+    place = dict.fromkeys(("frame_cycles_max", "nand2", "psnr_db_mean"))
+    values = {
+        "a": (10, 5, 60),
+        "b": (10, 6, 60),
+        "c": (9, 7, 60),
+        "d": (11, 4, 50),
+        "e": (10, 5, 60),
+    }
+    found = {name: dict(zip(place, value, strict=True)) for name, value in values.items()}
+    assert front(found) == ["a", "c", "d", "e"]
+
+
+def test_summary_of_a_point():
+    rows = [
+        {"point": "p", "cycles": {"frame": c}, "fps_at_800mhz": f, "psnr_db": d, "max_error": e}
+        for c, f, d, e in ((100, 8.0, 50.0, 0.5), (200, 4.0, None, 0.0), (50, 16.0, 60.0, 0.1))
+    ]
+    point = Point("p", "knob", "1", DEFAULT)
+    found = summary(point, [*rows, rows[0] | {"point": "q", "max_error": 1}], {"nand2": 5.0}, 2.0)
+    names = ("frame_cycles_max", "fps_min", "psnr_db_min", "psnr_db_mean", "max_error_max", "nand2")
+    assert [found[name] for name in names] == [200, 4.0, 50.0, 55.0, 0.5, 7.0]
+    assert summary(point, rows, {}, 2.0)["nand2"] is None
+
+
+@pytest.mark.slow
+def test_ablation(tmp_path):
+    """Each step is a machine without what comes later; the last one is DEFAULT, and the fastest."""
+    steps = list(machines(DEFAULT).values())
+    assert replace(steps[-1], name="DEFAULT") == DEFAULT
+    assert steps[0].culling == "none" and not steps[0].skip_zeros and not steps[0].early_termination
+    done = CliRunner().invoke(
+        app, ["bench", "ablation", "-o", str(tmp_path / "out"), "garden", "--size", SIZE]
+    )
+    assert done.exit_code == 0, done.output
+    facts = json.loads((tmp_path / "out" / "ablation.json").read_text())
+    rows = facts["rows"]
+    assert [row["step"] for row in rows] == [step["name"] for step in facts["steps"]]
+    work = [row["counts"] for row in rows]
+    assert work[0]["projected"] > work[1]["projected"] > work[2]["projected"]
+    assert rows[2]["cycles"]["project"] > rows[3]["cycles"]["project"]
+    assert work[3]["pairs"] > work[4]["pairs"] and work[3]["visited"] > work[4]["visited"]
+    frames = [row["cycles"]["frame"] for row in rows]
+    assert frames == sorted(frames, reverse=True)
+
+
+def test_work():
+    """Rates are those of the counts, and densities sum up to the pairs."""
+    found = view_work(TINY, View("garden", "", "64x48"))
+    row, density = found["row"], np.array(found["density"])
+    assert density.shape == (48 // TILE, 64 // TILE)
+    assert density.sum() == row["tile_pairs"] > row["pairs"] > 0
+    assert row["culling_rate"] * row["gaussians"] == pytest.approx(
+        row["gaussians"] - row["projected"]
+    )
+    assert 0 < row["pe_utilisation"] < 1 and row["behind"] <= row["gaussians"] - row["projected"]
+
+
+def test_tile_density_counts_each_tile():
+    """The densest tile is where most entries' masks say it is."""
+    config = replace(DEFAULT, group=2)
+    model, camera = pack(generate("garden", 500), config)[0], generated_camera("garden", 70, 50)
+    frame = render(config, model, camera)
+    found = np.zeros((4, 6), int)
+    for group, mask in zip(frame.binned.group, frame.binned.entries["mask"], strict=True):
+        for tile in range(4):
+            if int(mask) >> tile & 1:
+                found[group // 3 * 2 + tile // 2, group % 3 * 2 + tile % 2] += 1
+    assert np.array_equal(tile_density(config, frame), found[:4, :5])
+
+
+@needs_scenes
+@pytest.mark.scenes
+def test_every_camera_once():
+    kitchen = str(scene_path("kitchen.spz"))
+    views = [View(kitchen, "", SIZE), View(kitchen, "kitchen_inside_0", SIZE)]
+    found = every_camera(views)
+    assert found[:2] == views and len(found) == 6
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["sweep", "-o", "X", "--point", "best"], "--point 'best': unknown"),
+        (["sweep", "-o", "X", "garden", "--size", "0x5"], "--size 0x5: width 0 is not in"),
+        (["ablation", "-o", "nowhere/X", "garden"], "nowhere/X: there is no folder"),
+        pytest.param(
+            ["work", "-o", "X", "garden", "--scheduler", "tcp://127.0.0.1:9"],
+            "--scheduler",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_bad_input(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["bench", *arguments])
+    assert done.exit_code and message in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    "answer, why",
+    [
+        ({"identical": True}, None),
+        ({"identical": False}, "the picture is not the golden model's"),
+        (InputError("the machine hangs"), "the machine hangs"),
+    ],
+)
+def test_confirmation_that_fails_is_told(answer, why, monkeypatch, tmp_path):
+    def in_rtl(*_):
+        if isinstance(answer, InputError):
+            raise answer
+        return answer
+
+    monkeypatch.setattr("splatcore.sim.bench.confirm.in_rtl", in_rtl)
+    failed = []
+    row = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
+    assert row == (answer if isinstance(answer, dict) else None)
+    assert [failure["why"] for failure in failed] == ([why] if why else [])

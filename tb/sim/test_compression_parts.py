@@ -1,0 +1,199 @@
+"""`splatcore bench compression`: photographs, curve, schedules, budget."""
+
+import csv
+import sys
+from dataclasses import replace
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.reference import render
+from splatcore.model.compress.checkpoint import Checkpoints, Step, ply_bytes
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.formats.read import read_scene
+from splatcore.model.pack.pack import pack
+from splatcore.sim.common.metric import difference
+from splatcore.sim.common.picture import read_png
+from splatcore.sim.compression import run as compression_run
+from splatcore.sim.compression.bench import SCHEDULES, equal_rates, left
+from splatcore.sim.compression.plot import write_curve
+from splatcore.spec.config import DEFAULT
+from tb.helpers.command import load
+from tb.helpers.compression_stand_in import Target, bench, held_out, installed, small
+
+pytestmark = pytest.mark.compress
+
+pytest.importorskip("flip_evaluator")
+
+
+@pytest.fixture
+def fake(tmp_path, monkeypatch):
+    return installed(tmp_path, monkeypatch)
+
+
+def photographs() -> tuple[Target, ...]:
+    """Stand-ins: pictures of the scene, which a worse baseline is judged by."""
+    cameras = [
+        replace(camera, cx=camera.cx + k, name=str(k))
+        for k, camera in enumerate([held_out()[0]] * 9)
+    ]
+    scene = read_scene("a.ply").gaussians()
+    return tuple(Target(c, render(scene, c).pixels, f"{c.name}.jpg") for c in cameras)
+
+
+def test_photographs(fake, tmp_path, monkeypatch, capsys):
+    """A baseline is trained once, and every change is against its quality on held-out pictures."""
+    reader, points = (
+        ModuleType("splatcore.model.formats.photographs"),
+        ModuleType("splatcore.model.formats.colmap_points"),
+    )
+    found = SimpleNamespace(targets=photographs(), notes=("2 photographs are missing",))
+    asked = []
+    reader.read_photographs = lambda path, scale: asked.append((path, scale)) or found
+    reader.held_out = lambda targets, every: (
+        tuple(t for k, t in enumerate(targets) if k % every),
+        tuple(t for k, t in enumerate(targets) if k % every == 0),
+    )
+    points.read_points = lambda path: (np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    monkeypatch.setitem(sys.modules, "splatcore.model.formats.photographs", reader)
+    monkeypatch.setitem(sys.modules, "splatcore.model.formats.colmap_points", points)
+    (tmp_path / "shots").mkdir()
+    for _ in range(2):
+        arguments = ("shots", "--ratios", "12", "--train-steps", "9", "--scale", "0.5")
+        assert bench(*arguments) == 0
+    assert fake.calls.count("train 7 9") == 1 and asked[0] == ("shots", 0.5)
+    assert not [call for call in fake.calls if call.startswith("teacher")]
+    scene = load(tmp_path / "out" / "compression.json")["scenes"]["shots"]
+    assert scene["against"] == "photographs" and scene["views"] == 2 and scene["size"] == [96, 64]
+    assert scene["ply_bytes"] == ply_bytes(300, 3)
+    first, *_, last = scene["steps"]["rows"]
+    truths = [target.image for k, target in enumerate(found.targets) if k % 7 == 0]
+    cameras = [target.camera for k, target in enumerate(found.targets) if k % 7 == 0]
+    quality = [
+        difference(render(small(300).gaussians(), camera).pixels, truth).psnr_db
+        for camera, truth in zip(cameras, truths, strict=True)
+    ]
+    assert first["psnr_db"] == pytest.approx(np.mean(quality), abs=0.02)
+    assert first["psnr_db_change"] == 0 and last["psnr_db_change"] < 0
+    assert last["psnr_db_change"] == last["psnr_db"] - first["psnr_db"]
+    assert scene["curve"]["points"][0]["psnr_db_change"] is not None
+    assert len(scene["schedule"]["rows"]) == len(SCHEDULES)
+    assert "shots: 2 photographs are missing" in capsys.readouterr().err
+    assert (tmp_path / "out" / "shots.png").exists()
+
+
+def test_curve(fake, tmp_path, capsys):
+    """Ratios below packing alone and ratios that cannot be reached are said."""
+    assert bench("a.ply", "--part", "curve", "--ratios", "2,9,10.5,14,500") == 0
+    points = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["curve"]["points"]
+    model = pack(read_scene("a.ply"), DEFAULT)[0]
+    alone = ply_bytes(600, 3) / len(model.image)
+    assert points[0]["ratio"] == pytest.approx(alone) and points[0]["target_ratio"] is None
+    reached = [point for point in points[1:] if point["ratio"]]
+    assert [point["target_ratio"] for point in points[1:]] == [2, 9, 10.5, 14, 500]
+    for point in reached:
+        assert (
+            point["ratio"] == pytest.approx(point["target_ratio"], rel=0.02) and not point["note"]
+        )
+    assert points[1]["note"] == f"packing alone gives {alone:.1f}×"
+    assert points[-1]["note"] == "--target-ratio 500: cannot be reached"
+    losses = [point["psnr_db"] for point in points if point["ratio"]]
+    assert len(reached) == 3 and losses == sorted(losses, reverse=True)
+    runs = [path for path in (tmp_path / "out" / "runs").iterdir() if path.is_dir()]
+    kept = sorted(len(list(run.iterdir())) for run in runs)
+    assert kept == [2, 2, 2, 3, 3], "steps.json and the model stay, and what distillation left"
+    assert read_png("out/curve.png").std() > 5
+    assert "reached" in capsys.readouterr().out
+
+
+def test_ratio_that_is_missed_is_said(fake, tmp_path, monkeypatch):
+    compress = fake.compress
+
+    def short(scene, targets, recipe, *rest, original):
+        return compress(scene, targets, recipe, *rest, original / 0.8)
+
+    monkeypatch.setattr(sys.modules["splatcore.model.compress.compress"], "compress", short)
+    assert bench("a.ply", "--part", "curve", "--ratios", "15") == 0
+    point = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["curve"]["points"][1]
+    assert point["note"] == f"only {point['ratio']:.1f}× was reached" and point["ratio"] < 12.5
+
+
+def test_schedules_leave_what_they_say():
+    assert left(SCHEDULES[0]) == pytest.approx(0.1728)
+    for schedule in (SCHEDULES[1], SCHEDULES[-1]):
+        assert left(schedule) == pytest.approx(0.1728, abs=1e-5)
+    assert len(SCHEDULES[1]) == 1 and len(SCHEDULES[-1]) == 5
+    assert equal_rates(1) == pytest.approx((0.8272,))
+
+
+def test_schedule(fake, tmp_path, capsys):
+    """All schedules have the same number of fine-tuning steps, and end after pruning."""
+    assert bench("a.ply", "--part", "schedule", "--steps", "10", "--schedule-scene", "a.ply") == 0
+    found = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["schedule"]
+    assert found["steps_in_all"] == 40
+    rows = found["rows"]
+    assert [row["steps"] * len(row["schedule"]) for row in rows] == 6 * [40]
+    assert [tuple(row["schedule"]) for row in rows] == list(SCHEDULES)
+    assert [row["gaussians"] for row in rows] == [104, 104, 78, 91, 117, 103]
+    assert [row["gaussians_before"] for row in rows] == [130, 600, 130, 130, 130, 147]
+    assert fake.calls.count("distill 1") == 1, "all make use of one distillation"
+    done = len(fake.calls)
+    assert "40 fine-tuning steps in all" in " ".join(capsys.readouterr().out.split())
+    assert bench("a.ply", "--part", "steps", "--steps", "10") == 0
+    later = fake.calls[done:]
+    assert later and not any(call.startswith("prune") for call in later), "its run goes on"
+
+
+def test_curve_of_both_kinds(tmp_path):
+    """Photographs and originals have a panel each; without points nothing is drawn."""
+
+    def scene(against: str) -> dict:
+        points = [
+            {
+                "target_ratio": None if k == 0 else r,
+                "ratio": r,
+                "psnr_db": 40 - k,
+                "psnr_db_change": -k,
+            }
+            for k, r in enumerate((8.0, 20.0, 51.6))
+        ]
+        return {"against": against, "curve": {"points": [*points, {"ratio": None}]}}
+
+    write_curve(tmp_path / "none.png", {"a": {"against": "original"}})
+    assert not (tmp_path / "none.png").exists()
+    write_curve(tmp_path / "one.png", {"a": scene("original")})
+    write_curve(tmp_path / "two.png", {"a": scene("original"), "b": scene("photographs")})
+    one, two = (read_png(tmp_path / name) for name in ("one.png", "two.png"))
+    assert two.shape[1] == pytest.approx(2 * one.shape[1], abs=2)
+
+
+def test_budget_tells_model_from_machine(fake, tmp_path):
+    """The machine's error does not depend on the truth, and both together are at least as large."""
+    assert bench("a.ply", "--part", "budget") == 0
+    found = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["budget"]
+    model, machine, both = (found[name]["psnr_db"] for name in ("model", "machine", "both"))
+    assert machine > 45 > model + 5
+    assert both == pytest.approx(model, abs=0.2) and both != model
+    with open(tmp_path / "out" / "budget.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["error"] for row in rows] == ["model", "machine", "both"]
+    assert float(rows[1]["psnr_db"]) == machine
+
+
+def test_slim_keeps_the_last(tmp_path):
+    kept = Checkpoints(tmp_path / "run", "key")
+    scene = small(20)
+    for name in ("original", "prune 0.4"):
+        kept.save(Step(name, name.split()[0], 20, 3, ply_bytes(20, 3), 0.0, None), scene)
+    stand = compression_run.Run.__new__(compression_run.Run)
+    stand.checkpoints = kept
+    stand.slim()
+    assert sorted(p.name for p in kept.folder.iterdir()) == ["01-prune-0.4.npz", "steps.json"]
+
+
+def test_steps_of_a_recipe():
+    recipe, default = compression_run.recipe_of(50, 7), Recipe()
+    assert recipe.steps == 50 and recipe.seed == 7
+    assert recipe.distill_steps / 50 == default.distill_steps / default.steps
+    assert compression_run.recipe_of(None, 0) == default

@@ -1,0 +1,99 @@
+"""The cycle model against the RTL, stage by stage."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.bin import splat_codes
+from splatcore.golden.exact import Entries
+from splatcore.golden.pipeline import Frame, render
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.sim.bench.sort_rows import sort_rows
+from splatcore.sim.cycles.frame import Cycles, frame_cycles
+from splatcore.spec.config import DEFAULT
+from tb.helpers import bin_frames, point_runs, raster_runs, sort_runs
+from tb.helpers.point_rows import point_rows
+from tb.helpers.raster_rows import run_groups
+
+WITHIN = 0.03
+"""How far off the model may be (design's figures)."""
+
+GAUSSIANS = 20_000
+
+
+@functools.cache
+def model():
+    return pack(generate("garden", GAUSSIANS), DEFAULT)[0]
+
+
+@functools.cache
+def garden() -> tuple[Frame, Cycles]:
+    frame = render(DEFAULT, model(), generated_camera("garden"))
+    return frame, frame_cycles(DEFAULT, frame)
+
+
+def check(modelled: int, cycles: int):
+    assert abs(modelled - cycles) <= WITHIN * cycles, f"{modelled} is not {cycles}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", ["chunk", "cull", "place", "project"])
+def test_stages_0_and_1(stage):
+    rows = point_rows(DEFAULT, model(), generated_camera("garden"))
+    check(getattr(garden()[1], stage), point_runs.check(stage, rows, 0).cycles)
+
+
+@pytest.mark.slow
+def test_binning():
+    frame, cycles = garden()
+    camera = generated_camera("garden")
+    codes = splat_codes(DEFAULT, frame.points.projected)
+    run, _ = bin_frames.check(
+        "DEFAULT", [bin_frames.Frame(codes, camera.width, camera.height)], stall=0
+    )
+    check(cycles.bin, run.cycles)
+
+
+@pytest.mark.slow
+def test_stage_2():
+    frame, cycles = garden()
+    order = np.argsort(frame.binned.group, kind="stable")
+    entries = {name: codes[order] for name, codes in frame.binned.entries.items()}
+    rows = sort_rows(DEFAULT, np.diff(frame.start), entries)
+    result = sort_runs.simulation("DEFAULT").run(
+        rows.inputs, constants={"stop": 0, "clear": 0}, expected=rows.counts
+    )
+    assert result.finished
+    check(cycles.sort, result.cycles)
+
+
+@pytest.mark.slow
+def test_stage_3():
+    frame, cycles = garden()
+    camera = generated_camera("garden")
+    entries = frame.binned.entries
+    run = run_groups(
+        raster_runs.simulation(DEFAULT), DEFAULT, frame.binned.features,
+        Entries(frame.start, entries["splat"][frame.order], entries["mask"][frame.order]),
+        (camera.width, camera.height),
+    )  # fmt: skip
+    assert run.differing == 0
+    check(cycles.raster, run.result.cycles)
+
+
+def test_model_knows_sizes():
+    """More rasterizers and arrays take fewer cycles, and only where they are."""
+    packed, camera = pack(generate("garden", 2000), DEFAULT)[0], generated_camera("garden", 160, 90)
+    machines = [DEFAULT, replace(DEFAULT, rasterizers=8), replace(DEFAULT, pe_arrays=2)]
+    base, more_rasterizers, more_arrays = (
+        vars(frame_cycles(config, render(config, packed, camera))) for config in machines
+    )
+    for found, stages in (
+        (more_rasterizers, {"raster", "rendering"}),
+        (more_arrays, {"project", "preprocessing"}),
+    ):
+        assert {name for name in base if found[name] < base[name]} == stages
+        assert all(found[name] <= base[name] for name in base)

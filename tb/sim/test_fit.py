@@ -1,0 +1,252 @@
+"""`splatcore fit`: what it chooses is fast enough and good enough, and what is smaller is not."""
+
+import functools
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.pipeline import render
+from splatcore.golden.reference import render as render_reference
+from splatcore.model.formats.camera_file import cameras_json
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.sim.accuracy.points import psnr
+from splatcore.sim.accuracy.raster import lane_gates
+from splatcore.sim.common.source import Source
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.fit import formats as fit_formats
+from splatcore.sim.fit import sizes as fit_speed
+from splatcore.sim.fit.formats import wider
+from splatcore.sim.fit.gates import SHARES, bit_gates, bits_of, with_bits
+from splatcore.sim.fit.search import Impossible, fit, knobs
+from splatcore.sim.fit.sizes import SIZES, budget, smaller
+from splatcore.sim.fit.views import View, open_cameras, start_config
+from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+from tb.helpers.command import run
+
+SIZE = 160, 96
+FPS, PSNR = 16_000, 46.0
+
+PRICES = dict.fromkeys(SHARES, 100.0) | {"arithmetic": 1000.0, "sort_digits": 2000.0}
+"""NAND2 of a bit, as if they had been synthesised."""
+
+
+@functools.cache
+def model():
+    return pack(generate("garden", 2000), DEFAULT)[0]
+
+
+@functools.cache
+def views() -> tuple[View, ...]:
+    """The garden from within, which is less work, and as it is."""
+    camera = generated_camera("garden", *SIZE)
+    near = replace(camera, name="near", translation=camera.translation - np.array([0, 0, 5]))
+    return View("near", model(), near), View("garden", model(), camera)
+
+
+@functools.cache
+def start() -> Config:
+    return start_config("fitted", model(), [view.camera for view in views()])
+
+
+@pytest.fixture
+def prices(monkeypatch):
+    """No part is synthesised."""
+    monkeypatch.setattr(fit_formats, "bit_gates", lambda config, field: PRICES[field])
+    monkeypatch.setattr(fit_speed, "sort_gates", sort_price)
+
+
+def sort_price(config: Config) -> int:
+    return config.sub_sorters * config.sub_sorter_entries * 40 + config.merge_ways * 80
+
+
+@functools.cache
+def _fitted(fps: float, decibels: float | None):
+    return fit(start(), list(views()), fps, decibels, lambda text: None)
+
+
+@pytest.fixture
+def fitted(prices):
+    return _fitted
+
+
+def image_psnr(config: Config, view: View) -> float:
+    reference = render_reference(model().gaussians(), view.camera).image
+    return psnr(render(config, model(), view.camera).pixels / 255, reference.clip(0, 1))
+
+
+@pytest.mark.slow
+def test_the_machine_reaches_what_was_asked_for(fitted):
+    found = fitted(FPS, PSNR)
+    assert found.config != replace(start(), name="fitted")
+    for view in views():
+        cycles = frame_cycles(found.config, render(found.config, model(), view.camera))
+        assert cycles.frame == found.cycles(view.name).frame <= budget(FPS) < CLOCK_HZ / FPS
+        assert image_psnr(found.config, view) >= PSNR
+        assert found.fps(view.name) >= FPS
+
+
+def test_what_is_smaller_is_too_slow(fitted):
+    found, tried = fitted(FPS, PSNR), set()
+    for name, half in SIZES.items():
+        if less := smaller(found.config, name):
+            tried.add(name)
+            frames = (render(less, model(), view.camera) for view in views())
+            assert max(getattr(frame_cycles(less, f), half) for f in frames) > budget(FPS), name
+    assert {"pes", "rasterizers"} <= tried
+
+
+def test_formats_are_as_narrow_as_the_pictures_allow(fitted):
+    found, exact = fitted(FPS, PSNR), fitted(FPS, None)
+    assert all(bits_of(exact.config, field) == bits_of(DEFAULT, field) for field in SHARES)
+    less = {f: bits_of(DEFAULT, f) - bits_of(found.config, f) for f in found.search.fields}
+    assert sum(less.values()) > len(less) and min(less.values()) >= 0
+    assert {"weight", "sort_digits"} <= set(found.search.less)
+    for field in found.search.less:
+        narrower = with_bits(found.config, field, bits_of(found.config, field) - 1)
+        assert min(image_psnr(narrower, view) for view in views()) < PSNR, field
+
+
+@pytest.mark.slow
+def test_more_decibels_take_more_bits(fitted):
+    def price(psnr: float) -> float:
+        config = fitted(100, psnr).config
+        return sum(PRICES[field] * bits_of(config, field) for field in SHARES)
+
+    prices = [price(psnr) for psnr in (35.0, 45.0, 50.0)]
+    assert prices == sorted(prices) and len(set(prices)) == len(prices)
+
+
+def test_every_field_has_a_reason(fitted):
+    found = fitted(FPS, PSNR)
+    rows = {row.name: row for row in knobs(found)}
+    assert {*SIZES, *SHARES, "width_max", "height_max", "sh_degree"} == set(rows)
+    assert rows["width_max"].value == SIZE[0] and rows["sh_degree"].value == found.config.sh_degree
+    assert re.search(r"preprocessing of (garden|near) takes .* would take", rows["pes"].reason)
+
+
+def test_a_scene_without_harmonics_has_no_program_for_them():
+    scene = generate("garden", 100)
+    plain = pack(replace(scene, sh=scene.sh[:, :1]), DEFAULT)[0]
+    assert start_config("x", plain, [views()[0].camera]).sh_degree == 0
+
+
+@pytest.mark.parametrize(
+    "fps, decibels, error",
+    [
+        (500_000, None, r"--fps 500000: (preprocessing|rendering) of (garden|near) takes [\d,]+ of"
+         r" 1,512 cycles in the largest machine, most of them in \w+: [\d.]+ frames a second at"),
+        (100, 90.0, r"--psnr 90: (garden|near) has \d\d\.\d\d dB with the widest formats"),
+    ],
+)  # fmt: skip
+def test_what_is_impossible_is_told(prices, fps, decibels, error):
+    with pytest.raises(Impossible, match=error):
+        fit(start(), list(views()), fps, decibels, lambda text: None)
+
+
+@pytest.mark.slow
+def test_wider_formats_than_defaults_are_tried(prices):
+    """A picture that DEFAULT's formats just miss."""
+    most = [min(image_psnr(c, view) for view in views()) for c in (start(), wider(start()))]
+    assert most[0] < most[1]
+    found = fit(start(), list(views()), 100, sum(most) / 2, lambda text: None)
+    assert any(bits_of(found.config, field) > bits_of(DEFAULT, field) for field in SHARES)
+
+
+def cameras_file(folder) -> str:
+    path = folder / "two.json"
+    path.write_text(cameras_json([view.camera for view in views()]))
+    return str(path)
+
+
+def test_cameras(tmp_path):
+    path, source = cameras_file(tmp_path), Source("garden", scene=generate("garden", 10))
+    names = [camera.name for camera in open_cameras(None, path, None, source)]
+    assert len(names) == 2
+    some = open_cameras(None, f"{path}:{names[1]}", "64x48", source)
+    assert [(c.name, c.width, c.height) for c in some] == [(names[1], 64, 48)]
+    assert [c.width for c in open_cameras(None, path, "64x48", source)] == [64, 64]
+    with pytest.raises(InputError, match="one of them, not both"):
+        open_cameras(path, path, None, source)
+    with pytest.raises(InputError, match="no camera 'x'"):
+        open_cameras(None, f"{path}:x", None, source)
+
+
+@pytest.fixture
+def scene(tmp_path) -> str:
+    """A file of few Gaussians."""
+    path = tmp_path / "few.ply"
+    assert run("scene", "garden", "-o", path, "--count", 300) == 0
+    return str(path)
+
+
+def test_the_command(tmp_path, capsys, prices, scene):
+    path, facts = tmp_path / "my machine.toml", tmp_path / "facts.json"
+    options = ("--size", "64x48", "--fps", 9000, "--psnr", 40, "-o", path, "--json", facts)
+    assert run("fit", scene, *options) == 0
+    assert "what binds it" in capsys.readouterr().out
+    config, found = find_preset(str(path)), json.loads(facts.read_text())
+    assert config.name == found["preset"] == "my_machine" and config.width_max == 64
+    assert config.rasterizers == found["fields"]["rasterizers"]["chosen"]
+    (fitted,) = found["views"].values()
+    assert fitted["fps"] >= 9000 and fitted["psnr_db"] >= 40
+    again = ("--size", "64x48", "--preset", path, "--json", facts)
+    assert run("cycles", scene, *again) == 0
+    (view,) = json.loads(facts.read_text())["scenes"].values()
+    assert view["frame"] == fitted["frame"]
+    assert abs(view["psnr_db"] - fitted["psnr_db"]) < 1e-3
+
+
+def test_nothing_is_written_if_it_is_impossible(tmp_path, capsys, prices, scene):
+    path = tmp_path / "none.toml"
+    assert run("fit", scene, "--size", "96x64", "--fps", 1e6, "-o", path) == 1
+    assert "impossible: --fps 1e+06" in capsys.readouterr().err
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    "options, error",
+    [
+        (("--fps", 0), "--fps 0: is not in"), (("--fps", "nan"), "--fps nan: is not in"),
+        (("--fps", -3), "--fps -3"), (("--fps", 9, "--psnr", "inf"), "--psnr inf"),
+        (("--fps", 9, "--psnr", 0), "--psnr 0"),
+        (("--fps", 9, "--size", "5000x10"), "--size 5000x10: "),
+        (("--fps", 9, "--cameras", "none.json"), "none.json"),
+        (("--fps", 9, "--cameras", "{empty}"), "holds no cameras"),
+        (("--fps", 9, "-o", "x.json"), "does not end with .toml"),
+        (("--fps", 9, "-o", "{folder}/paper.toml"), "the name of a preset that is built in"),
+    ],
+)  # fmt: skip
+def test_bad_input(tmp_path, capsys, scene, options, error):
+    (tmp_path / "empty.json").write_text("[]")
+    texts = [str(o).format(empty=tmp_path / "empty.json", folder=tmp_path) for o in options]
+    output = () if "-o" in texts else ("-o", tmp_path / "out.toml")
+    assert run("fit", scene, *texts, *output) == 2
+    assert re.search(f"^error: .*{re.escape(error)}", capsys.readouterr().err, re.M)
+    assert not (tmp_path / "out.toml").exists()
+
+
+@pytest.mark.slow
+def test_a_bit_takes_what_synthesis_says():
+    """The linear model against a lane that is synthesised whole."""
+    for field in ("weight", "transmittance"):
+        bits = bits_of(DEFAULT, field)
+        lanes = [lane_gates(with_bits(DEFAULT, field, b)) for b in (bits, bits - 1)]
+        found = bit_gates(DEFAULT, field) / (DEFAULT.rasterizers * 16)
+        assert abs(found - (lanes[0] - lanes[1])) < 0.35 * found
+
+
+@pytest.mark.slow
+def test_confirmed_by_the_hardware(tmp_path, capsys):
+    """In RTL it is as fast as was asked for, and its picture is the golden model's."""
+    path, facts = tmp_path / "small.toml", tmp_path / "facts.json"
+    options = ("--size", "96x64", "--fps", 800, "--psnr", 42, "--confirm", "-o", path)
+    assert run("fit", "garden", *options, "--json", facts) == 0, capsys.readouterr()
+    found = json.loads(facts.read_text())["confirmed"]
+    assert found["reached"] and found["identical"] and not found["difference"]
+    assert found["cycles"]["frame"] <= CLOCK_HZ / 800

@@ -1,0 +1,226 @@
+"""Parts on an FPGA: what the reports and logs of the tools say, what does not fit, the wrapper."""
+
+import json
+import re
+
+import pytest
+from amaranth.hdl import Module, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.sim import Simulator
+
+from splatcore.sim.eda import fpga
+from splatcore.sim.eda.fpga import NotPlaced, Placed, from_report, placed, register, used, why_not
+from splatcore.sim.eda.fpga_wrap import Lanes, Wrap
+from splatcore.spec.config import TINY
+from splatcore.spec.raster import block_count
+from tb.helpers.command import run
+
+LOG = """\
+Info: Packing constants..
+Info: Device utilisation:
+Info: \t          TRELLIS_IO:       4/    197     2%
+Info: \t              DP16KD:       6/     56    10%
+Info: \t          MULT18X18D:      64/     28   228%
+Info: \t          TRELLIS_FF:    8437/  24288    34%
+Info: \t        TRELLIS_COMB:   26670/  24288   109%
+
+Info: Placed 0 cells based on constraints.
+ERROR: Unable to place cell 'top.x', no BELs remaining to implement cell type 'MULT18X18D'
+0 warnings, 1 error
+"""
+
+
+def step(kind: str, delay: float, begin: str, end: str) -> dict:
+    return {"type": kind, "delay": delay, "from": {"cell": begin}, "to": {"cell": end}}
+
+
+REPORT = {
+    "utilization": {
+        "DP16KD": {"available": 56, "used": 6},
+        "TRELLIS_FF": {"available": 24288, "used": 400},
+        "TRELLIS_COMB": {"available": 24288, "used": 300},
+    },
+    "fmax": {"$glbnet$clk": {"achieved": 123.456, "constraint": 100.0}},
+    "critical_paths": [
+        {"from": "<async>", "to": "posedge $glbnet$clk", "path": [step("routing", 9, "d", "x")]},
+        {
+            "from": "posedge $glbnet$clk",
+            "to": "posedge $glbnet$clk",
+            "path": [
+                step("clk-to-q", 0.5, "part.a.b_TRELLIS_FF_Q_18", "part.a.b_TRELLIS_FF_Q_18"),
+                step("routing", 1.25, "part.a.b_TRELLIS_FF_Q_18", "part.c_LUT4_Z"),
+                step("logic", 0.25, "part.c_LUT4_Z", "part.c_LUT4_Z"),
+                step("routing", 1.5, "part.c_LUT4_Z", "part.e.d$8_TRELLIS_FF_Q"),
+                step("setup", 0.125, "part.e.d$8_TRELLIS_FF_Q", "part.e.d$8_TRELLIS_FF_Q"),
+            ],
+        },
+    ],
+}
+
+
+class Small(wiring.Component):
+    """Adds up a stream's nibbles, with arrays and streams at its ports."""
+
+    def __init__(self):
+        super().__init__(
+            {
+                "i": In(stream.Signature(4)),
+                "pair": In(data.ArrayLayout(3, 2)),
+                "lines": Out(4).array(3),
+                "sum": Out(12),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.d.comb += self.i.ready.eq(1)
+        m.d.comb += [line.eq(self.pair[0] + k) for k, line in enumerate(self.lines)]
+        with m.If(self.i.valid):
+            m.d.sync += self.sum.eq(self.sum + self.i.payload * self.pair[1])
+        return m
+
+
+def test_log():
+    assert used(LOG)["MULT18X18D"] == (64, 28) and used(LOG)["TRELLIS_FF"] == (8437, 24288)
+    assert why_not(LOG) == "does not fit: luts 26670 of 24288, multipliers 64 of 28"
+    fits = LOG.replace("64/", "4/").replace("26670/", "2667/")
+    assert why_not(fits).startswith("Unable to place cell")
+    assert why_not("Info: a\nKilled\n") == "nextpnr broke off: Killed"
+
+
+def test_report():
+    wrap = Wrap(Small())
+    assert (wrap.inputs, wrap.outputs) == (4 + 1 + 6, 1 + 3 * 4 + 12)
+    assert (wrap.flip_flops, wrap.luts) == (11 + 2 * 25, 24)
+    assert from_report(REPORT, wrap) == Placed(
+        300 - 24, 400 - 61, 0, 6, 123.46, "a.b", "e.d", logic=0.88, routing=2.75
+    )  # fmt: skip
+    assert register("part.x.y$3_TRELLIS_FF_Q_1") == "x.y"
+    assert register("part.sums.0.33$DPRAM_COMB3") == "sums"
+
+
+def shifted(word: int) -> tuple[list[int], list[int]]:
+    """The part's inputs when a word has been shifted in, and what comes out from then on."""
+    wrap, inputs, q = Wrap(Small()), [], []
+
+    async def bench(ctx):
+        for k in reversed(range(wrap.inputs)):
+            ctx.set(wrap.d, word >> k & 1)
+            await ctx.tick()
+        inputs.extend(ctx.get(port) for port in wrap.input_ports)
+        ctx.set(wrap.d, 0)
+        for _ in range(2 * wrap.outputs):
+            await ctx.tick()
+            q.append(ctx.get(wrap.q))
+
+    simulator = Simulator(wrap)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+    return inputs, q
+
+
+def test_wrapper():
+    """All inputs come from the pin; what they change at the outputs shows at the other one."""
+    word = 0b101_011_1_1001
+    inputs, q = shifted(word)
+    assert sorted(inputs) == sorted([0b1001, 1, 0b101_011])
+    others = [shifted(word ^ 1 << k)[1] for k in range(11)]
+    assert len({tuple(q), *map(tuple, others)}) == 12
+
+
+def test_lanes():
+    """Four lanes have a quarter of the alphas and of the pixels of 16."""
+    four, all = (Lanes(TINY, pixels) for pixels in (4, 16))
+    assert 4 * len(four.o.as_value()) == len(all.o.as_value())
+    assert four.blend.blocks == block_count(TINY)
+    names = {"quadratic", "number", "enable", "valid", "block", "colour", "inside", "rest"}
+    assert names < set(four.signature.members) and "powers" not in four.signature.members
+
+
+def test_unknown_names(capsys):
+    assert run("fpga", "--stage", "nothing") == 2
+    assert "--stage 'nothing': unknown" in capsys.readouterr().err
+    assert run("fpga", "--device", "12k") == 2
+    assert "--device '12k': unknown" in capsys.readouterr().err
+
+
+def test_failure_is_told(monkeypatch, tmp_path, capsys):
+    """A part that does not fit is named; the others stand; both are kept."""
+    asked = []
+
+    def place(text, device):
+        asked.append(device)
+        return (None, LOG) if len(asked) == 1 else (REPORT, "")
+
+    monkeypatch.setattr(fpga, "BUILD", tmp_path)
+    monkeypatch.setattr(fpga, "place", place)
+    monkeypatch.setattr("splatcore.sim.cli.fpga.PARTS", {"wide": lambda c: Small(), "add": Add})
+    out = tmp_path / "f.json"
+    for _ in range(2):
+        assert run("fpga", "--stage", "wide", "--stage", "add", "--device", "25K",
+                   "--preset", "tiny", "--json", str(out)) == 1  # fmt: skip
+        told = capsys.readouterr().out
+        assert "wide is not placed: does not fit: luts 26670 of 24288" in told
+        assert "add: from a.b to e.d" in told and "123.5" in told
+    assert asked == ["25k", "25k"]
+    facts = json.loads(out.read_text())
+    assert list(facts["parts"]) == ["add"] and list(facts["failed"]) == ["wide"]
+    assert facts["parts"]["add"]["block_rams"] == 6
+
+
+class Add(wiring.Component):
+    """A register."""
+
+    def __init__(self, config):
+        super().__init__({"a": In(3), "o": Out(3)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.d.sync += self.o.eq(self.a)
+        return m
+
+
+@pytest.mark.slow
+def test_small_part(monkeypatch, tmp_path):
+    """A multiplier's numbers are those that stand in the log."""
+    monkeypatch.setattr(fpga, "BUILD", tmp_path)
+    part = fpga.PARTS["multiply"](TINY)
+    found = placed(part, "25k")
+    (path,) = tmp_path.glob("*.json")
+    log, wrap = json.loads(path.read_text())["log"], Wrap(fpga.PARTS["multiply"](TINY))
+    cells = used(log)
+    assert found.multipliers == cells["MULT18X18D"][0] == 1
+    assert found.flip_flops + wrap.flip_flops == cells["TRELLIS_FF"][0]
+    assert found.luts + wrap.luts == cells["TRELLIS_COMB"][0]
+    told = re.findall(r"Max frequency for clock .*: ([\d.]+) MHz", log)[-1]
+    assert found.fmax_mhz == float(told)
+    again = fpga.PARTS["multiply"](TINY)
+    monkeypatch.setattr(fpga, "place", None)
+    assert placed(again, "25k") == found
+
+
+class Large(wiring.Component):
+    """More multipliers than a small device has."""
+
+    def __init__(self):
+        super().__init__({"a": In(18), "o": Out(36)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        value = self.a
+        for k in range(30):
+            factor = Signal(18, name=f"factor{k}")
+            product = Signal(36, name=f"product{k}")
+            m.d.sync += [factor.eq(value ^ (value << k)), product.eq(factor * value)]
+            value = product[9:27]
+        m.d.comb += self.o.eq(product)
+        return m
+
+
+@pytest.mark.slow
+def test_too_large(monkeypatch, tmp_path):
+    monkeypatch.setattr(fpga, "BUILD", tmp_path)
+    with pytest.raises(NotPlaced, match="does not fit: multipliers 30 of 28"):
+        placed(Large(), "25k")

@@ -1,0 +1,160 @@
+"""`splatcore report`: a page that stands alone, with the numbers of its results."""
+
+import csv
+import os
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from splatcore.hdl.stages import PAPER_GATES
+from splatcore.sim.common.picture import read_png
+from splatcore.sim.common.plot import STYLE
+from splatcore.sim.report.sections import SECTIONS
+from tb.helpers.command import ROOT, run
+from tb.helpers.report_page import Page, Report
+from tb.helpers.report_samples import COUNTS, VIEWS, everything
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Report:
+    """The report of all samples."""
+    folder = tmp_path_factory.mktemp("report")
+    everything(folder / "results")
+    words = ["--results", str(folder / "results"), "--no-run"]
+    return Report(folder / "out", run("report", "-o", str(folder / "out"), *words), "")
+
+
+def test_the_page_stands_alone(whole):
+    assert whole.status == 0
+    page = Page(whole.text)
+    assert list(page.sections) == [*SECTIONS, "missing"]
+    assert len(page.ids) == len(set(page.ids)), "an id twice"
+    inside = {f"#{name}" for name in page.ids}
+    assert all(link in inside or link.startswith("data:image/png;base64,") for link in page.links)
+    used = set(re.findall(r"url\(([^)]*)\)", whole.text))
+    assert used and used <= inside
+    assert not re.search(r"https?:|<script|<link|@import|<iframe", whole.text)
+    assert page.images and all(uri.startswith("data:image/png;base64,") for uri in page.images)
+    assert "Nothing: each section has all of its results." in page.sections["missing"]
+
+
+def test_every_figure_names_its_command(whole):
+    figures = Page(whole.text).figures
+    items = [s[k] for s in whole.sections.values() for k in ("tables", "figures")]
+    assert len(figures) == sum(map(len, items)) > 25
+    for figure in figures:
+        assert "figcaption" in figure.tags and figure.tags & {"table", "svg", "img"}
+        assert figure.command.startswith("splatcore ")
+    assert all(item["commands"] for found in items for item in found.values())
+    assert f"splatcore bench sweep --out {whole.folder.parent}/results/sweep" in whole.text
+
+
+def test_tables_are_the_same_everywhere(whole):
+    files = {path.stem: path for path in (whole.folder / "tables").iterdir()}
+    page, count = whole.text, 0
+    for section in whole.sections.values():
+        for key, table in section["tables"].items():
+            with files.pop(key).open(newline="") as file:
+                head, *rows = csv.reader(file)
+            assert head == table["columns"]
+            texts = [
+                ["" if value is None else str(value) for value in row] for row in table["rows"]
+            ]
+            assert rows == texts
+            place = page[page.index(f'id="item-{key}"') :]
+            assert place[: place.index("</table>")].count("<tr") == len(rows) + 1
+            count += len(rows)
+    assert not files and count > 60
+
+
+def test_numbers(whole):
+    """By hand, from the samples."""
+    frame = VIEWS["vase.ply", "0"]
+    first = next(row for row in whole.table("scenes", "scenes") if row["scene"] == "vase.ply")
+    assert first["frame, M cycles"] == frame / 1e6 and first["FPS, at 800 MHz"] == 160
+    assert first["model, off by %"] == pytest.approx(-1) and first["traffic, MB"] == 4
+    assert whole.table("scenes", "traffic")[0]["image, MB"] == 3
+    pixels = next(row for row in whole.table("paper", "pixels") if row["scene"] == "vase.ply")
+    cycle = 800e6 / 129
+    assert pixels["contributions alone, a cycle"] == pytest.approx(COUNTS["contributions"] / cycle)
+    assert pixels["blocks of 4×4, a cycle"] == pytest.approx(16 * COUNTS["visited"] / cycle)
+    rows = whole.table("paper", "checks-pixels")
+    room = PAPER_GATES["raster"] / ((64e3 + 384e3) / 64)
+    assert [row["stands against"] for row in rows] == pytest.approx([room] * 4)
+    assert rows[0]["comes out"] == pytest.approx(8160 * 256 * 256 / cycle)
+    assert pixels["fits the paper's gates"] is (COUNTS["contributions"] / cycle <= room)
+    assert whole.table("paper", "memories")[0]["size, KB"] == 4
+    operations = whole.table("paper", "operations")
+    assert [row["saved, % of operations"] for row in operations[1::2]] == [
+        pytest.approx(100 * (1 - 94 / 198)), pytest.approx(20), pytest.approx(20)
+    ]  # fmt: skip
+    gains = whole.table("ablation", "ablation-gains")
+    assert (
+        gains[0]["all together, ×"] == pytest.approx(129 / 20.4)
+        and gains[0]["+ guard band, ×"] is None
+    )
+    assert gains[0]["+ zero skipping, ×"] == pytest.approx(97.7 / 46.4)
+    assert gains[1]["all together, ×"] == pytest.approx(5)
+    work = whole.table("work", "work")
+    assert work[-1]["behind, %"] == 25 and work[0]["behind, %"] == pytest.approx(56)
+    power = whole.table("power", "power")
+    assert power[0]["estimate, mW"] == pytest.approx(21) and power[0]["the paper, mW"] == 2.14
+    lists = whole.table("paper", "lists")
+    assert [row["scene and camera"] for row in lists] == ["vase.ply 0", "hall.spz roof"]
+    assert lists[0]["longest, splats"] == 1100 and lists[0]["tiles over 256, %"] == 75
+
+
+def test_where_the_paper_holds(whole):
+    """Verdicts on its own numbers; only one of them does not come out as printed."""
+    rows = whole.table("paper", "checks")
+    verdicts = {row["what"]: row["verdict"] for row in rows}
+    wrong = [what for what, verdict in verdicts.items() if verdict != "consistent"]
+    assert len(wrong) == 2 and wrong[0] == "throughput, scene set A"
+    assert "one operation at a time" in wrong[1]
+    throughput = rows[0]
+    assert throughput["comes out"] == pytest.approx(129 * 1920 * 1080 / 1e6)
+    gains = whole.table("paper", "checks-ablation")
+    assert [row["comes out"] for row in gains] == pytest.approx([1 / 0.44, 198 / 94, 1 / 0.757])
+    assert {row["verdict"] for row in gains} == {"consistent"}
+    assert "at most 4.8 ×" in whole.text and "not 6.3 ×" in whole.text
+
+
+def test_text_is_escaped(whole):
+    assert "thin &amp; &lt;long&gt;" in whole.text
+
+
+def test_a_picture_is_shrunk(whole):
+    uri = Page(whole.text).images[0]
+    assert 1000 < len(uri) * 3 / 4 <= 1_000_100
+
+
+def test_plots_can_be_read_in_print():
+    sizes = [value for name, value in STYLE.items() if name.endswith(("size", "labelsize"))]
+    assert min(size for size in sizes if size > 6) >= 8 and STYLE["lines.markersize"] < 6
+
+
+@pytest.mark.slow
+def test_in_a_browser(whole):
+    """Where there is one: it draws the page, and finds nothing that is wider than the window."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        return  # the parser has checked what it can
+    picture = whole.folder / "page.png"
+    subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+         "--host-resolver-rules=MAP * ~NOTFOUND", "--window-size=1280,4000",
+         f"--screenshot={picture}", (whole.folder / "report.html").as_uri()],
+        check=True, capture_output=True, env=os.environ | {"HOME": str(whole.folder)},
+    )  # fmt: skip
+    pixels = read_png(picture)
+    assert pixels.std() > 20 and (pixels[:, 1240:] == 255).all() and (pixels[0] == 255).all()
+
+
+def test_templates_are_in_the_package():
+    """What the page is made of is named in pyproject.toml, else an installed one lacks it."""
+    text = (ROOT / "pyproject.toml").read_text()
+    assert "*.jinja" in text and "*.css" in text and "jinja2" in text

@@ -1,0 +1,213 @@
+"""Generated Verilog: headers, names, memories, lint, soundness; the whole machine in parts."""
+
+import csv
+import re
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from amaranth.back import verilog
+
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.points.guard_band import Place
+from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES
+from splatcore.sim.eda.check import faults
+from splatcore.sim.eda.gate_table import synthesise_machine
+from splatcore.sim.eda.machine_gates import (
+    PARTS,
+    Size,
+    examined,
+    netlist,
+    pieces,
+    synthesised,
+    whole,
+)
+from splatcore.sim.eda.macros import Macros, module
+from splatcore.sim.eda.synth import DEPTH_MAX, gates, memories
+from splatcore.sim.eda.verilog import (
+    MEMORIES_FILE,
+    TOP,
+    WAIVERS,
+    lint,
+    stage_source,
+    write_stages,
+    write_top,
+)
+from splatcore.sim.rtl.streams import Simulation, StreamRuleError
+from splatcore.spec.config import DEFAULT, MEMORY_MAX, PRESETS, TINY
+
+DEEP = ("sub_sorter", "merge", "prepare", "setup", "mark", "evaluate", "lane")
+"""Parts of the stages that take too long to synthesise."""
+
+FAULTY = """\
+module faulty(input clk, input [3:0] i, output reg [3:0] o, output p);
+  always @* if (i[0]) o = i;
+endmodule
+"""
+
+UNSOUND = """\
+module inner(input a, output b);
+  assign b = ~a;
+endmodule
+module unsound(input [3:0] i, output reg latch, output loop, output reg twice, output none);
+  wire there, nothing;
+  always @* if (i[0]) latch = i[1];
+  inner one(there, loop);
+  inner two(loop, there);
+  always @* twice = i[2];
+  always @* twice = i[3];
+  assign none = nothing & i[0];
+endmodule
+"""
+
+WHOLE = ("points", "bin", "sort", "raster")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda config: config.name)
+def test_stages_are_clean(preset, tmp_path):
+    *paths, waivers = write_stages(preset, tmp_path)
+    assert [path.stem for path in paths] == [f"splatcore_{name}" for name in STAGES]
+    assert waivers.read_bytes() == WAIVERS.read_bytes()
+    for path in paths:
+        assert lint(path.stem, path) == []
+
+
+def test_lint_sees_faults(tmp_path):
+    (tmp_path / "faulty.v").write_text(FAULTY)
+    found = "\n".join(lint("faulty", tmp_path / "faulty.v"))
+    assert "LATCH" in found and "UNDRIVEN" in found
+
+
+@pytest.mark.slow
+def test_faults_are_seen(tmp_path):
+    (tmp_path / "unsound.v").write_text(UNSOUND)
+    found = "\n".join(faults("unsound", tmp_path / "unsound.v"))
+    for fault in ("latch ", "logic loop", "conflicting drivers", "nothing is used but has no"):
+        assert fault in found
+    assert len(found.splitlines()) == 4
+
+
+def test_every_waiver_has_a_reason():
+    lines = WAIVERS.read_text().splitlines()
+    for before, line in pairwise(lines):
+        if line.startswith("lint_off"):
+            assert before.startswith(("// ", "lint_off"))
+
+
+def test_source_says_what_it_is():
+    text = stage_source("place", Place(DEFAULT), DEFAULT)
+    assert "preset DEFAULT" in text and "hdl/points/guard_band.py" in text and "Timing" in text
+    assert "module splatcore_place(" in text and "module splatcore_place_array_pe1 (" in text
+    names = re.findall(r"^module ([^\s(]+)", text, re.M)
+    assert len(set(names)) == len(names) > 10
+    assert all(re.fullmatch(r"splatcore_place\w*", name) for name in names)
+    assert "[-1:0]" not in text
+
+
+@pytest.mark.slow
+def test_the_machine_is_clean(tmp_path):
+    """The whole of it: lint, latches, loops and drivers, names, the list of its memories."""
+    paths = write_top(TINY, tmp_path)
+    names = {path.name for path in paths}
+    assert {"splatcore.core", "splatcore.sdc", "memories.csv", WAIVERS.name} < names
+    sources = [tmp_path / MEMORIES_FILE, tmp_path / f"{TOP}.v"]
+    assert lint(TOP, *sources) == []
+    assert faults(TOP, *sources) == []
+    text = "".join(path.read_text() for path in sources)
+    modules = re.findall(r"^module (\w+)", text, re.M)
+    assert len(set(modules)) == len(modules) and all(m.startswith("splatcore_") for m in modules)
+    rows = list(csv.DictReader((tmp_path / "memories.csv").open()))
+    listed = Counter(
+        {(int(row["words"]), int(row["bits"])): len(row["instances"].split()) for row in rows}
+    )
+    assert all(int(row["count"]) == len(row["instances"].split()) for row in rows)
+    stages = [STAGES[name] for name in WHOLE]
+    expected = [size for make in (*stages, *CONTROL.values()) for size in memories(make(TINY))]
+    assert listed == Counter(expected)
+    for row in rows:
+        assert f"module {row['module']} (" in text
+        assert len(re.findall(rf"^  {row['module']} ", text, re.M)) == int(row["count"])
+    ports = re.findall(r"^  (?:in|out)put (?:\[\S+\] )?(\w+);", text, re.M)
+    constraints = (tmp_path / "splatcore.sdc").read_text()
+    assert "period 1.25 " in constraints and set(re.findall(r"\w_axi__\w+", constraints)) < {*ports}
+
+
+@pytest.mark.slow
+def test_parts_are_the_whole(monkeypatch, tmp_path):
+    """Each flip-flop is in one part; parts of one kind are one piece."""
+    monkeypatch.setattr("splatcore.sim.eda.machine_gates.BUILD", tmp_path)
+    monkeypatch.setattr("splatcore.sim.eda.machine_gates.mapped", lambda text, library: {})
+    hierarchy = netlist(TINY)
+    about = examined(whole(hierarchy))
+    assert about["faults"] == []
+    work = pieces(hierarchy)
+    assert {part for part, _ in work} == set(PARTS)
+    found = {part.name: synthesised(piece)["flip_flops_before"] for part, piece in work}
+    times = Counter(part.name for part, _ in work)
+    assert times["blend"] == times["evaluate"] == TINY.rasterizers and times["chunk"] == 1
+    counted = sum(count * times[name] for name, count in found.items())
+    assert counted == about["flip_flops_before"] > 20_000
+    texts = {part.name: set() for part in PARTS}
+    for part, piece in work:
+        texts[part.name].add(piece.text)
+    assert len(texts["blend"]) == len(texts["sub_sorter"]) == 1
+    held = [memory for _, piece in work for memory in piece.memories]
+    assert Counter(held) == Counter(whole(hierarchy).memories)
+
+
+def test_table_of_the_machine(monkeypatch, capsys):
+    """Sums by stage and of all, beside the paper's; faults are told."""
+    found = [
+        Size(part, 2, 3000.0, 20, 3200.0, 10 + k, 100, 110, ("splatcore_memory_4x25",))
+        for k, part in enumerate(PARTS)
+    ]
+    about = {"flip_flops_before": 110 * len(PARTS), "faults": ["latch there"]}
+    for name, value in (("netlist", None), ("whole", None), ("sizes", found), ("examined", about)):
+        monkeypatch.setattr(f"splatcore.sim.eda.gate_table.{name}", lambda *_, value=value: value)
+    facts = synthesise_machine(DEFAULT)
+    printed = capsys.readouterr()
+    assert re.search(r"stage 0 +6\.0 +6\.4 +11 +12\.9", printed.out)
+    assert re.search(r"sub_sorter +2 +1\.5 +3\.0 +3\.2 +16", printed.out)
+    assert re.search(rf"all +{3 * len(PARTS)}\.0 .* 1,143\.8", printed.out)
+    assert "none: 1" in printed.out.replace("\n", " ") and "latch there" in printed.err
+    assert facts["nand2"] == 3000 * len(PARTS) and facts["faults"] == ["latch there"]
+    assert facts["flip_flops_before"]["parts"] == facts["flip_flops_before"]["whole"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [None, "read_enable"])
+def test_memories_are_amaranths(fault):
+    """A queue in a memory's module keeps order; in one that forgets what was read it does not."""
+    macros, queue = Macros(), Queue(24, 12, memory=True)
+    text = verilog.convert(queue, name="top", platform=macros, emit_src=False)
+    (size,) = macros.sizes
+    assert size == (12, 24)
+    text += module(*size).replace(f"if ({fault}) ", "")
+    rows = np.random.default_rng(0).integers(0, 256, (500, 3), np.uint8)
+
+    simulation = Simulation(queue, source=text)
+    if fault:
+        with pytest.raises(StreamRuleError):
+            simulation.run({"i": rows}, stall=0.5, seed=1)
+    else:
+        result = simulation.run({"i": rows}, expected={"o": len(rows)}, stall=0.5, seed=1)
+        assert np.array_equal(result.outputs["o"], rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*(name for name in STAGES if name not in LARGE), *DEEP, *CONTROL])
+def test_no_path_is_too_deep(name):
+    found = gates((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT))
+    assert found.speed_depth <= DEPTH_MAX
+    if name not in CONTROL:
+        least, most = (0.95, 1.15) if name in DEEP else (1, 1.1)
+        assert least * found.nand2 < found.speed_nand2 < most * found.nand2
+
+
+def test_memories_fit():
+    """All of DEFAULT's parts together stay within what the paper's machine has."""
+    parts = [*(STAGES[name] for name in WHOLE), *CONTROL.values()]
+    sizes = [size for make in parts for size in memories(make(DEFAULT))]
+    assert 0 < sum(words * bits for words, bits in sizes) / 8 <= MEMORY_MAX

@@ -1,0 +1,1 @@
+"""Tests of numbers, records, presets and microprograms."""

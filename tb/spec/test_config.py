@@ -1,0 +1,77 @@
+"""Presets and the memory layout that follows from them."""
+
+from dataclasses import FrozenInstanceError, replace
+
+import pytest
+
+from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY, preset
+from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import (
+    ALIGNMENT,
+    ATTRIBUTE_BITS,
+    CHUNK_HEADER,
+    CODEBOOK_MAX,
+    COLOUR_ENTRY,
+    HEADER,
+    OPACITY,
+    SH_ENTRY,
+    model_format,
+)
+from splatcore.spec.number import FP16
+
+
+def test_names():
+    assert [config.name for config in PRESETS.values()] == list(PRESETS)
+    assert preset("paper") is PAPER
+    with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
+        preset("x")
+
+
+def test_frozen_and_hashable():
+    with pytest.raises(FrozenInstanceError):
+        DEFAULT.rasterizers = 3
+    assert len({DEFAULT, PAPER, TINY, replace(DEFAULT)}) == 3
+
+
+@pytest.mark.parametrize(
+    "field, value",
+    [("rasterizers", 3), ("width_max", 0), ("sub_sorter_entries", 1024), ("sort_digits", (3, 4)),
+     ("sh_degree", 2), ("group", -1), ("burst", 1), ("sh_index", ((),))],
+)  # fmt: skip
+def test_impossible_values_are_refused_by_name(field, value):
+    with pytest.raises(InputError, match=rf"preset DEFAULT: {field} "):
+        replace(DEFAULT, **{field: value})
+
+
+def test_the_papers_choices():
+    assert PAPER.arithmetic == FP16 and PAPER.depth.width == PAPER.sort_key_bits == 15
+    assert PAPER.position == "absolute" and PAPER.tile_test == "3sigma"
+    assert (PAPER.sub_sorters, PAPER.sub_sorter_entries) == (4, 256)
+
+
+@pytest.mark.parametrize("config", PRESETS.values(), ids=lambda config: config.name)
+def test_memory(config):
+    for degree in range(config.sh_degree + 1):
+        format = model_format(config, degree)
+        assert format.codebook_bytes <= min(CODEBOOK_MAX, 8 * 1024)
+        assert format.attribute_record.width == ATTRIBUTE_BITS
+
+
+def test_records_fill_their_words():
+    assert (HEADER.width, CHUNK_HEADER.width) == (512, 256)
+    assert (COLOUR_ENTRY.width, SH_ENTRY.width) == (64, 128)
+
+
+@pytest.mark.parametrize("count", [0, 1, 255, 256, 257, 100_000])
+def test_layout_is_in_order_and_aligned(count):
+    layout = model_format(DEFAULT, 1).layout(count)
+    places = [getattr(layout, name) for name in layout.__dataclass_fields__]
+    assert places == sorted(places) and all(place % ALIGNMENT == 0 for place in places)
+    assert layout.attributes - layout.positions >= count * 45 / 8
+    assert layout.colours - layout.attributes >= 16 * count
+
+
+def test_every_visible_opacity_has_a_code():
+    assert OPACITY.decode(OPACITY.encode(0.0)) == 0
+    assert 2.0**-OPACITY.max > ALPHA_MIN  # what is kept can always reach alpha 1/255

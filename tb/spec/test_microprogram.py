@@ -1,0 +1,179 @@
+"""The microprogram and its schedule, run by a machine that moves names instead of numbers."""
+
+from dataclasses import replace
+from itertools import product
+
+import pytest
+
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.microprogram import Step, operation_counts, parse, program, projection
+from splatcore.spec.programs import CONSTANTS, CORNERS, TEXTS
+from splatcore.spec.schedule import Schedule, latencies, pes, schedule
+
+CONFIGS = {
+    "one array": DEFAULT,
+    "two arrays": replace(DEFAULT, pe_arrays=2),
+    "slow units": replace(DEFAULT, multiply_latency=4, add_latency=5, unary_latency=9),
+    "quick units": replace(DEFAULT, multiply_latency=0, add_latency=1, unary_latency=1),
+    "three PEs": replace(DEFAULT, pes=3),
+    "3σ square": replace(DEFAULT, tile_test="3sigma"),
+}
+CYCLES = {
+    "one array": 11, "two arrays": 6, "slow units": 11, "quick units": 11, "three PEs": 22,
+    "3σ square": 12,
+}  # fmt: skip
+"""Cycles a Gaussian of degree 1; the bounds are 12 with one array and 7 with two."""
+
+
+def test_lines():
+    steps = parse("a = x * y  # product\nb = a * z + x\nc = b - a * y\nd = c + z\ne = root(d)")
+    assert steps == (
+        Step("a", "pe", "x", "y"),
+        Step("b", "pe", "a", "z", "x"),
+        Step("c", "pe", "a", "y", "b", negate=True),
+        Step("d", "pe", "c", None, "z"),
+        Step("e", "root", "d"),
+    )
+    assert parse("\n".join(map(str, steps))) == steps
+    assert operation_counts(steps) == {"multiply": 3, "add": 3, "root": 1}
+
+
+@pytest.mark.parametrize(
+    "line", ["a = x / y", "a = x * y\na = x * z", "a x * y", "a = cube(x)", "a = root(x, y, z)"]
+)
+def test_a_line_that_is_none_is_named(line):
+    with pytest.raises(ValueError, match=r"microprogram line \d: '"):
+        parse(line)
+
+
+INPUTS = {
+    "chunk": " ".join((*CORNERS, "chunk_reach")),
+    "cull": "ray_x ray_y ray_z",
+    "cull_interval": "ray_x ray_y ray_z chunk_reach",
+    "place": "ray_x ray_y ray_z z margin_x margin_y",
+    "project": "x y z l00 l10 l11 l20 l21 l22 attenuation colour_red colour_green colour_blue",
+}
+INPUTS["square"] = INPUTS["project"]
+"""Fields of the programs: a misspelt operand would be one more."""
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_values_are_made_once_and_before_their_use(name):
+    made = set()
+    for step in program(name).steps:
+        assert step.name not in made | set(CONSTANTS)
+        assert not (set(step.operands) & program(name).made) - made
+        made.add(step.name)
+    assert set(program(name).outputs) <= made | set(program(name).fields)
+    if name in INPUTS:
+        assert sorted(program(name).fields) == sorted(INPUTS[name].split())
+
+
+def test_operations_with_and_without_zeros():
+    """The dense program's steps make the same values, and as many more as its zeros cost."""
+    saved = {}
+    for degree, tile_test in product((0, 1), ("exact", "3sigma")):
+        config = replace(DEFAULT, sh_degree=degree, tile_test=tile_test)
+        sparse, dense = projection(config), projection(replace(config, skip_zeros=False))
+        assert sparse.made < dense.made and sparse.outputs == dense.outputs
+        less, more = (operation_counts(program.steps) for program in (sparse, dense))
+        saved[degree, tile_test] = {kind: more[kind] - less[kind] for kind in more}
+    assert all(
+        save == {"multiply": 22, "add": 14} | dict.fromkeys(save.keys() - {"multiply", "add"}, 0)
+        for save in saved.values()
+    )
+
+
+def test_every_constant_is_used():
+    used = {constant for name in TEXTS for constant in program(name).constants}
+    assert set(CONSTANTS) == used
+
+
+@pytest.mark.parametrize("program_name", TEXTS)
+@pytest.mark.parametrize("name", CONFIGS)
+def test_units_are_never_taken_twice(name, program_name):
+    config, steps = CONFIGS[name], program(program_name)
+    plan = schedule(config, steps)
+    assert {place.step for place in plan.places} == set(steps.steps)
+    slots = [(p.step.unit, p.number, p.time % plan.interval) for p in plan.places]
+    assert len(set(slots)) == len(slots)
+    numbers = {p.number for p in plan.places if p.step.unit == "pe"}
+    assert max(numbers) < pes(config, steps)
+    assert all(p.number == 0 for p in plan.places if p.step.unit != "pe")
+    assert min(p.time for p in plan.places) == 0
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_cycles_a_gaussian(name):
+    config = CONFIGS[name]
+    steps = projection(config)
+    plan = schedule(config, steps)
+    assert plan.interval == CYCLES[name]
+    assert plan.utilisation(pes(config, steps)) > 0.516  # the paper's
+    assert schedule(config, program("cull")).interval == 4
+
+
+def run_names(plan: Schedule, outputs, latency: dict[str, int], gaussians: int) -> set:
+    """Run the schedule cycle by cycle on (Gaussian, value) pairs; what every step read is checked.
+
+    A register takes over in the cycle that its wait begins and can be read from the next one on.
+    """
+    results: dict[tuple[str, int], dict[int, tuple[int, str]]] = {}  # unit → cycle → value
+    registers: dict = {}
+    done = set()
+    reads = 0
+    made = {place.step.name for place in plan.places}
+    for cycle in range(gaussians * plan.interval + plan.length):
+        takeover = {}
+        gaussian, phase = divmod(cycle - plan.length, plan.interval)
+        if not phase and 0 <= gaussian < gaussians:
+            for output in made & set(outputs):
+                assert (gaussian, output) in visible(plan, output, cycle, results, registers)
+        for place in plan.places:
+            gaussian, phase = divmod(cycle - place.time, plan.interval)
+            if phase or not 0 <= gaussian < gaussians:
+                continue
+            for operand in place.step.operands:
+                if operand in made:
+                    assert (gaussian, operand) in visible(plan, operand, cycle, results, registers)
+                    reads += 1
+            unit = (place.step.unit, place.number)
+            results.setdefault(unit, {})[cycle + latency[place.step.unit]] = (
+                gaussian, place.step.name,
+            )  # fmt: skip
+            done.add((gaussian, place.step.name))
+        for wait in plan.waits:
+            gaussian, phase = divmod(cycle - wait.begin, plan.interval)
+            if phase or not 0 <= gaussian < gaussians:
+                continue
+            source = visible(plan, wait.value, cycle, results, registers)
+            assert (gaussian, wait.value) in source
+            takeover[wait.bank, wait.register] = (gaussian, wait.value)
+        registers.update(takeover)
+    return done
+
+
+def visible(plan, value, cycle, results, registers) -> set:
+    """What can be read of a value's unit in a cycle: its result and its bank's registers."""
+    place = next(p for p in plan.places if p.step.name == value)
+    unit = (place.step.unit, place.number)
+    seen = {held for (bank, _), held in registers.items() if bank == unit}
+    return seen | {results.get(unit, {}).get(cycle)}
+
+
+@pytest.mark.parametrize("program_name", TEXTS)
+@pytest.mark.parametrize("name", CONFIGS)
+def test_every_step_finds_its_operands(name, program_name):
+    config, steps = CONFIGS[name], program(program_name)
+    plan = schedule(config, steps)
+    done = run_names(plan, steps.outputs, latencies(config), 12)
+    assert len(done) == 12 * len(plan.places)
+
+
+def test_a_wait_that_is_missing_is_seen():
+    steps = projection(DEFAULT)
+    plan, outputs = schedule(DEFAULT, steps), steps.outputs
+    for k in range(0, len(plan.waits), 7):
+        broken = replace(plan, waits=plan.waits[:k] + plan.waits[k + 1 :])
+        with pytest.raises(AssertionError):
+            run_names(broken, outputs, latencies(DEFAULT), 12)

@@ -1,0 +1,315 @@
+"""Number formats against exact rationals, and against numpy's float16 and float32.
+
+The oracles share nothing with `spec.number`: they read each format's definition as `Fraction`s
+and find the nearest code by bisection over all of them.
+"""
+
+from bisect import bisect_right
+from fractions import Fraction
+from itertools import product
+from math import ceil, floor
+
+import numpy as np
+import pytest
+
+from splatcore.spec.number import FP16, FP24, Bits, Fixed, Float
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+HUGE = np.finfo(np.float64).max
+TINY = 5e-324  # float64's smallest subnormal
+EXTREMES = np.array([sign * x for sign in (1, -1) for x in (0, TINY, 2**-1022, 1, HUGE, np.inf)])
+
+FP32 = Float(8, 23, overflow="infinity")
+SMALL = [
+    Float(exponent, fraction, signed, subnormal, overflow)
+    for exponent, fraction in ((2, 1), (2, 3), (3, 2), (4, 1), (5, 3))
+    for signed, subnormal in product((True, False), repeat=2)
+    for overflow in ("saturate", "infinity")
+]
+LARGE = [
+    FP24,
+    FP16,
+    FP32,
+    Float(7, 16, signed=False),
+    Float(7, 16, subnormal=False),
+    Float(8, 23),
+    Float(10, 52),
+    Float(10, 52, signed=False, subnormal=False, overflow="infinity"),
+]
+FIXED = [
+    Fixed(integer, fraction, signed, rounding)
+    for integer, fraction in (
+        *((-3, 8), (0, 6), (4, 3), (8, 8), (8, -4), (12, 8)),
+        *((31, 31), (-900, 940), (1000, -960), (53, 0), (62, 0)),
+    )
+    for signed in (True, False)
+    for rounding in ("nearest-even", "floor", "ceiling")
+]
+EVERY_CODE = [f for f in SMALL + FIXED if f.width <= 20] + [
+    FP16,
+    Float(7, 12),
+    Float(7, 12, signed=False, subnormal=False),
+    Bits(20),
+]
+
+
+def anywhere(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Float64 of every sign, exponent and fraction: random bit patterns but NaN."""
+    values = rng.integers(0, 1 << 64, count, dtype=np.uint64).view(np.float64)
+    return values[~np.isnan(values)]
+
+
+def around(points: np.ndarray) -> np.ndarray:
+    """Sorted points, those half-way between them, and float64's neighbours of both."""
+    points = np.concatenate([points, points[:-1] + (points[1:] - points[:-1]) / 2])
+    return np.concatenate([points, np.nextafter(points, -HUGE), np.nextafter(points, HUGE)])
+
+
+def some_codes(rng: np.random.Generator, first: int, end: int, count: int) -> np.ndarray:
+    """Sorted codes of first … end − 1: all if few, else the ends and random adjacent pairs."""
+    if end - first <= 4 * count:
+        return np.arange(first, end, dtype=np.uint64)
+    random = rng.integers(first, end - 1, count, dtype=np.uint64)
+    ends = np.arange(8, dtype=np.uint64)
+    return np.unique(np.concatenate([random, random + 1, first + ends, end - 1 - ends]))
+
+
+def float_value(format: Float, magnitude: int) -> Fraction:
+    """What a code without its sign is worth, as if the highest exponent were a normal one."""
+    biased, fraction = divmod(magnitude, 2**format.fraction)
+    if biased == 0 and not format.subnormal:
+        return Fraction(0)
+    significand = (biased > 0) + Fraction(fraction, 2**format.fraction)
+    return significand * Fraction(2) ** (max(biased, 1) - (2 ** (format.exponent - 1) - 1))
+
+
+def infinity_code(format: Float) -> int:
+    """The first code that is not finite: infinity's, or what would follow the largest value's."""
+    return (2**format.exponent - (format.overflow == "infinity")) * 2**format.fraction
+
+
+def float_code(format: Float, value: float) -> int:
+    """The code nearest to a value that is not NaN, the even one of two."""
+    negative, infinity = bool(np.signbit(value)), infinity_code(format)
+    if negative and not format.signed:
+        return 0
+    # Without subnormal values the last code of exponent 0 stands for zero.
+    zero = 0 if format.subnormal else 2**format.fraction - 1
+    codes = range(zero, infinity + 1)
+    exact = float_value(format, infinity) if np.isinf(value) else abs(Fraction(float(value)))
+    index = bisect_right(codes, exact, key=lambda code: float_value(format, code))
+    below, above = codes[index - 1], codes[min(index, len(codes) - 1)]
+    side = 2 * exact - float_value(format, below) - float_value(format, above)
+    below = 0 if below == zero else below
+    code = below if side < 0 or (side == 0 and below % 2 == 0) else above
+    if format.overflow == "saturate":
+        code = min(code, infinity - 1)
+        negative = negative and code > 0
+    return code + negative * 2 ** (format.exponent + format.fraction)
+
+
+def hard_values(format: Float, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Codes' values, ties and their neighbours; around both ends; far from everything."""
+    normal = 2**format.fraction
+    codes = some_codes(rng, 0, infinity_code(format), count)
+    codes = np.union1d(codes, some_codes(rng, max(normal - 8, 0), normal + 8, 8))
+    grid = np.unique([float(float_value(format, int(code))) for code in codes])
+    largest, smallest = grid[-1], 2.0 ** (1 - format.bias)
+    step = largest - grid[-2]
+    ends = np.concatenate([largest + step * np.array([0.5, 1, 2]), smallest * np.array([0.5, 0.7])])
+    values = np.concatenate([around(grid), around(np.sort(ends))])
+    return np.concatenate([values, -values, EXTREMES, anywhere(rng, count)])
+
+
+@pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
+def test_float_encode(format):
+    """The nearest code, by rationals. (FP16 and FP32 here also vouch for numpy's below.)"""
+    values = hard_values(format, np.random.default_rng(1), 100)
+    expected = np.array([float_code(format, value) for value in values], np.uint64)
+    codes = format.encode(values)
+    np.testing.assert_array_equal(codes, expected)
+
+
+@pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
+def test_float_decode(format):
+    """What finite codes are worth, with and without sign; what codes above them hold."""
+    codes = some_codes(np.random.default_rng(2), 0, infinity_code(format), 300)
+    expected = np.array([float(float_value(format, int(code))) for code in codes])
+    np.testing.assert_array_equal(format.decode(codes), expected)
+    assert not np.signbit(format.decode(codes)).any()
+    if format.signed:
+        sign = np.uint64(1 << (format.width - 1))
+        values = format.decode(codes | sign)
+        np.testing.assert_array_equal(values, -expected)
+        kept = (expected > 0) | (format.overflow == "infinity")
+        np.testing.assert_array_equal(np.signbit(values), kept)
+    if format.overflow == "infinity":
+        infinity = infinity_code(format)
+        nan = some_codes(np.random.default_rng(3), infinity + 1, infinity + 2**format.fraction, 9)
+        assert format.decode(infinity) == np.inf
+        assert np.isnan(format.decode(nan)).all()
+
+
+@pytest.mark.parametrize(("ieee", "format"), [(np.float16, FP16), (np.float32, FP32)], ids=str)
+def test_float_is_ieee(ieee, format):
+    """A million values and more, and all codes of float16 (a sample of float32's), as numpy."""
+    rng, unsigned = np.random.default_rng(4), np.dtype(f"u{format.width // 8}")
+    codes = np.arange(2**16) if format is FP16 else rng.integers(0, 2**32, 2**18)
+    codes = codes.astype(unsigned)
+    with np.errstate(invalid="ignore"):  # numpy's conversion of signalling NaN
+        real = codes.view(ieee).astype(np.float64)
+    np.testing.assert_array_equal(format.decode(codes), real)
+    known = ~np.isnan(real)
+    signs = np.signbit(format.decode(codes[known]))
+    np.testing.assert_array_equal(signs, np.signbit(real[known]))
+
+    finite = np.unique(real[np.isfinite(real)])
+    parts = [
+        around(finite),  # every tie of float16 and its neighbours
+        rng.uniform(-1, 1, 2**18) * format.min_normal,
+        rng.uniform(0.999, 1.001, 2**18) * format.max,
+        np.exp2(rng.uniform(-155, 135, 2**18)) * rng.choice([-1, 1], 2**18),
+        anywhere(rng, 2**18),
+        np.concatenate([EXTREMES, [np.nan]]),
+    ]
+    values = np.concatenate(parts)
+    assert len(values) > 1_000_000
+    with np.errstate(over="ignore", under="ignore"):
+        expected = values.astype(ieee).view(unsigned)
+    np.testing.assert_array_equal(format.encode(values), expected)
+
+
+def test_float_nan():
+    """Every NaN becomes one code, whatever its sign and payload, signed or not."""
+    nans = np.array([0x7FF8 << 48, 0xFFF8 << 48, (0x7FF0 << 48) + 1], np.uint64).view(np.float64)
+    np.testing.assert_array_equal(FP16.encode(nans), 0x7E00)
+    np.testing.assert_array_equal(Float(5, 10, False, overflow="infinity").encode(nans), 0x7E00)
+
+
+@pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
+def test_float_codes_rise(format):
+    """Codes of values ≥ 0 compare as the values do, infinity above all."""
+    values = hard_values(format, np.random.default_rng(5), 5000)
+    codes = format.encode(np.sort(np.abs(values)))
+    assert (codes[1:] >= codes[:-1]).all() and codes[0] == 0
+    assert (np.diff(format.decode(np.unique(codes))[:-1]) > 0).all()
+
+
+@pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
+def test_float_properties(format):
+    finite = infinity_code(format) - 1
+    normal = 2**format.fraction
+    assert format.bias == 2 ** (format.exponent - 1) - 1
+    assert format.width == format.signed + format.exponent + format.fraction
+    assert format.max == float_value(format, finite)
+    assert format.min_normal == float_value(format, normal)
+    assert format.min_subnormal == float_value(format, 1 if format.subnormal else normal)
+    values = np.abs(hard_values(format, np.random.default_rng(6), 50))
+    values = values[(values >= format.min_normal) & (values <= format.max)]
+    for value, rounded in zip(values, format.round(values), strict=True):
+        error = abs(Fraction(float(value)) - Fraction(float(rounded)))
+        assert error <= Fraction(format.epsilon) * Fraction(float(value))
+    assert 1 + 2 * format.epsilon == float_value(format, format.bias * normal + 1)
+
+
+@pytest.mark.parametrize("format", FIXED, ids=str)
+def test_fixed(format):
+    """Rounding of value / step in rationals, then the two ends; decoding the same way."""
+    rounding = {"nearest-even": round, "floor": floor, "ceiling": ceil}[format.rounding]
+    low = -(2 ** (format.width - 1)) if format.signed else 0
+    high = low + 2**format.width - 1
+    rng = np.random.default_rng(7)
+    codes = some_codes(rng, 0, 2**format.width, 100)
+    steps = [int(code) - (2**format.width if code > high else 0) for code in codes]
+    step = Fraction(2) ** -format.fraction
+    np.testing.assert_array_equal(format.decode(codes), [float(k * step) for k in steps])
+    assert (format.min, format.max) == (float(low * step), float(high * step))
+    assert format.step == step
+
+    grid = np.unique([float(k * step) for k in [*steps, low - 1, high + 1]])
+    near = rng.uniform(-20, 20, 200) * format.step  # many steps of float64 to one of ours
+    values = np.concatenate([around(grid), -grid, near, EXTREMES, anywhere(rng, 200)])
+    values[np.isinf(values)] = 0
+    expected = [min(max(rounding(Fraction(float(v)) / step), low), high) for v in values]
+    expected = np.array([k % 2**format.width for k in expected], np.uint64)
+    np.testing.assert_array_equal(format.encode(values), expected)
+    ends = np.array([low % 2**format.width, high], np.uint64)
+    np.testing.assert_array_equal(format.encode([-np.inf, np.inf]), ends)
+
+
+@pytest.mark.parametrize("format", EVERY_CODE, ids=str)
+def test_every_code_returns(format):
+    """encode(decode(code)) is the code itself, but for the other codes of zero and NaN."""
+    codes = np.arange(2**format.width)
+    values = format.decode(codes)
+    expected = codes.copy()
+    if isinstance(format, Float):
+        sign = codes & format.signed << (format.exponent + format.fraction)
+        zero = sign if format.overflow == "infinity" else 0
+        expected = np.where(values == 0, zero, expected)
+        nan = infinity_code(format) + 2 ** (format.fraction - 1)
+        expected = np.where(np.isnan(values), nan, expected)
+    np.testing.assert_array_equal(format.encode(values), expected)
+    np.testing.assert_array_equal(format.round(values), values)
+
+
+@pytest.mark.parametrize("format", [FP16, FP24, Fixed(4, 4), Fixed(4, 20, True), Bits(9)], ids=str)
+def test_shapes(format):
+    """Any shape comes back, scalars and empty arrays too; the input stays as it was."""
+    for shape in ((), (0,), (3,), (2, 0), (2, 3, 4)):
+        values = np.ones(shape, np.int64 if isinstance(format, Bits) else np.float64)
+        for result in (format.encode(values), format.round(values)):
+            assert result.shape == shape
+        assert (values == 1).all()
+
+
+def test_code_dtypes():
+    """Codes come in the smallest unsigned dtype, from either side."""
+    for width in range(1, 65):
+        dtype = np.dtype(f"u{1 if width <= 8 else 2 if width <= 16 else 4 if width <= 32 else 8}")
+        assert Bits(width).encode([0, 1]).dtype == dtype
+        if width < 64:
+            assert Fixed(width, 0).encode([0.0]).dtype == dtype
+        if 6 <= width < 56:
+            assert Float(4, width - 4, signed=False).encode([0.0]).dtype == dtype
+
+
+def test_formats_are_values():
+    """Equal by content and usable as keys, as the hardware's layouts need it."""
+    same = Float(7, 16, subnormal=False)
+    assert same == FP24 and hash(same) == hash(FP24)
+    assert len({Fixed(4, 4), Fixed(4, 4), Fixed(4, 4, rounding="floor"), Bits(8), FP16, FP24}) == 5
+
+
+@pytest.mark.parametrize("format", [FP24, Float(4, 3, signed=False), Fixed(4, 4)], ids=str)
+def test_nan_is_refused(format):
+    with pytest.raises(ValueError, match="NaN"):
+        format.encode([0.0, np.nan])
+
+
+@pytest.mark.parametrize("format", [FP24, Fixed(3, 4, True), Bits(5)], ids=str)
+def test_odd_codes_are_refused(format):
+    method = format.encode if isinstance(format, Bits) else format.decode
+    for odd in ([0, -1], [1 << format.width], [2**64 - 1], np.array([-1], np.int8)):
+        with pytest.raises(ValueError, match=f"does not fit in {format.width} bits"):
+            method(odd)
+    with pytest.raises(TypeError, match="integers"):
+        method([1.0])
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        *(lambda w=w: Bits(w) for w in (0, 65)),
+        *(lambda i=i, f=f: Fixed(i, f) for i, f in ((0, 0), (32, 32), (-4, 3), (1024, -1000))),
+        lambda: Fixed(32, 31, signed=True),
+        lambda: Fixed(-1020, 1023),
+        lambda: Fixed(4, 4, rounding="up"),
+        *(lambda e=e, f=f: Float(e, f) for e, f in ((1, 4), (11, 4), (5, 0), (5, 53))),
+        lambda: Float(5, 10, overflow="wrap"),
+    ],
+)
+def test_impossible_formats_are_refused(make):
+    with pytest.raises(ValueError):
+        make()

@@ -1,0 +1,150 @@
+"""Preset files: what is written is read back equal, and what is wrong is told by file and key."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from splatcore.sim.fit.preset_file import preset_text, write_preset
+from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY, Config
+from splatcore.spec.energy import Energy
+from splatcore.spec.error import InputError
+from splatcore.spec.number import FP16, FP24, Float
+from splatcore.spec.preset import BITS, EXPONENT_BITS, FRACTION_BITS, check_buildable, find_preset
+from tb.helpers.command import ROOT, run
+
+POWERS = (1, 2, 4, 8, 16)
+FIELDS = {
+    "width_max": st.integers(1, 4096), "sh_degree": st.integers(0, 1), "pes": st.integers(2, 12),
+    "position": st.sampled_from(["chunk", "absolute"]), "early_termination": st.booleans(),
+    "rasterizers": st.sampled_from(POWERS), "sub_sorters": st.integers(1, 16),
+    "sort_digits": st.lists(st.integers(1, 4), min_size=1, max_size=24).map(tuple),
+    "arithmetic": st.builds(
+        Float, st.integers(*EXPONENT_BITS), st.integers(*FRACTION_BITS), st.just(True),
+        st.booleans(), st.sampled_from(["saturate", "infinity"]),
+    ) | st.sampled_from([FP16, FP24]),
+    "depth": st.builds(Float, st.integers(2, 10), st.integers(1, 52), st.booleans()),
+    "energy": st.builds(Energy, supply=st.floats(0, 9), memory_words=st.integers(1, 99)),
+    "colour_index": st.sampled_from([((9,), (9,)), ((9, 9), (7, 6)), ((8, 7), (7, 5))]),
+} | {name: st.integers(*limits) for name, limits in BITS.items()}  # fmt: skip
+
+
+@st.composite
+def machines(draw) -> tuple[Config, Config]:
+    """A machine that can be built, and the preset that it is described by."""
+    base = draw(st.sampled_from(list(PRESETS.values())))
+    chosen = draw(st.lists(st.sampled_from(sorted(FIELDS)), unique=True))
+    try:
+        config = replace(base, name="some-1_A", **{name: draw(FIELDS[name]) for name in chosen})
+        check_buildable(config)
+    except InputError:
+        assume(False)
+    return base, config
+
+
+@settings(max_examples=200, deadline=None)
+@given(machines())
+def test_what_is_written_is_read_back(tmp_path_factory, pair):
+    base, config = pair
+    path = tmp_path_factory.getbasetemp() / "machine.toml"
+    write_preset(path, config, base, {"pes": "two\nlines # and a mark"}, about="head\nof two lines")
+    assert find_preset(str(path)) == config
+
+
+def test_only_what_differs_is_written_under_its_reason():
+    config = replace(DEFAULT, name="small", pes=3, arithmetic=FP16)
+    text = preset_text(config, DEFAULT, {"pes": "three\nwill do", "rasterizers": "no matter"})
+    assert text.split("\n") == [
+        'base = "DEFAULT"', 'name = "small"', "", 'arithmetic = "FP16"', "", "# three will do",
+        "pes = 3", "",
+    ]  # fmt: skip
+
+
+def write(path: Path, text: str) -> str:
+    path.write_text(text)
+    return str(path)
+
+
+def test_names_and_files(tmp_path):
+    assert find_preset("paper") is PAPER
+    path = write(tmp_path / "my machine.toml", "rasterizers = 2")
+    assert find_preset(path) == replace(DEFAULT, name="my_machine", rasterizers=2)
+    path = write(
+        tmp_path / "x", 'base = "tiny"\nname = "mine"\ndepth = "FP16"\nenergy = { supply = 1 }'
+    )
+    assert find_preset(path) == replace(TINY, name="mine", depth=FP16, energy=Energy(supply=1.0))
+    with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
+        find_preset("x")
+
+
+@pytest.mark.parametrize(
+    "text, error",
+    [
+        ("rasterizers = ", "is not TOML: "),
+        ("a = " + "[" * 2000, "is not TOML: "),
+        ("rasterisers = 2", "unknown key 'rasterisers'; did you mean 'rasterizers'?"),
+        ("xyz = 2", "unknown key 'xyz' (there are base, name, width_max, "),
+        ('base = "MINE"', "base 'MINE' is unknown (there are DEFAULT, PAPER, TINY)"),
+        ("base = 1", "base 1 is unknown"),
+        ("rasterizers = 2.0", "rasterizers: 2.0 is no integer"),
+        ('energy = { supply = "high" }', "energy.supply: 'high' is no number"),
+        ("rasterizers = true", "rasterizers: True is no integer"),
+        ("skip_zeros = 1", "skip_zeros: 1 is no true or false"),
+        ("name = 1", "name: 1 is no string"),
+        ('name = "a/../b"', "name 'a/../b' is not of letters, digits, _ and -"),
+        ('name = "a\\nb"', "is not of letters"),
+        ('name = "default"', "name 'default' is that of a preset that is built in"),
+        ('position = "there"', "position: 'there' is not one of chunk, absolute"),
+        ("sort_digits = 3", "sort_digits: 3 is no array"),
+        ("sort_digits = [3, true]", "sort_digits[1]: True is no integer"),
+        ("sh_index = [1]", "sh_index[0]: 1 is no array"),
+        ('arithmetic = "FP17"', "arithmetic: 'FP17' is no table of Float's fields and not one of"),
+        ("arithmetic = { exponent = 7 }", "arithmetic: 'fraction' is missing"),
+        ("depth = { exponent = 7, bits = 3 }", "depth: unknown key 'bits'"),
+        ("depth = { exponent = 1, fraction = 3 }", "depth: Float("),
+        ("rasterizers = 3", "rasterizers 3 is not a power of two"),
+        ("width_max = 5000", "width_max 5000 is not in 1 … 4096"),
+        ("sum_fraction = 8", "sum_fraction 8 is not in 9 … 16"),
+        ("arithmetic = { exponent = 7, fraction = 30 }", "arithmetic's fraction 30 is not in"),
+        ("arithmetic = { exponent = 7, fraction = 10, signed = false }", "arithmetic has no sign"),
+        ("exponent_fraction = 10\npixel_fraction = 13", "pixel_fraction 13 is above 12"),
+        ("pixel_fraction = 6\npower_fraction = 7", "power_fraction 7 is above 6"),
+        ("transmittance = 10", "weight 11 is above 10, which follows from transmittance"),
+        ("weight = 7\ncolour_fraction = 6", "sum_fraction 13 is above 12"),
+        ("page = 4\nburst = 8", "burst 8 is above 4"),
+        ("pes = 1", "pes 1 in 1 arrays are fewer than 2"),
+        ("codebook = 100", "codebook 100 bytes are below"),
+        ("colour_index = [[20, 20], [9]]", "colour_index or sh_index do not fit"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_by_file_and_key(tmp_path, text, error):
+    path = write(tmp_path / "bad.toml", text)
+    with pytest.raises(InputError, match=rf"^{re.escape(path)}: .*{re.escape(error)}") as found:
+        find_preset(path)
+    assert "\n" not in str(found.value) or "not TOML" in error
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    for path, error in ((tmp_path, "directory"), (tmp_path / "bytes.toml", "is no text"),
+                        (tmp_path / "none.toml", "No such file")):  # fmt: skip
+        with pytest.raises(InputError, match=rf"{path}: .*{error}"):
+            find_preset(str(path))
+
+
+def test_commands_take_files(tmp_path, capsys):
+    path = write(tmp_path / "wide.toml", "pe_arrays = 2")
+    facts = tmp_path / "facts.json"
+    assert run("programs", "--preset", path, "--json", facts) == 0
+    assert '"preset": "wide"' in facts.read_text()
+    assert run("programs", "--preset", write(tmp_path / "bad.toml", "pes = 99")) == 2
+    assert "bad.toml: preset bad: pes 99 is not in 1 … 12" in capsys.readouterr().err
+
+
+def test_there_is_one_way_to_find_a_preset():
+    """No command knows names only."""
+    for path in (ROOT / "sim").glob("*.py"):
+        assert not re.search(r"from spec\.config import .*\bpreset\b", path.read_text()), path.name

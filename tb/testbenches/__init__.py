@@ -1,0 +1,1 @@
+"""cocotb testbenches, which run inside a simulator; tests start them."""

@@ -1,0 +1,85 @@
+"""The bench of `hdl.memory.axi`: traffic, errors, and halves that fail."""
+
+import logging
+import random
+
+import cocotb
+from cocotb.triggers import ClockCycles, RisingEdge
+
+from splatcore.spec.axi import BEAT, PREPROCESSING, RENDERING, WRITERS
+from tb.helpers.axi_clients import Bench
+from tb.helpers.streams import PERIOD, at_random, bursts, mostly, never
+
+PATTERNS = [never, at_random, mostly, bursts]
+
+ROUNDS, WAIT_MAX = 6, 60
+"""How often a half fails, and after how many cycles at most."""
+
+TIMEOUT = 20_000 * PERIOD
+"""Time in ns in which every test ends."""
+
+logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memories tell of every burst
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(kind=["ram", "mixed"], pattern=PATTERNS)
+async def traffic(dut, kind, pattern):
+    """All that is read and written is right."""
+    bench = Bench(dut, kind, pattern)
+    await bench.start()
+    bench.load()
+    await bench.done()
+    bench.compare()
+    assert bench.errors == {"read": set(), "write": set()}
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(pattern=[never, at_random])
+async def errors(dut, pattern):
+    """Errors are told of exactly those clients that have met one; the others are not disturbed."""
+    bench = Bench(dut, "mixed", pattern)
+    await bench.start()
+    bench.load()
+    met = {"read": set(), "write": set()}
+    for queues in (bench.requests, bench.beats):
+        for client in random.sample(range(len(queues)), 2):
+            bench.memory.broken.add(random.choice(queues[client])[0] * BEAT)
+    for k, requests in enumerate(bench.requests):
+        for first, beats in requests:
+            if any((first + n) * BEAT in bench.memory.broken for n in range(beats)):
+                met["read"].add(k)
+    for k, beats in enumerate(bench.beats):
+        if any((b[0] + b[1]) * BEAT in bench.memory.broken and b[3] for b in beats):
+            met["write"].add(k)
+    await bench.done()
+    bench.compare()
+    assert met["read"] and met["write"] and bench.errors == met
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(pattern=PATTERNS, half=[PREPROCESSING, RENDERING])
+async def one_half_fails(dut, pattern, half):
+    """A half that fails at any moment comes to rest; the other one is not disturbed."""
+    bench = Bench(dut, "mixed", pattern)
+    await bench.start()
+    bench.load((1 - half,))
+    writers = [k for k, of in enumerate(WRITERS.values()) if of == half]
+    for number in range(ROUNDS):
+        bench.load((half,))
+        await ClockCycles(dut.clk, random.randint(1, WAIT_MAX))
+        while number == 0 and max(bench.inside[k] for k in writers) < 2:
+            await RisingEdge(dut.clk)
+        bench.silent[half] = random.random() < 0.5  # else they go on to offer
+        dut.failing.value = 1 << half
+        await ClockCycles(dut.clk, 2)
+        assert number or any(bench.inside[k] for k in writers), "no burst was broken off"
+        while not int(dut.idle.value) >> half & 1:
+            await RisingEdge(dut.clk)
+        bench.silent[half] = True
+        await ClockCycles(dut.clk, 2)
+        bench.give_up(half)
+        dut.failing.value = 0
+        bench.silent[half] = False
+    bench.load((half,))
+    await bench.done()
+    assert (bench.content() == bench.expected).all()

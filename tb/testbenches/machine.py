@@ -1,0 +1,105 @@
+"""The bench of `hdl.top`: AXI models that nobody here wrote, with pauses on all channels."""
+
+import logging
+
+import cocotb
+import numpy as np
+from cocotb.clock import Clock
+from cocotb.triggers import RisingEdge, with_timeout
+from cocotbext.axi import AxiBus, AxiLiteBus, AxiLiteMaster, AxiRam
+
+from splatcore.golden.pipeline import render
+from splatcore.sim.machine.areas import BASE, place_areas
+from splatcore.sim.machine.machine import Job, frame_values
+from splatcore.sim.rtl.cocotb_runner import parameters
+from splatcore.spec.config import TINY
+from splatcore.spec.registers import (
+    INTERRUPT_ERROR,
+    INTERRUPT_FRAME,
+    INTERRUPT_READY,
+    START,
+    WORD,
+    addresses,
+)
+from splatcore.spec.work import PIXEL, stride
+from tb.helpers.machines import garden, view
+from tb.helpers.streams import PERIOD, at_random, bursts, never, reset
+
+ADDRESS = addresses(TINY)
+PATTERNS = {"never": never, "at_random": at_random, "bursts": bursts}
+TIMEOUT = 200_000 * PERIOD
+
+logging.getLogger("cocotb").setLevel(logging.WARNING)
+
+
+class Host:
+    """A driver, as software would be."""
+
+    def __init__(self, dut, pattern):
+        self.dut = dut
+        self.master = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi_"), dut.clk, dut.rst)
+        pause(self.master, pattern)
+
+    async def write(self, name: str, value: int):
+        await self.master.write(ADDRESS[name], value.to_bytes(WORD, "little"))
+
+    async def read(self, name: str) -> int:
+        return int.from_bytes((await self.master.read(ADDRESS[name], WORD)).data, "little")
+
+    async def start(self, values: dict[str, int]):
+        for name, value in values.items():
+            await self.write(name, value)
+        await self.write("CONTROL", START)
+
+    async def wait(self, bit: int):
+        """Until the interrupt has said so."""
+        seen = 0
+        while not seen & bit:
+            while not int(self.dut.interrupt.value):
+                await RisingEdge(self.dut.clk)
+            found = await self.read("INTERRUPT")
+            await self.write("INTERRUPT", found)
+            seen |= found
+            assert not seen & INTERRUPT_ERROR, hex(await self.read("ERROR"))
+
+
+def pause(model, pattern):
+    """Pauses on all channels of one of cocotbext-axi's models."""
+    for side, names in (("write_if", ("aw", "w", "b")), ("read_if", ("ar", "r"))):
+        for name in names:
+            getattr(getattr(model, side), f"{name}_channel").set_pause_generator(pattern())
+
+
+@cocotb.test()
+async def frames(dut):
+    """Two frames from two cameras, the second one's points while the first is rendered."""
+    pattern = PATTERNS[parameters()["pattern"]]
+    model = garden(TINY, 120)
+    jobs = [Job(model, view(36, 24, step)) for step in (0.0, 0.3)]
+    areas = place_areas(TINY, [model], [(job.camera.width, job.camera.height) for job in jobs])
+    size = 1 << (areas.end - BASE).bit_length()
+    ram = AxiRam(AxiBus.from_prefix(dut, "m_axi_"), dut.clk, dut.rst, size=size)
+    pause(ram, pattern)
+    ram.write(areas.models[0] - BASE, model.image.tobytes())
+    host = Host(dut, pattern)
+    Clock(dut.clk, PERIOD, "ns").start()
+    await reset(dut, 3)
+    await host.write("INTERRUPT_ENABLE", INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR)
+
+    def values(number: int) -> dict[str, int]:
+        found = frame_values(TINY, jobs[number], 0, areas, number)
+        moved = ("MODEL", "GROUPS", "LISTS", "FEATURES", "SCRATCH", "PIXELS")
+        return found | {name: found[name] - BASE for name in moved}
+
+    await with_timeout(host.start(values(0)), TIMEOUT, "ns")
+    await with_timeout(host.wait(INTERRUPT_READY), TIMEOUT, "ns")
+    await with_timeout(host.start(values(1)), TIMEOUT, "ns")
+    while await host.read("FINISHED") < len(jobs):
+        await RisingEdge(dut.clk)
+    for number, job in enumerate(jobs):
+        camera = job.camera
+        data = ram.read(areas.images[number] - BASE, stride(camera.width) * camera.height)
+        rows = np.frombuffer(data, np.uint8).reshape(camera.height, -1)
+        pixels = rows[:, : camera.width * PIXEL].reshape(camera.height, camera.width, PIXEL)
+        assert np.array_equal(pixels, render(TINY, *job).pixels), f"frame {number}"
+    assert await host.read("ERROR") == 0

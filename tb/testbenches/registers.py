@@ -1,0 +1,287 @@
+"""The bench of `hdl.registers`: a host on AXI4-Lite with pauses, and the machine's side of it."""
+
+import logging
+import random
+from dataclasses import dataclass
+
+import cocotb
+from cocotb.clock import Clock
+from cocotb.triggers import ClockCycles, RisingEdge
+from cocotbext.axi import AxiLiteBus, AxiLiteMaster
+
+from splatcore.spec.axi import LITE_ADDRESS_BITS, OKAY, SLAVE_ERROR
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.registers import (
+    ABORT,
+    CODE_BITS,
+    INTERRUPT_ERROR,
+    INTERRUPT_FRAME,
+    INTERRUPT_READY,
+    READY,
+    START,
+    WORD,
+    ErrorCode,
+    addresses,
+    counter_registers,
+    frame_registers,
+    register_map,
+)
+from tb.helpers.streams import PERIOD, at_random, bursts, never, reset
+
+MAP, ADDRESS = register_map(DEFAULT), addresses(DEFAULT)
+FRAME, COUNTERS = frame_registers(DEFAULT), counter_registers(DEFAULT)
+PATTERNS = [never, at_random, bursts]
+TIMEOUT = 60_000 * PERIOD
+INPUTS = ("locked", "status", "ready_event", "frame_event", "error", "counters", "needed")
+INPUTS += ("started", "finished")
+ANY = 0xFFFF_FFFF
+
+logging.getLogger("cocotb").setLevel(logging.WARNING)  # the host tells of every access
+
+
+@dataclass
+class Host:
+    """What software does."""
+
+    dut: object
+    master: AxiLiteMaster
+    starts: int = 0
+    aborts: int = 0
+
+    @classmethod
+    async def begin(cls, dut, pattern) -> "Host":
+        bus = AxiLiteBus.from_prefix(dut, "s_axi_")
+        host = cls(dut, AxiLiteMaster(bus, dut.clk, dut.rst))
+        for side, names in (("write_if", ("aw", "w", "b")), ("read_if", ("ar", "r"))):
+            for name in names:
+                channel = getattr(getattr(host.master, side), f"{name}_channel")
+                channel.set_pause_generator(pattern())
+        for name in INPUTS:
+            getattr(dut, name).value = 0
+        Clock(dut.clk, PERIOD, "ns").start()
+        await reset(dut, 3)
+        cocotb.start_soon(host.watch())
+        return host
+
+    async def watch(self):
+        while True:
+            await RisingEdge(self.dut.clk)
+            self.starts += int(self.dut.start.value)
+            self.aborts += int(self.dut.abort.value)
+
+    async def write(self, address: int, value: int, size: int = WORD) -> int:
+        """The response."""
+        done = await self.master.write(address, value.to_bytes(WORD, "little")[:size])
+        return int(done.resp)
+
+    async def read(self, address: int) -> tuple[int, int]:
+        """Value and response."""
+        done = await self.master.read(address, WORD)
+        return int.from_bytes(done.data, "little"), int(done.resp)
+
+    async def put(self, name: str, value: int):
+        assert await self.write(ADDRESS[name], value) == OKAY, name
+
+    async def get(self, name: str) -> int:
+        value, response = await self.read(ADDRESS[name])
+        assert response == OKAY, name
+        return value
+
+    async def pulse(self, name: str, value: int = 1):
+        getattr(self.dut, name).value = value
+        await RisingEdge(self.dut.clk)
+        getattr(self.dut, name).value = 0
+
+    def frame(self) -> dict[str, int]:
+        """The frame's registers as the machine has them."""
+        value, found = int(self.dut.frame.value), {}
+        for register in FRAME:
+            found[register.name] = value % (1 << register.width)
+            value >>= register.width
+        return found
+
+
+def error(code: ErrorCode, detail: int = 0) -> int:
+    return code | detail << CODE_BITS
+
+
+def test(**parameters):
+    """A test with a limit for its time."""
+
+    def made(function):
+        return cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")(
+            cocotb.parametrize(**parameters)(function)
+        )
+
+    return made
+
+
+@test(pattern=PATTERNS)
+async def every_address_is_read(dut, pattern):
+    """Registers give their values, all else an error and 0."""
+    host = await Host.begin(dut, pattern)
+    values = {name: random.getrandbits(len(getattr(dut, name))) for name in INPUTS[5:]}
+    values["status"] = random.getrandbits(len(dut.status))
+    for name, value in values.items():
+        getattr(dut, name).value = value
+    for k, register in enumerate(COUNTERS):
+        values[register.name.lower()] = values["counters"] >> k * register.width & ANY
+    for address in range(0, 1 << LITE_ADDRESS_BITS, WORD):
+        value, response = await host.read(address)
+        register = MAP.get(address)
+        right = 0
+        if register is not None:
+            right = register.value
+            if right is None:
+                right = values.get(register.name.lower(), 0)
+        assert value == right and response == (OKAY if register else SLAVE_ERROR), hex(address)
+
+
+@test(pattern=PATTERNS)
+async def every_address_is_written(dut, pattern):
+    """What can be written holds what was written; nothing else changes."""
+    host = await Host.begin(dut, pattern)
+    assert not any(host.frame().values())
+    expected = {}
+    order = list(range(0, 1 << LITE_ADDRESS_BITS, WORD))
+    random.shuffle(order)
+    for address in order:
+        register, value = MAP.get(address), random.getrandbits(32)
+        if register is None or register.access == "read":
+            assert await host.write(address, value) == SLAVE_ERROR
+        elif register.access == "frame":
+            assert await host.write(address, random.getrandbits(16), random.randint(1, 3)) == 2
+            assert await host.write(address, value) == OKAY
+            assert await host.write(address, random.getrandbits(8), 1) == SLAVE_ERROR
+            expected[register.name] = value % (1 << register.width)
+    assert host.frame() == expected and len(expected) == len(FRAME)
+    for name, value in expected.items():
+        assert await host.get(name) == value
+    assert await host.get("ERROR") == 0 and host.starts == host.aborts == 0
+
+
+@test(pattern=PATTERNS)
+async def locked_registers_stay(dut, pattern):
+    host = await Host.begin(dut, pattern)
+    for register in FRAME:
+        await host.put(register.name, ANY)
+    before = host.frame()
+    dut.locked.value = 1
+    for number, register in enumerate(FRAME):
+        assert await host.write(ADDRESS[register.name], 0) == SLAVE_ERROR
+        assert await host.get("ERROR") == error(ErrorCode.LOCKED, number)
+        await host.put("ERROR", 0)
+        assert await host.get("ERROR") == 0
+    assert host.frame() == before
+    dut.locked.value = 0
+    await host.put(FRAME[0].name, 5)
+    assert host.frame() == before | {FRAME[0].name: 5}
+
+
+@test(pattern=PATTERNS)
+async def commands(dut, pattern):
+    """START where READY says so, ABORT always; the first error stays."""
+    host = await Host.begin(dut, pattern)
+    await host.put("CONTROL", START)
+    assert (host.starts, host.aborts) == (0, 0) and await host.get("ERROR") == ErrorCode.START
+    dut.status.value = READY
+    for k in range(3):
+        await host.put("CONTROL", START)
+        assert (host.starts, host.aborts) == (k + 1, 0)
+    await host.put("CONTROL", ABORT | START)
+    assert (host.starts, host.aborts) == (3, 1)
+    dut.status.value = 7 & ~READY
+    await host.put("CONTROL", ABORT)
+    assert (host.starts, host.aborts) == (3, 2)
+    await host.pulse("error", 1 | error(ErrorCode.WRITE, 3) << 1)
+    assert await host.get("ERROR") == ErrorCode.START
+    await host.put("ERROR", ANY)
+    await host.pulse("error", 1 | error(ErrorCode.WRITE, 3) << 1)
+    await host.put("CONTROL", START)
+    assert await host.get("ERROR") == error(ErrorCode.WRITE, 3) and host.starts == 3
+
+
+@test(pattern=PATTERNS)
+async def interrupts(dut, pattern):
+    """Events set their bits, writing clears them, enabled ones raise the interrupt."""
+    host = await Host.begin(dut, pattern)
+    events = {
+        INTERRUPT_READY: ("ready_event", 1), INTERRUPT_FRAME: ("frame_event", 1),
+        INTERRUPT_ERROR: ("error", 1 | error(ErrorCode.READ, 1) << 1),
+    }  # fmt: skip
+    for bit, event in events.items():
+        assert await host.get("INTERRUPT") == 0
+        await host.pulse(*event)
+        assert await host.get("INTERRUPT") == bit
+        for enabled in range(8):
+            await host.put("INTERRUPT_ENABLE", enabled)
+            assert await host.get("INTERRUPT_ENABLE") == enabled
+            assert dut.interrupt.value == bool(enabled & bit)
+        await host.put("INTERRUPT", 7 & ~bit)
+        assert await host.get("INTERRUPT") == bit
+        await host.put("INTERRUPT", bit)
+        assert dut.interrupt.value == 0
+
+
+@test(pattern=PATTERNS)
+async def many_at_once(dut, pattern):
+    """A host that waits for no answer has all of them, each its own."""
+    host = await Host.begin(dut, pattern)
+    names = [register.name for register in FRAME]
+    values = {name: random.getrandbits(8) for name in names}
+    read_only = ADDRESS["ID"]
+    writes, reads = [], []
+    for name, value in values.items():
+        for address, right in ((ADDRESS[name], OKAY), (read_only, SLAVE_ERROR)):
+            writes.append((cocotb.start_soon(host.write(address, value)), right))
+    for task, right in writes:
+        assert await task == right
+    for name, value in values.items():
+        for address, right in ((ADDRESS[name], (value, OKAY)), (0xFFC, (0, SLAVE_ERROR))):
+            reads.append((cocotb.start_soon(host.read(address)), right))
+    for task, right in reads:
+        assert await task == right
+
+
+@test(pattern=[never])
+async def event_when_cleared(dut, pattern):
+    """An event in the cycle in which its bit is cleared is not lost."""
+    host = await Host.begin(dut, pattern)
+    await host.put("INTERRUPT_ENABLE", INTERRUPT_FRAME)
+    cleared, found = 0, []
+    for cycles in range(12):  # until the event; at first there is none
+        await host.pulse("frame_event")
+        task = cocotb.start_soon(host.write(ADDRESS["INTERRUPT"], INTERRUPT_FRAME))
+        await ClockCycles(dut.clk, cycles or 1)
+        if cycles:
+            await host.pulse("frame_event")
+        else:
+            while dut.interrupt.value:
+                cleared += 1
+                await RisingEdge(dut.clk)
+        await task
+        found.append(await host.get("INTERRUPT"))
+        await host.put("INTERRUPT", INTERRUPT_FRAME)
+    kept = [INTERRUPT_FRAME * (cycles >= cleared - 1) for cycles in range(1, 12)]
+    assert found == [0, *kept] and 2 < cleared < 12, (cleared, found)
+
+
+@test(pattern=[never])
+async def errors_in_one_cycle(dut, pattern):
+    """An error from outside goes before one of the host in the same cycle."""
+    host = await Host.begin(dut, pattern)
+    await host.put("INTERRUPT_ENABLE", INTERRUPT_ERROR)
+    found = []
+    for cycles in range(1, 14):
+        await host.put("ERROR", 0)
+        await host.put("INTERRUPT", 7)
+        await RisingEdge(dut.clk)
+        task = cocotb.start_soon(host.write(ADDRESS["CONTROL"], START))
+        await ClockCycles(dut.clk, cycles)
+        await host.pulse("error", 1 | error(ErrorCode.READ, 2) << 1)
+        late = bool(dut.interrupt.value)  # in the pulse's cycle: the host's error came before
+        assert await task == OKAY
+        code = await host.get("ERROR")
+        found.append(late)
+        assert code == (ErrorCode.START if late else error(ErrorCode.READ, 2)), cycles
+    assert found == sorted(found) and {*found} == {False, True}

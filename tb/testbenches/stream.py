@@ -1,0 +1,171 @@
+"""The bench of `hdl.lib.stream`: parts that stand side by side in one simulation, each on its own.
+
+Parameters: by part its latency, how many items it holds, its count of outputs and whether it has
+a level.
+"""
+
+import random
+
+import cocotb
+from cocotb.triggers import ClockCycles, Combine, RisingEdge
+
+from splatcore.sim.rtl.cocotb_runner import parameters
+from tb.helpers.streams import (
+    PERIOD,
+    STALLS,
+    Monitor,
+    Stream,
+    always,
+    at_random,
+    never,
+    receive,
+    reset,
+    send,
+    start,
+)
+
+PARTS = parameters()["parts"]
+
+FEW = parameters()["few"]
+"""Fewer items and patterns, for a slow simulator."""
+
+COUNT = 30 if FEW else 120
+PATTERNS = [at_random] if FEW else STALLS
+
+TIMEOUT = 50 * COUNT * PERIOD
+"""Time in ns in which every test ends, unless it waits for an item that is lost."""
+
+AFTERMATH = 20
+"""Cycles after the last item in which another would show."""
+
+
+class Bench:
+    """One part with monitors on all its streams, reset."""
+
+    def __init__(self, dut, name: str):
+        part = PARTS[name]
+        self.dut = dut
+        self.latency, self.capacity = part["latency"], part["capacity"]
+        outputs = part["outputs"]
+        names = [f"{name}__o"] if outputs == 1 else [f"{name}__o__{k}" for k in range(outputs)]
+        self.i = Stream(dut, f"{name}__i")
+        self.o = [Stream(dut, name) for name in names]
+        self.level = getattr(dut, f"{name}__level") if part["level"] else None
+
+    async def start(self):
+        await start(self.dut, [self.i], self.o)
+        self.monitor_i = Monitor(self.i)
+        self.monitors = [Monitor(o) for o in self.o]
+        for monitor in [self.monitor_i, *self.monitors]:
+            cocotb.start_soon(monitor.watch())
+        if self.level is not None:
+            cocotb.start_soon(self.watch_level())
+
+    async def watch_level(self):
+        """The level is what has come in and not gone out, in every cycle."""
+        inside = 0
+        while True:
+            await RisingEdge(self.dut.clk)
+            assert int(self.level.value) == inside
+            inside += self.i.passes() - self.o[0].passes()
+            if self.dut.rst.value:
+                inside = 0
+
+    def items(self, count: int) -> list[int]:
+        return [random.getrandbits(len(self.i.payload)) for _ in range(count)]
+
+    async def pass_on(self, items: list[int], idle, stall):
+        """Send and receive items under stalls; exactly they come out, in order, on every output."""
+        receivers = [cocotb.start_soon(receive(o, len(items), stall())) for o in self.o]
+        await Combine(cocotb.start_soon(send(self.i, items, idle())), *receivers)
+        await self.aftermath()
+        for receiver in receivers:
+            assert receiver.result() == items
+
+    async def aftermath(self):
+        """Nothing more comes out."""
+        passed = [len(monitor.payloads) for monitor in self.monitors]
+        for o in self.o:
+            o.ready.value = 1
+        await ClockCycles(self.dut.clk, AFTERMATH)
+        for o in self.o:
+            o.ready.value = 0
+        await RisingEdge(self.dut.clk)
+        assert [len(monitor.payloads) for monitor in self.monitors] == passed
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(part=list(PARTS), idle=PATTERNS, stall=PATTERNS)
+async def order(dut, part, idle, stall):
+    bench = Bench(dut, part)
+    await bench.start()
+    await bench.pass_on(bench.items(COUNT), idle, stall)
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(part=list(PARTS))
+async def throughput(dut, part):
+    """Without stalls an item passes in every cycle, `latency` cycles after it went in."""
+    bench = Bench(dut, part)
+    await bench.start()
+    items = bench.items(COUNT)
+    for o in bench.o:
+        o.ready.value = 1
+    await send(bench.i, items)
+    await ClockCycles(dut.clk, bench.latency + 1)
+    first = bench.monitor_i.cycles[0]
+    assert bench.monitor_i.cycles == list(range(first, first + COUNT))
+    for monitor in bench.monitors:
+        assert monitor.payloads == items
+        assert monitor.cycles == list(range(first + bench.latency, first + bench.latency + COUNT))
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(part=list(PARTS))
+async def capacity(dut, part):
+    """Behind an output that never takes, just so many items fit; then all leave without a gap."""
+    bench = Bench(dut, part)
+    await bench.start()
+    items = bench.items(COUNT)
+    cocotb.start_soon(send(bench.i, items))
+    stalled = cocotb.start_soon(receive(bench.o[0], 1, always()))
+    await ClockCycles(dut.clk, bench.capacity + bench.latency + AFTERMATH)
+    assert len(bench.monitor_i.payloads) == bench.capacity
+    stalled.cancel()
+    for o in bench.o:
+        o.ready.value = 1
+    await ClockCycles(dut.clk, COUNT + 1)
+    for monitor in bench.monitors:
+        assert monitor.payloads == items
+        assert monitor.cycles == list(range(monitor.cycles[0], monitor.cycles[0] + COUNT))
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(part=list(PARTS))
+async def reset_empties(dut, part):
+    """After a reset at any moment nothing that went in before comes out."""
+    bench = Bench(dut, part)
+    await bench.start()
+    for before in range(2 if FEW else 12):
+        sender = cocotb.start_soon(send(bench.i, bench.items(COUNT), at_random(0.3)))
+        receivers = [cocotb.start_soon(receive(o, COUNT, at_random(0.7))) for o in bench.o]
+        await ClockCycles(dut.clk, 1 + before)
+        for task in [sender, *receivers]:
+            task.cancel()
+        await reset(dut)
+        await bench.pass_on(bench.items(2), never, never)
+
+
+@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
+@cocotb.parametrize(part=[name for name, part in PARTS.items() if part["outputs"] > 1])
+async def outputs_do_not_wait(dut, part):
+    """An output has its item while another has not taken it, and has it once."""
+    bench = Bench(dut, part)
+    await bench.start()
+    items = bench.items(2)
+    cocotb.start_soon(send(bench.i, items))
+    for k, o in enumerate(bench.o):
+        o.ready.value = 1
+        await ClockCycles(dut.clk, 5)
+        last = k == len(bench.o) - 1
+        assert bench.monitors[k].payloads == (items if last else items[:1])
