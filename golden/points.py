@@ -6,7 +6,7 @@ import numpy as np
 
 from splatcore.golden.chunk import chunk
 from splatcore.golden.cull import cull, rays
-from splatcore.golden.guard_band import place
+from splatcore.golden.place import place
 from splatcore.golden.program import Values
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from splatcore.golden.unary import reciprocal, reciprocal_root
+from splatcore.golden.unary import reciprocal, rsqrt
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import Program, Step
 
 Values = dict[str, np.ndarray | float]
 """Float64 values that `Config.arithmetic` holds, by name: [N], or one number for a constant."""
 
-UNARY = {"reciprocal": reciprocal, "root": reciprocal_root}
+UNARY = {"reciprocal": reciprocal, "rsqrt": rsqrt}
 
 
 def run(config: Config, program: Program, inputs: Values) -> Values:

@@ -21,9 +21,9 @@ def reciprocal(format: Float, codes: np.ndarray) -> np.ndarray:
     return _unary("reciprocal", format, codes)
 
 
-def reciprocal_root(format: Float, codes: np.ndarray) -> np.ndarray:
+def rsqrt(format: Float, codes: np.ndarray) -> np.ndarray:
     """Codes [...] of 1/√x for codes [...] of x."""
-    return _unary("reciprocal_root", format, codes)
+    return _unary("rsqrt", format, codes)
 
 
 def _unary(function: Function, format: Float, codes: np.ndarray) -> np.ndarray:
@@ -57,7 +57,7 @@ def _interpolated(path: Datapath, fraction: np.ndarray, parity: np.ndarray) -> n
     """The sum of the three terms for the significand of a fraction and, for the root, a parity."""
     table = coefficients(path)
     address = fraction >> path.rest
-    if path.function == "reciprocal_root":
+    if path.function == "rsqrt":
         address = address | parity << path.index
     total = np.array(table.offset)[address] << path.point - path.guard
     if path.degree >= 1:
@@ -103,7 +103,7 @@ def _with_special(
     if not saturate:
         magnitude = np.where(unsigned == infinite, 0, magnitude)
     nan = unsigned > infinite
-    if function == "reciprocal_root":
+    if function == "rsqrt":
         if saturate:
             magnitude = np.where(sign == 1, infinite - 1, magnitude)
         nan = nan | (sign == 1) & ~zero & (not saturate)

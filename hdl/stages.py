@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from splatcore.hdl.arithmetic.add import Add
 from splatcore.hdl.arithmetic.multiply import Multiply
 from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
-from splatcore.hdl.arithmetic.unary import Reciprocal, ReciprocalRoot
+from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import Binned
 from splatcore.hdl.frame import Frame
@@ -16,8 +16,8 @@ from splatcore.hdl.points.array import Array
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.codebook import Codebook
 from splatcore.hdl.points.cull import Cull
-from splatcore.hdl.points.guard_band import Place
-from splatcore.hdl.points.model_reader import Model
+from splatcore.hdl.points.model_reader import ModelReader
+from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.points import Points
 from splatcore.hdl.points.position import Position
 from splatcore.hdl.points.project import Project
@@ -25,7 +25,7 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
-from splatcore.hdl.raster.list_reader import Entries
+from splatcore.hdl.raster.list_reader import ListReader
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.prepare import Prepare
@@ -61,10 +61,10 @@ CONTROL: dict[str, Build] = {
     "axi": Axi,
     "registers": Registers,
     "frame": Frame,
-    "model": Model,
+    "model": ModelReader,
     "binned": Binned,
     "groups": Groups,
-    "lists": Entries,
+    "lists": ListReader,
     "scratch": Scratch,
     "features": Features,
     "pixels": Pixels,
@@ -87,7 +87,7 @@ PRIMITIVES: dict[str, Build] = {
     "add": lambda config: Add(config.arithmetic, config.add_latency),
     "multiply_add": lambda config: MultiplyAdd(config.arithmetic, latencies(config)["pe"]),
     "reciprocal": lambda config: Reciprocal(config.arithmetic, config.unary_latency),
-    "reciprocal_root": lambda config: ReciprocalRoot(config.arithmetic, config.unary_latency),
+    "rsqrt": lambda config: Rsqrt(config.arithmetic, config.unary_latency),
     "sub_sorter": SubSorter,
     "merge": Merge,
     "prepare": Prepare,

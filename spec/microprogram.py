@@ -8,7 +8,7 @@ multiplier followed by an adder, each of which rounds; either can be bypassed:
 The other steps have units of their own, of which there is one each:
 
     reciprocal(a)     1/a
-    root(a)           1/√a
+    rsqrt(a)           1/√a
     clamp(a, limit)   a within ± limit
     maximum(a, b)     the larger one
 
@@ -25,7 +25,7 @@ from functools import cache
 from splatcore.spec.config import Config
 from splatcore.spec.programs import CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
 
-UNITS = ("pe", "reciprocal", "root", "clamp", "maximum")
+UNITS = ("pe", "reciprocal", "rsqrt", "clamp", "maximum")
 """What a step runs on."""
 
 PATTERNS = (

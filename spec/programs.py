@@ -184,20 +184,20 @@ EXTENTS = """
 reach = attenuation * reach_slope + reach_full
 width_squared = reach * xx
 height_squared = reach * yy
-width_root = root(width_squared)
-height_root = root(height_squared)
-half_width = width_squared * width_root
-half_height = height_squared * height_root
+width_rsqrt = rsqrt(width_squared)
+height_rsqrt = rsqrt(height_squared)
+half_width = width_squared * width_rsqrt
+half_height = height_squared * height_rsqrt
 """
 
 OUTLINE = """
 # the outline Q = reach: dx = shear·dy ± slope·√(half_height² − dy²), rightmost at dy = lean and
 # leftmost at −lean
 ratio = along * schur
-ratio_root = root(ratio)
-slope = ratio * ratio_root
+ratio_rsqrt = rsqrt(ratio)
+slope = ratio * ratio_rsqrt
 lean_width = shear * height_squared
-lean = lean_width * width_root
+lean = lean_width * width_rsqrt
 """
 
 SQUARE = """
@@ -214,12 +214,12 @@ twist = twice_xy * trace_inverse
 stretch_squared = stretch * stretch
 either_squared = twist * twist + stretch_squared
 spread_squared = maximum(either_squared, spread_least)
-spread_root = root(spread_squared)
-spread = spread_squared * spread_root
+spread_rsqrt = rsqrt(spread_squared)
+spread = spread_squared * spread_rsqrt
 share = spread * square_reach + square_reach
 radius_squared = trace * share
-radius_root = root(radius_squared)
-radius = radius_squared * radius_root
+radius_rsqrt = rsqrt(radius_squared)
+radius = radius_squared * radius_rsqrt
 """
 
 CONIC = {
@@ -234,7 +234,7 @@ COLOUR = """
 length0 = ray_x * ray_x
 length1 = ray_y * ray_y + length0
 length2 = ray_z * ray_z + length1
-length_inverse = root(length2)
+length_inverse = rsqrt(length2)
 
 # colour + G·direction
 red0 = g_red_x * ray_x

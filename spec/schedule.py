@@ -76,7 +76,7 @@ def latencies(config: Config) -> dict[str, int]:
     return {
         "pe": config.multiply_latency + config.add_latency,
         "reciprocal": config.unary_latency,
-        "root": config.unary_latency,
+        "rsqrt": config.unary_latency,
         "clamp": LATENCY_OF_CHOICE,
         "maximum": LATENCY_OF_CHOICE,
     }

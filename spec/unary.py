@@ -1,17 +1,17 @@
 """Reciprocal 1/x and reciprocal square root 1/√x of floats: sizes, coefficients, special cases.
 
-A number is x = ±1.f · 2^e with a fraction f of F bits; for the root e is split into 2q + p with
+A number is x = ±1.f · 2^e with a fraction f of F bits; for rsqrt e is split into 2q + p with
 p = 0 or 1. One table serves the significand, in one binade of results:
 
     reciprocal       y = 2 / 1.f            1/x  = y · 2^(−e−1)        1 < y ≤ 2
-    reciprocal_root  y = 2 / √(1.f · 2^p)   1/√x = y · 2^(−q−1)        1 < y ≤ 2
+    rsqrt  y = 2 / √(1.f · 2^p)   1/√x = y · 2^(−q−1)        1 < y ≤ 2
 
 and y − 1 is computed in units of the result's last place, 2^−F:
 
     sum      = offset · 2^(point−guard)  +  slope · below  +  (curve · square) · 2^curve_shift
     fraction = ⌊sum / 2^point⌋ mod 2^(F+1)                  (2^F carries into the exponent)
 
-- The upper `index` bits of f, below p for the root, select offset, slope and curve from tables.
+- The upper `index` bits of f, below p for rsqrt, select offset, slope and curve from tables.
 - `below` is the complement of the other `rest` bits of f: how far the end of the interval lies.
 - `square` is even about the interval's middle: the highest bit of those `rest` bits, if clear,
   complements the others; the upper `reach` bits of these are a; a·(a+1) loses its lowest
@@ -49,8 +49,8 @@ Both functions are monotone. Measured over every f (at both p):
 | degree | 0 | 1 | 1 | 1 | 2 | 2 | 2 | 2 | 2 |
 | reciprocal: index | 6 | 5 | 6 | 7 | 6 | 7 | 7 | 8 | 9 |
 | reciprocal: error | 0.496 | 0.658 | 0.695 | 0.669 | 0.698 | 0.684 | 0.701 | 0.716 | 0.741 |
-| root: index | 6 | 4 | 5 | 6 | 5 | 6 | 6 | 7 | 8 |
-| root: error | 0.494 | 0.690 | 0.704 | 0.705 | 0.684 | 0.722 | 0.723 | 0.720 | 0.760 |
+| rsqrt: index | 6 | 4 | 5 | 6 | 5 | 6 | 6 | 7 | 8 |
+| rsqrt: error | 0.494 | 0.690 | 0.704 | 0.705 | 0.684 | 0.722 | 0.723 | 0.720 | 0.760 |
 
 Coefficients come from integers alone: the same on every machine.
 """
@@ -64,7 +64,7 @@ import numpy as np
 
 from splatcore.spec.number import Float
 
-Function = Literal["reciprocal", "reciprocal_root"]
+Function = Literal["reciprocal", "rsqrt"]
 
 FRACTION_MIN, FRACTION_MAX = 3, 23
 """Fraction widths. Below, rounding a subnormal result could carry past bit F of the sum; tables
@@ -102,8 +102,8 @@ class Datapath:
 
     @property
     def address(self) -> int:
-        """Bits that select an entry of the tables: the root's have p on top of the index."""
-        return self.index + (self.function == "reciprocal_root")
+        """Bits that select an entry of the tables: those of rsqrt have p on top of the index."""
+        return self.index + (self.function == "rsqrt")
 
     @property
     def reach_drop(self) -> int:
@@ -131,7 +131,7 @@ def datapath(function: Function, fraction: int) -> Datapath:
     | degree, index | 1, 8 | 1, 9 | 2, 5 | 2, 6 | 2, 7 |
     |---|---|---|---|---|---|
     | reciprocal | 2132; 0.81 | 2678; 0.66 | 3425; 0.68 | 2558; 0.71 | **2196; 0.68** |
-    | root | 2904; 0.70 | | 2882; 0.68 | **2357; 0.72** | 2454; 0.76 |
+    | rsqrt | 2904; 0.70 | | 2882; 0.68 | **2357; 0.72** | 2454; 0.76 |
     """
     if not FRACTION_MIN <= fraction <= FRACTION_MAX:
         limits = f"{FRACTION_MIN} … {FRACTION_MAX}"
@@ -139,14 +139,14 @@ def datapath(function: Function, fraction: int) -> Datapath:
     degree = sum(fraction > widest for widest in DEGREE_FRACTION)
     if degree == 0:
         return Datapath(function, fraction, degree, index=fraction, guard=1, point=1)
-    # At 1.f = 1, where both bend most, y''/2 is 2 for the reciprocal and ¾ for the root: the
-    # root's intervals may be twice as long.
+    # At 1.f = 1, where both bend most, y''/2 is 2 for the reciprocal and ¾ for rsqrt: the
+    # intervals of rsqrt may be twice as long.
     steep = function == "reciprocal"
     index = -(-fraction // (3 if degree == 2 else 2)) + steep
     point = fraction - index + 1
     if degree == 1:
         return Datapath(function, fraction, degree, index, guard=2, point=point)
-    # At its end the curve's term is worth 2^(fraction − 2·index) times ½ unit (root: 0.19): from
+    # At its end the curve's term is worth 2^(fraction − 2·index) times ½ unit (rsqrt: 0.19): from
     # that many bits of distance and curvature an eighth of a unit is left uncertain.
     reach = fraction - 2 * index + (3 if steep else 1)
     curve_point = reach - (3 if steep else 1)

@@ -60,7 +60,7 @@ class Lookup(wiring.Component):
 
 
 class Unary(wiring.Component):
-    """Either function: `Reciprocal` is 1/x, `ReciprocalRoot` is 1/√x.
+    """Either function: `Reciprocal` is 1/x, `Rsqrt` is 1/√x.
 
     Members: `a`, a code of the format; `o`, the code of the result, `latency` cycles later;
     `enable`, low to hold every register.
@@ -116,4 +116,4 @@ class Unary(wiring.Component):
 
 
 Reciprocal = partial(Unary, "reciprocal")
-ReciprocalRoot = partial(Unary, "reciprocal_root")
+Rsqrt = partial(Unary, "rsqrt")

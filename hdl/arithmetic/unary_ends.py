@@ -42,7 +42,7 @@ class Unpack(wiring.Component):
     def __init__(self, function: Function, format: Float):
         self.function = function
         self.format = format
-        root = function == "reciprocal_root"
+        root = function == "rsqrt"
         super().__init__(
             {
                 "a": In(format.width),
@@ -109,7 +109,7 @@ class Unpack(wiring.Component):
         """Results that do not depend on a finite input's value: the last assignment wins."""
         result = self.result
         saturate = self.format.overflow == "saturate"
-        root = self.function == "reciprocal_root"
+        root = self.function == "rsqrt"
         ones = result.exponent.eq(-1)
         filled = [ones, result.kind.eq(Fraction.FILLED)]
         if saturate:

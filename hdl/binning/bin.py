@@ -7,7 +7,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.arithmetic.convert import ToFixed
 from splatcore.hdl.binning.gather import Gather
-from splatcore.hdl.binning.list_writer import Lists
+from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.hdl.binning.outline import Outline
 from splatcore.hdl.binning.rows import Rows
 from splatcore.hdl.lib.counters import Counters
@@ -63,7 +63,7 @@ class Bin(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.outline, self.rows = Outline(config), Rows(config)
-        self.gather, self.lists = Gather(config), Lists(config)
+        self.gather, self.lists = Gather(config), ListWriter(config)
         super().__init__(
             {
                 "i": In(stream.Signature(layout(splat_record(config)))),

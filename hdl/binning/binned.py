@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.store import Store
-from splatcore.hdl.memory.write_combiner import Line
+from splatcore.hdl.memory.write_combiner import WriteCombiner
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, write_record
 from splatcore.spec.binning import burst_record, group_record, groups_max
 from splatcore.spec.config import Config
@@ -90,7 +90,7 @@ class Binned(wiring.Component):
         ]
 
     def _groups(self, m: Module):
-        m.submodules.groups = line = Line()
+        m.submodules.groups = line = WriteCombiner()
         connect(m, line.writes, flipped(self.writes[WRITING.index("groups")]))
         number, i = Signal(range(groups_max(self.config) + 1)), self.groups
         m.d.comb += [

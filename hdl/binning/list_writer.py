@@ -28,7 +28,7 @@ class State(enum.Enum):
     DONE = 3  # all groups are through
 
 
-class Lists(wiring.Component):
+class ListWriter(wiring.Component):
     """Entries in, bursts out; at the end of the frame, all groups' lists out.
 
     For each group a table holds its page, the slots used there, its first page and its number of

@@ -13,7 +13,7 @@ BEAT_SLOTS = BEAT // SLOT
 SLOTS = LINE_BEATS * BEAT_SLOTS
 
 
-class Line(wiring.Component):
+class WriteCombiner(wiring.Component):
     """Slots of 8 bytes in, lines out.
 
     A slot is gathered with those before it if it is of their line and behind the last of them.

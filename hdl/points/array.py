@@ -13,7 +13,7 @@ from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
 from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
-from splatcore.hdl.arithmetic.unary import Reciprocal, ReciprocalRoot
+from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import Program
 from splatcore.spec.schedule import Place, latencies, pes, schedule
@@ -165,7 +165,7 @@ class Array(wiring.Component):
         }
         others = {
             "reciprocal": lambda: Reciprocal(config.arithmetic, delay["reciprocal"]),
-            "root": lambda: ReciprocalRoot(config.arithmetic, delay["root"]),
+            "rsqrt": lambda: Rsqrt(config.arithmetic, delay["rsqrt"]),
             "clamp": lambda: Clamp(config.arithmetic),
             "maximum": lambda: Maximum(config.arithmetic),
         }

@@ -33,7 +33,7 @@ COUNT_BITS = NUMBER_BITS + 1 + (HEADER_BEATS - 1).bit_length()
 """Width of how many beats all chunk headers have."""
 
 
-class Model(wiring.Component):
+class ModelReader(wiring.Component):
     """Reads a model: header and codebooks, all chunk headers, and of the rest what is wanted.
 
     Members

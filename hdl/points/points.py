@@ -11,7 +11,7 @@ from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.cull import Cull
 from splatcore.hdl.points.front import Front
-from splatcore.hdl.points.guard_band import Place
+from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.project import Project
 from splatcore.spec.config import Config
 from splatcore.spec.counters import COUNTER_BITS, POINTS

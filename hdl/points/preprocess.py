@@ -9,7 +9,7 @@ from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import WRITING, Binned
 from splatcore.hdl.lib.record import frame_layout, layout
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.points.model_reader import READING, Model
+from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.hdl.points.points import Points
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BEAT_BITS, read_record, write_record
 from splatcore.spec.binning import PAGE_BITS
@@ -44,7 +44,7 @@ class Preprocess(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.model, self.points = Model(config), Points(config)
+        self.model, self.points = ModelReader(config), Points(config)
         self.bin, self.binned = Bin(config), Binned(config)
         super().__init__(
             {

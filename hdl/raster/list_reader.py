@@ -18,7 +18,7 @@ PAGES_WAITING = 2
 """Pages of entries that may wait: the next one is asked for as soon as its number has come."""
 
 
-class Entries(wiring.Component):
+class ListReader(wiring.Component):
     """Follows the lists of groups from page to page.
 
     Members

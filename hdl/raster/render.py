@@ -9,7 +9,7 @@ from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.points.preprocess import AREA, ERROR
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
-from splatcore.hdl.raster.list_reader import Entries
+from splatcore.hdl.raster.list_reader import ListReader
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.scratch import Scratch
@@ -61,7 +61,7 @@ class Render(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.groups, self.lists, self.sort = Groups(config), Entries(config), Sort(config)
+        self.groups, self.lists, self.sort = Groups(config), ListReader(config), Sort(config)
         self.scratch, self.features = Scratch(config), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.unpack import unpacked
-from splatcore.hdl.memory.write_combiner import Line
+from splatcore.hdl.memory.write_combiner import WriteCombiner
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, read_record, write_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, entry_record
@@ -59,7 +59,7 @@ class Scratch(wiring.Component):
 
     def _spill(self, m: Module, starts: list[Signal]) -> tuple[Signal, Signal]:
         """Entries to lines; whether something is on its way, and to which area."""
-        m.submodules.line = line = Line()
+        m.submodules.line = line = WriteCombiner()
         connect(m, line.writes, flipped(self.writes))
         address, slots = self.spill.payload.address, BEAT // SLOT
         area, position = address[COUNT_BITS:], address[:COUNT_BITS]

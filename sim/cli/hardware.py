@@ -195,7 +195,7 @@ def program_facts(config: Config, steps: Program) -> dict[str, int | float]:
         "operations": sum(counts.values()),
         "multiply": counts.get("multiply", 0),
         "add": counts.get("add", 0),
-        "divide_or_root": counts.get("reciprocal", 0) + counts.get("root", 0),
+        "divide_or_root": counts.get("reciprocal", 0) + counts.get("rsqrt", 0),
         "choose": counts.get("clamp", 0) + counts.get("maximum", 0),
         "pes": pes(config, steps),
         "cycles_an_item": plan.interval,

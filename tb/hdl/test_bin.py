@@ -10,7 +10,7 @@ from splatcore.golden.bin import Binned, features
 from splatcore.golden.lists import write_lists
 from splatcore.golden.reference import project
 from splatcore.hdl.binning.bin import Bin
-from splatcore.hdl.binning.list_writer import Lists as ListsHardware
+from splatcore.hdl.binning.list_writer import ListWriter as ListsHardware
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.eda.synth import DEPTH_MAX, gates
 from splatcore.sim.rtl.cocotb_runner import run_bench

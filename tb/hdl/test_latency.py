@@ -75,7 +75,7 @@ class Multiplexed(wiring.Component):
 
 
 UNITS = {
-    **{name: PRIMITIVES[name] for name in ("multiply_add", "reciprocal", "reciprocal_root")},
+    **{name: PRIMITIVES[name] for name in ("multiply_add", "reciprocal", "rsqrt")},
     "clamp": lambda config: Clamp(config.arithmetic),
     "maximum": lambda config: Maximum(config.arithmetic),
 }

@@ -15,14 +15,14 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.golden.unary import reciprocal, reciprocal_root
-from splatcore.hdl.arithmetic.unary import REGISTERS, Reciprocal, ReciprocalRoot
+from splatcore.golden.unary import reciprocal, rsqrt
+from splatcore.hdl.arithmetic.unary import REGISTERS, Reciprocal, Rsqrt
 from splatcore.sim.rtl.vectors import run
 from splatcore.spec.number import FP16, Float
 
-FUNCTIONS = (reciprocal, reciprocal_root)
+FUNCTIONS = (reciprocal, rsqrt)
 TWINS = {twin.__name__: twin for twin in FUNCTIONS}
-UNITS = (Reciprocal, ReciprocalRoot)
+UNITS = (Reciprocal, Rsqrt)
 
 GRADUAL24 = Float(7, 16)
 NORMAL24 = Float(7, 16, subnormal=False)
@@ -84,7 +84,7 @@ def assert_close(function, format: Float, codes: np.ndarray, bound=(3, 4)) -> No
         x, r = x.astype(object), r.astype(object)
     n, d = bound
     low, exact, high, scale = (d * r - n) * x, -a - b, (d * r + n) * x, d
-    if function is reciprocal_root:
+    if function is rsqrt:
         low, exact, high, scale = (d * r - n) ** 2 * x, exact - b, (d * r + n) ** 2 * x, d**2
     large = results == top(format)
     limit = 100 if wide else 57
@@ -142,7 +142,7 @@ def allowed(function, format: Float, code: int, result: int) -> bool:
         c % 2 ** (format.exponent + format.fraction) for c in (code, result)
     )
     infinity = top(format)
-    ieee, root = format.overflow == "infinity", function is reciprocal_root
+    ieee, root = format.overflow == "infinity", function is rsqrt
     if ieee and (magnitude > infinity or (root and sign and x)):
         return result == infinity + 2 ** (format.fraction - 1)
     # The root has the sign of a zero, no other; zero has none if it has one code only.
@@ -189,7 +189,7 @@ def test_powers_are_exact(format):
     )
     fours = powers[np.arange(least, largest + 1) % 2 == 0]
     np.testing.assert_array_equal(
-        reciprocal_root(format, format.encode(fours)), format.encode(1 / np.sqrt(fours))
+        rsqrt(format, format.encode(fours)), format.encode(1 / np.sqrt(fours))
     )
 
 
@@ -216,7 +216,7 @@ def test_special_values():
         [infinity, minus + infinity, 0, minus, nan, nan, 0xBC00, infinity, minus + infinity],
     )
     np.testing.assert_array_equal(
-        reciprocal_root(FP16, codes),
+        rsqrt(FP16, codes),
         [infinity, minus + infinity, 0, nan, nan, nan, nan, 0x6C00, nan],
     )
     minus, one, largest = 1 << 23, 63 << 16, (1 << 23) - 1
@@ -230,9 +230,9 @@ def test_special_values():
     assert reciprocal(GRADUAL24, small).tolist() == large
     least = (30 << 16) + 27146  # 1/√(2^65)
     root = [largest, largest, largest, largest, one, largest, least, largest]
-    assert reciprocal_root(NORMAL24, codes).tolist() == root
+    assert rsqrt(NORMAL24, codes).tolist() == root
     root[2] = 102 << 16  # 1/√(2^−78)
-    assert reciprocal_root(GRADUAL24, codes).tolist() == root
+    assert rsqrt(GRADUAL24, codes).tolist() == root
 
 
 def test_shapes():
@@ -303,7 +303,7 @@ def test_rtl_every_code(unit):
 @pytest.mark.slow
 def test_rtl_24_bits():
     """Every significand at both parities, every binade's ends, random codes; and their signs."""
-    latencies = {Reciprocal: (0, 4), ReciprocalRoot: (3, 5)}
+    latencies = {Reciprocal: (0, 4), Rsqrt: (3, 5)}
     units = [
         unit(format, latency)
         for unit in UNITS

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from splatcore.hdl.memory.write_combiner import SLOTS, Line
+from splatcore.hdl.memory.write_combiner import SLOTS, WriteCombiner
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, LINE_BEATS, write_record
 from splatcore.spec.number import Bits
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 @cache
 def simulation() -> Simulation:
-    return Simulation(Line(), ("empty", "writes__valid"))
+    return Simulation(WriteCombiner(), ("empty", "writes__valid"))
 
 
 def addresses(rng: np.random.Generator) -> np.ndarray:

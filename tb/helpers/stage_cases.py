@@ -8,7 +8,7 @@ from amaranth.lib import wiring
 
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.cull import Cull
-from splatcore.hdl.points.guard_band import Place
+from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.points import Points
 from splatcore.hdl.points.project import Project
 from splatcore.spec.config import Config

@@ -10,7 +10,7 @@ import pytest
 from amaranth.back import verilog
 
 from splatcore.hdl.lib.stream import Queue
-from splatcore.hdl.points.guard_band import Place
+from splatcore.hdl.points.place import Place
 from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES
 from splatcore.sim.eda.check import faults
 from splatcore.sim.eda.gate_table import synthesise_machine
@@ -98,7 +98,7 @@ def test_every_waiver_has_a_reason():
 
 def test_source_says_what_it_is():
     text = stage_source("place", Place(DEFAULT), DEFAULT)
-    assert "preset DEFAULT" in text and "hdl/points/guard_band.py" in text and "Timing" in text
+    assert "preset DEFAULT" in text and "hdl/points/place.py" in text and "Timing" in text
     assert "module splatcore_place(" in text and "module splatcore_place_array_pe1 (" in text
     names = re.findall(r"^module ([^\s(]+)", text, re.M)
     assert len(set(names)) == len(names) > 10

@@ -32,10 +32,10 @@ def test_lines():
         Step("b", "pe", "a", "z", "x"),
         Step("c", "pe", "a", "y", "b", negate=True),
         Step("d", "pe", "c", None, "z"),
-        Step("e", "root", "d"),
+        Step("e", "rsqrt", "d"),
     )
     assert parse("\n".join(map(str, steps))) == steps
-    assert operation_counts(steps) == {"multiply": 3, "add": 3, "root": 1}
+    assert operation_counts(steps) == {"multiply": 3, "add": 3, "rsqrt": 1}
 
 
 @pytest.mark.parametrize(
