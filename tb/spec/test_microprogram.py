@@ -26,7 +26,7 @@ CYCLES = {
 
 
 def test_lines():
-    steps = parse("a = x * y  # product\nb = a * z + x\nc = b - a * y\nd = c + z\ne = root(d)")
+    steps = parse("a = x * y  # product\nb = a * z + x\nc = b - a * y\nd = c + z\ne = rsqrt(d)")
     assert steps == (
         Step("a", "pe", "x", "y"),
         Step("b", "pe", "a", "z", "x"),
@@ -39,7 +39,7 @@ def test_lines():
 
 
 @pytest.mark.parametrize(
-    "line", ["a = x / y", "a = x * y\na = x * z", "a x * y", "a = cube(x)", "a = root(x, y, z)"]
+    "line", ["a = x / y", "a = x * y\na = x * z", "a x * y", "a = cube(x)", "a = rsqrt(x, y, z)"]
 )
 def test_a_line_that_is_none_is_named(line):
     with pytest.raises(ValueError, match=r"microprogram line \d: '"):
