@@ -4,16 +4,19 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SPLATCORE := $(BIN)/splatcore
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 SIZE ?= 640x360
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-compress check clean
+.PHONY: help install demo pictures test test-compress verify check clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
 	@echo "make test   install, then run every test"
 	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
-	@echo "make check  lint, the import rule and the quick tests: two minutes"
+	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
+	@echo "make check  lint, the rules of the house and the quick tests: 90 seconds"
+	@echo "make pictures   the pictures in docs/, from those of the demo"
 	@echo "make clean  remove what the others made"
 
 install: .venv/installed
@@ -36,13 +39,20 @@ demo: install
 		--engine rtl -o out/rtl.png --error-map out/error.png --json out/rtl.json
 	$(SPLATCORE) registers -o docs
 
+pictures: demo
+	cp out/rtl.png docs/pictures/garden.png
+	cp out/tiles.png docs/pictures/garden-tiles.png
+
 test: install demo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile  # a thread for each process
+	$(PYTEST) -m "not verify"
 
 test-compress: .venv/compress
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m compress
+	$(PYTEST) -m compress
+
+verify: install
+	$(PYTEST) -m verify
 
 .venv/compress: pyproject.toml .venv/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,compress]'
@@ -51,7 +61,7 @@ test-compress: .venv/compress
 check: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest -m "not slow and not scenes"
+	$(PYTEST) -m "not slow and not scenes and not verify"
 
 clean:
 	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore.h
