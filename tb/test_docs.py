@@ -30,7 +30,9 @@ def missing_files(text: str, page: Path) -> list[str]:
     paths = re.findall(rf"`((?:{ROOMS})/[\w/.*-]*)`", text)
     wrong = [link for link in links if not (page.parent / link).exists()]
     return wrong + [
-        path for path in paths if path not in MADE and not any(ROOT.glob(path.rstrip("/")))
+        path
+        for path in paths
+        if "NAME" not in path and path not in MADE and not any(ROOT.glob(path.rstrip("/")))
     ]
 
 
