@@ -1,101 +1,64 @@
-"""The commands `bench`: cycles of the hardware in RTL simulation."""
+"""The group of commands `bench`, and the options that they share."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from splatcore.sim.bench.scenes import bench_scenes, views
-from splatcore.sim.bench.sort import LENGTHS, bench_sort
-from splatcore.sim.cli.options import JsonOption, PresetOption, app
-from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.bench.scenes import View, views
+from splatcore.sim.cli.options import app
+from splatcore.sim.common.output import check_writable, console, messages
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import VIEW_SIZE, parse_size
-from splatcore.sim.cycles.sort import cycles
-from splatcore.sim.machine.path import find_timing
-from splatcore.sim.machine.script import TIMINGS
-from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 bench = typer.Typer(
     no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated."
 )
 app.add_typer(bench, name="bench")
 
-LENGTH_MAX = 1_000_000
-"""Longest list that can be asked for: more than a frame has in a group."""
 
-
-@bench.command("sort")
-def sort_command(
-    output: Annotated[Path, typer.Option("-o", metavar="DIR", help="Folder for sort.png.")],
-    preset: PresetOption = "DEFAULT",
-    lengths: Annotated[
-        str | None,
-        typer.Option(metavar="N,N,…", help="Entries of the lists. Default: 1 to 20,000."),
-    ] = None,
-    json: JsonOption = None,
-):
-    """Sort lists of random, equal, sorted, reversed and clustered keys with stage 2 in RTL.
-
-    Prints cycles from the first entry of a list to the mark behind it, by length and kind of keys,
-    beside those of the cycle model, and draws them in DIR/sort.png. All that comes out is compared
-    with the twin.
-    """
-    check_writable(output / "x" if output.is_dir() else output, json)
-    config, counts = find_preset(preset), LENGTHS if lengths is None else parse_lengths(lengths)
-    output.mkdir(exist_ok=True)
-    path = output / "sort.png"
-    found = bench_sort(config, counts, path)
-    console.print(str(path), soft_wrap=True)
-    model = [cycles(config, [count]) for count in counts]
-    facts = {"preset": config.name, "lengths": list(counts), "cycles": found, "model": model}
-    write_json(json, facts)
-
-
-@bench.command("scenes")
-def scenes_command(
-    output: Annotated[
-        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for results and tables.")
-    ],
-    scene: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="SCENE …", help="Default: all in the folder SPLATCORE_SCENES."),
-    ] = None,
-    cameras: Annotated[
-        str | None, typer.Option(metavar="ID,ID,…", help="Default: each scene's first, and more.")
-    ] = None,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Pixels.")] = "x".join(
-        map(str, VIEW_SIZE)
+FolderOption = Annotated[
+    Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for results; kept results stay.")
+]
+ScenesArgument = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="SCENE …", help="Default: all in the folder SPLATCORE_SCENES."),
+]
+CamerasOption = Annotated[
+    str | None, typer.Option(metavar="ID,ID,…", help="Default: each scene's first, and more.")
+]
+PixelsOption = Annotated[str, typer.Option("--size", metavar="WxH", help="Pixels.")]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="A Dask scheduler, like tcp://host:8786, whose workers do the work; they read the "
+        "scene files at the same paths. Default: processes here, one for each core.",
     ),
-    timing: Annotated[
-        str, typer.Option(metavar="NAME", help="Memory: 'ideal', 'lpddr4' or 'both'.")
-    ] = "both",
-    preset: PresetOption = "DEFAULT",
-):
-    """Render scenes by the simulated machine: cycles, traffic, and whether the pictures are right.
+]
+SIZE = "x".join(map(str, VIEW_SIZE))
 
-    A result that is in DIR already is not simulated again while the machine's Verilog is the same.
-    Exit status 1 if a picture is not the golden model's.
-    """
-    config = find_preset(preset)
-    timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
+
+def look(output: Path, scene: list[str] | None, cameras: str | None, size: str) -> list[View]:
+    """The views to measure; makes the folder."""
     size = "x".join(map(str, parse_size(size)))
     found = views(list(scene or ()), cameras, size)
     check_writable(output / "x" if output.is_dir() else output)
     output.mkdir(exist_ok=True)
-    right = bench_scenes(config, found, timings, output)
-    console.print((output / "scenes.md").read_text(), soft_wrap=True)
-    if not right:
+    return found
+
+
+def view_of(text: str, size: str) -> View:
+    """The view of SCENE[:ID]."""
+    scene, _, camera = text.partition(":")
+    return View(scene, camera, size)
+
+
+def finish(path: Path, facts: dict):
+    """Write the result; what failed is listed again, and is an exit status of 1."""
+    write_json(path, facts)
+    console.print(str(path), soft_wrap=True)
+    if facts["failed"]:
+        for failure in facts["failed"]:
+            messages.print(f"missing: {failure['what']}: {failure['why']}", markup=False)
         raise typer.Exit(1)
-
-
-def parse_lengths(text: str) -> tuple[int, ...]:
-    """Numbers with commas between them; InputError for anything else."""
-    try:
-        lengths = tuple(map(int, text.split(",")))
-    except ValueError:
-        raise InputError(f"--lengths '{text}': are not numbers with commas between them") from None
-    if not all(1 <= length <= LENGTH_MAX for length in lengths):
-        raise InputError(f"--lengths '{text}': are not all in 1 … {LENGTH_MAX}")
-    return lengths

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from splatcore.sim.cli.bench import bench
-from splatcore.sim.cli.campaigns import SIZE, FolderOption, PixelsOption, finish
+from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
 from splatcore.sim.cli.compress import RateOption
 from splatcore.sim.cli.options import PresetOption
 from splatcore.sim.common.output import check_writable, console

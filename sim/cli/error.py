@@ -5,9 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 
 from splatcore.sim.accuracy.plot import write_error_plot
@@ -18,6 +15,7 @@ from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
 from splatcore.sim.cli.options import JsonOption, app
 from splatcore.sim.common.output import check_writable, console, messages
 from splatcore.sim.common.result import write_json
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -67,9 +65,6 @@ LABELS = {
     "colour": "colour, of full scale",
 }
 """Names of fields in the tables, where they differ; what has no unit there is relative."""
-
-WIDEST = 1000
-"""More columns than a table has."""
 
 COUNT_TITLE = (
     "Visible Gaussians lost + splats that are not finite.\n"
@@ -216,15 +211,6 @@ def heading(config: Config) -> str:
     return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
 
 
-def new_table(first: str, headings: list[str]) -> Table:
-    """A table whose first column is text and whose others are numbers."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column(first, no_wrap=True)
-    for text in headings:
-        table.add_column(text, justify="right", no_wrap=True)
-    return table
-
-
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
     """Print all tables: pictures and counts by scene, errors by field."""
     picture = picture_table(results, machines)
@@ -238,12 +224,6 @@ def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Con
     for title, table in tables.items():
         console.print(f"\n{title}", soft_wrap=True)
         print_whole(table)
-
-
-def print_whole(table: Table):
-    """A table as wide as it is, on any terminal."""
-    room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
-    Console(width=room).print(table)
 
 
 def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:

@@ -13,12 +13,12 @@ from rich.table import Table
 
 from splatcore.sim.accuracy.run import camera_beside
 from splatcore.sim.bench.scenes import FRAMES, Expected, judge
-from splatcore.sim.cli.error import print_whole
 from splatcore.sim.cli.options import CameraOption, JsonOption, SizeOption, SourceArgument, app
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import check_writable, console, messages, progress_bar
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import open_source, packed_model
+from splatcore.sim.common.table import print_whole
 from splatcore.sim.fit.formats import decibels
 from splatcore.sim.fit.gates import part_gates
 from splatcore.sim.fit.preset_file import write_preset

@@ -7,10 +7,10 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.sim.cli.error import print_whole
 from splatcore.sim.cli.options import JsonOption, PresetOption, app
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.result import write_json
+from splatcore.sim.common.table import print_whole
 from splatcore.sim.eda.fpga import (
     DEFAULT_PARTS,
     DEVICES,

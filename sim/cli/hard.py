@@ -15,7 +15,6 @@ from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.bench.hard_cases import PSNR_MIN, SEED, SHEET, Outcome, camera_of, measure
-from splatcore.sim.cli.error import print_whole
 from splatcore.sim.cli.options import JsonOption, PresetOption, SizeOption, app
 from splatcore.sim.cli.render_rtl import TimingOption
 from splatcore.sim.common.metric import LEVELS, channel_error
@@ -23,6 +22,7 @@ from splatcore.sim.common.output import check_writable, console, progress_bar, w
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_png
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import ENGINES, check_engine, parse_size
+from splatcore.sim.common.table import print_whole
 from splatcore.sim.machine.path import build, check_fits, find_timing
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.error import InputError

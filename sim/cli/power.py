@@ -8,7 +8,6 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.sim.cli.error import print_whole
 from splatcore.sim.cli.options import (
     CameraOption,
     JsonOption,
@@ -20,6 +19,7 @@ from splatcore.sim.cli.options import (
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import open_camera, open_source, packed_model
+from splatcore.sim.common.table import print_whole
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.path import check_fits

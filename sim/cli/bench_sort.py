@@ -1,0 +1,56 @@
+"""The command `bench sort`: cycles of sorting, in RTL simulation."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from splatcore.sim.bench.sort import LENGTHS, bench_sort
+from splatcore.sim.cli.bench import bench
+from splatcore.sim.cli.options import JsonOption, PresetOption
+from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.result import write_json
+from splatcore.sim.cycles.sort import cycles
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+LENGTH_MAX = 1_000_000
+"""Longest list that can be asked for: more than a frame has in a group."""
+
+
+@bench.command("sort")
+def sort_command(
+    output: Annotated[Path, typer.Option("-o", metavar="DIR", help="Folder for sort.png.")],
+    preset: PresetOption = "DEFAULT",
+    lengths: Annotated[
+        str | None,
+        typer.Option(metavar="N,N,…", help="Entries of the lists. Default: 1 to 20,000."),
+    ] = None,
+    json: JsonOption = None,
+):
+    """Sort lists of random, equal, sorted, reversed and clustered keys with stage 2 in RTL.
+
+    Prints cycles from the first entry of a list to the mark behind it, by length and kind of keys,
+    beside those of the cycle model, and draws them in DIR/sort.png. All that comes out is compared
+    with the twin.
+    """
+    check_writable(output / "x" if output.is_dir() else output, json)
+    config, counts = find_preset(preset), LENGTHS if lengths is None else parse_lengths(lengths)
+    output.mkdir(exist_ok=True)
+    path = output / "sort.png"
+    found = bench_sort(config, counts, path)
+    console.print(str(path), soft_wrap=True)
+    model = [cycles(config, [count]) for count in counts]
+    facts = {"preset": config.name, "lengths": list(counts), "cycles": found, "model": model}
+    write_json(json, facts)
+
+
+def parse_lengths(text: str) -> tuple[int, ...]:
+    """Numbers with commas between them; InputError for anything else."""
+    try:
+        lengths = tuple(map(int, text.split(",")))
+    except ValueError:
+        raise InputError(f"--lengths '{text}': are not numbers with commas between them") from None
+    if not all(1 <= length <= LENGTH_MAX for length in lengths):
+        raise InputError(f"--lengths '{text}': are not all in 1 … {LENGTH_MAX}")
+    return lengths

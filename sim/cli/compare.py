@@ -1,0 +1,103 @@
+"""The command `compare`: errors of images, or of engines' images, against the first."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from splatcore.sim.cli.frames import render_frame, render_golden
+from splatcore.sim.cli.options import (
+    CameraOption,
+    JsonOption,
+    PresetOption,
+    SizeOption,
+    app,
+)
+from splatcore.sim.common.metric import difference
+from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.picture import read_png, write_error_map
+from splatcore.sim.common.result import Result, write_json
+from splatcore.sim.common.source import (
+    ENGINES,
+    Source,
+    check_engine,
+    open_camera,
+    open_source,
+    packed_model,
+)
+from splatcore.sim.machine.engines import rtl_pixels
+from splatcore.spec.config import Config
+from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+
+@app.command("compare")
+def compare_command(
+    images: Annotated[
+        list[str],
+        typer.Argument(metavar="A.png|ENGINE B.png|ENGINE …", help="The first is compared with."),
+    ],
+    scene: Annotated[
+        str | None, typer.Option(metavar="SCENE|MODEL", help="What the engines render.")
+    ] = None,
+    camera: CameraOption = None,
+    size: SizeOption = None,
+    preset: PresetOption = "DEFAULT",
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", metavar="MAP.png", help="Draw an error map of the second image."),
+    ] = None,
+    json: JsonOption = None,
+):
+    """PSNR, SSIM and maximum error of images against the first one, and an error map.
+
+    Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
+    or rtl the reference renders the same packed model.
+    """
+    if len(images) < 2:
+        raise InputError("compare: needs two images or more")
+    check_writable(output, json)
+    config = find_preset(preset)
+    packed = bool({"golden", "rtl"} & set(images))
+    pictures = [picture(text, scene, camera, size, config, packed) for text in images]
+    results = []
+    table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {images[0]}")
+    for text, pixels in zip(images[1:], pictures[1:], strict=True):
+        metrics = difference(pixels, pictures[0], text)
+        table.add_row(
+            text,
+            "identical" if metrics.identical else f"{metrics.psnr_db:.2f}",
+            "–" if metrics.ssim is None else f"{metrics.ssim:.5f}",
+            f"{metrics.max_error:.4f} ({round(metrics.max_error * 255)} of 255)",
+        )
+        shape = (pixels.shape[1], pixels.shape[0])
+        result = Result(text, config.name, scene, camera, shape).with_difference(metrics)
+        results.append(result)
+    console.print(table)
+    if output:
+        psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
+        title = f"{images[1]} against {images[0]}: {psnr}"
+        write_error_map(output, pictures[1], pictures[0], title)
+    write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
+
+
+def picture(
+    text: str, scene: str | None, camera: str | None, size: str | None, config: Config, packed: bool
+) -> np.ndarray:
+    """The pixels of a PNG file, or what an engine renders; the reference of the packed model?"""
+    if text not in ENGINES:
+        return read_png(text)
+    check_engine(text)
+    if scene is None:
+        raise InputError(f"compare {text}: --scene says nothing about what to render")
+    source: Source = open_source(scene)
+    view = open_camera(camera, size, source)
+    if text == "golden":
+        return render_golden(source, view, config, SPLATCORE.background).pixels
+    if text == "rtl":
+        return rtl_pixels(config, packed_model(source, config), view, SPLATCORE.background)
+    gaussians = packed_model(source, config).gaussians() if packed else source.gaussians
+    return render_frame(gaussians, view, SPLATCORE, text).pixels

@@ -1,0 +1,78 @@
+"""The command `pack`: a scene as the model that the machine reads."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from splatcore.model.pack.pack import STEPS, pack
+from splatcore.sim.cli.frames import render_frame
+from splatcore.sim.cli.options import (
+    CameraOption,
+    JsonOption,
+    PresetOption,
+    SceneArgument,
+    SizeOption,
+    app,
+)
+from splatcore.sim.common import describe
+from splatcore.sim.common.metric import difference
+from splatcore.sim.common.output import check_writable, console, progress_bar, write
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import open_camera, open_source
+from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+
+@app.command("pack")
+def pack_command(
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", metavar="MODEL", help="Where to write it.")],
+    sh_degree: Annotated[
+        int | None, typer.Option(min=0, max=1, help="Keep harmonics up to this degree.")
+    ] = None,
+    preset: PresetOption = "DEFAULT",
+    camera: CameraOption = None,
+    size: SizeOption = None,
+    json: JsonOption = None,
+):
+    """Pack a scene into the model that the machine reads, and say what that loses.
+
+    The loss is the reference renderer's picture of the packed model against its picture of the
+    scene, from one view: with the scene's harmonics cut to the packed degree, and with all.
+    """
+    check_writable(output, json)
+    config = find_preset(preset)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+        if source.scene is None:
+            raise InputError(f"{scene}: is a packed model already, not a scene")
+        original = source.scene
+        view = open_camera(camera, size, source)
+    with progress_bar("packing", len(STEPS)) as advance:
+        model, report = pack(
+            original,
+            config,
+            sh_degree,
+            lambda step: advance(STEPS.index(step), len(STEPS), f"packing: {step}"),
+        )
+    pictures = [
+        render_frame(gaussians, view, SPLATCORE, label).pixels
+        for label, gaussians in (
+            ("packed model", model.gaussians()),
+            ("scene, same degree", original.with_sh_degree(report.sh_degree).gaussians()),
+            ("scene", source.gaussians),
+        )
+    ]
+    loss = difference(pictures[0], pictures[1])
+    facts = report.as_dict() | {
+        "preset": config.name,
+        "psnr_db": loss.psnr_db,
+        "ssim": loss.ssim,
+        "max_error": loss.max_error,
+        "psnr_db_all_harmonics": difference(pictures[0], pictures[2]).psnr_db,
+    }
+    write(output, model.image.tobytes())
+    console.print(describe.table({"model": str(output)} | facts))
+    write_json(json, facts)

@@ -1,0 +1,113 @@
+"""The command `render`: one frame by one of the engines."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from splatcore.golden.reference import Frame
+from splatcore.sim.cli.frames import render_frame, render_golden
+from splatcore.sim.cli.options import (
+    CameraOption,
+    JsonOption,
+    PresetOption,
+    SizeOption,
+    SourceArgument,
+    app,
+)
+from splatcore.sim.cli.render_rtl import (
+    ErrorMapOption,
+    FramesOption,
+    Request,
+    TileOption,
+    TimingOption,
+    WavesOption,
+    WindowOption,
+    render_rtl,
+)
+from splatcore.sim.common import describe
+from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.picture import write_heat_map, write_png
+from splatcore.sim.common.result import Result, write_json
+from splatcore.sim.common.source import (
+    ENGINES,
+    check_engine,
+    open_camera,
+    open_source,
+)
+from splatcore.spec.convention import ORIGINAL, SPLATCORE
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+
+@app.command("render")
+def render_command(
+    scene: SourceArgument,
+    output: Annotated[Path, typer.Option("-o", metavar="OUT.png", help="Where to write it.")],
+    camera: CameraOption = None,
+    size: SizeOption = None,
+    engine: Annotated[str, typer.Option(help=f"{', '.join(ENGINES)}.")] = "reference",
+    preset: PresetOption = "DEFAULT",
+    original: Annotated[
+        bool, typer.Option("--original", help="3σ tile bounds, as the original renderer has them.")
+    ] = False,
+    background: Annotated[
+        str, typer.Option(metavar="R,G,B", help="Background colour, each 0 … 1.")
+    ] = "0,0,0",
+    heat_map: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the lengths of the tiles' lists.")
+    ] = None,
+    frames: FramesOption = 1,
+    timing: TimingOption = "lpddr4",
+    error_map: ErrorMapOption = None,
+    waves: WavesOption = None,
+    window: WindowOption = None,
+    tile: TileOption = None,
+    json: JsonOption = None,
+):
+    """Render one frame and count the work in it.
+
+    --engine rtl simulates the hardware, compares with the golden model and with the reference on
+    the packed model, and tells cycles; exit status 1 if a pixel is not the golden model's.
+    """
+    check_engine(engine)
+    request = Request(frames, timing, error_map, waves, window, tile)
+    request.check(engine, output)
+    check_writable(output, heat_map, json)
+    config = find_preset(preset)
+    convention = replace(ORIGINAL if original else SPLATCORE, background=parse_colour(background))
+    begin = time.perf_counter()
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+        view = open_camera(camera, size, source)
+    if engine != "reference" and (original or heat_map):
+        raise InputError(f"--engine {engine}: no --original, no --heat-map")
+    if engine == "rtl":
+        colour = convention.background
+        return render_rtl(source, view, camera, config, colour, request, output, json)
+    if engine == "golden":
+        frame = render_golden(source, view, config, convention.background)
+    else:
+        frame = render_frame(source.gaussians, view, convention, "rendering")
+    result = Result(
+        engine, config.name, source.name, camera or view.name, (view.width, view.height),
+        round(time.perf_counter() - begin, 3), frame.counts,
+    )  # fmt: skip
+    write_png(output, frame.pixels)
+    if heat_map and isinstance(frame, Frame):
+        write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
+    console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))
+    write_json(json, result)
+
+
+def parse_colour(text: str) -> tuple[float, float, float]:
+    """Three numbers 0 … 1 between commas."""
+    try:
+        red, green, blue = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--background '{text}': is not three numbers R,G,B") from None
+    if not all(0 <= value <= 1 for value in (red, green, blue)):
+        raise InputError(f"--background '{text}': is not within 0 … 1")
+    return red, green, blue

@@ -1,0 +1,28 @@
+"""Tables on the terminal: names on the left, numbers on the right."""
+
+from collections.abc import Iterable
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+
+from splatcore.sim.common.output import console
+
+WIDEST = 1000
+"""More columns than a table has."""
+
+
+def new_table(first: str, headings: Iterable[str], title: str | None = None) -> Table:
+    """A table whose first column is text and whose others are numbers."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
+    table.add_column(first, no_wrap=True)
+    for text in headings:
+        table.add_column(text, justify="right", no_wrap=True)
+    return table
+
+
+def print_whole(table: Table):
+    """Print a table as wide as it is, on any terminal."""
+    room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
+    Console(width=room).print(table)
