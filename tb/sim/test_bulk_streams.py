@@ -7,8 +7,13 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.stream import Fork, Queue, Register
-from splatcore.sim.rtl.build import TAIL
-from splatcore.sim.rtl.streams import Simulation, SimulationError, StreamRuleError, run_streams
+from splatcore.sim.rtl.streams import (
+    TAIL,
+    Simulation,
+    SimulationError,
+    StreamRuleError,
+    run_streams,
+)
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 from tb.helpers.parts import Beside
