@@ -34,7 +34,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Timing:
-    """How memory behaves (`sim.machine.memory`).
+    """How memory behaves (`memory.hpp`).
 
     latency: cycles from a request to its first beat. bandwidth: bytes a cycle, shared by reads and
     writes; 0 for any number. granule: bytes that an access moves at least. outstanding: requests of
@@ -231,7 +231,6 @@ def execute(
     progress: Callable[[int, int], None] | None = None,
     idle_max: int = IDLE_MAX,
     cycles_max: int = CYCLES_MAX,
-    mutant: int = 0,
     settings: Mapping[str, str] | None = None,
 ) -> Report:
     """Run a script on the memory file of a folder.
@@ -246,9 +245,8 @@ def execute(
     lines += [f"{name} {value}" for name, value in (settings or {}).items()]
     (folder / "settings").write_text("\n".join(lines) + "\n")
     (folder / "script").write_text("\n".join(script.lines) + "\n")
-    command = [program, str(folder), f"+mutant={mutant}"]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [program, str(folder)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as run:
         try:
             log = []

@@ -3,14 +3,13 @@
 `tb` holds the benches; this is what starts them, from pytest as from the command line.
 """
 
-import fcntl
-import hashlib
 import json
 import os
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
@@ -21,10 +20,8 @@ from amaranth.back import verilog
 from amaranth.lib import wiring
 from cocotb_tools.runner import get_runner
 
+from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.rtl.verilator import environment
-
-BUILD = Path("build") / "bench"
-"""Where compiled simulations are kept, by the hash of what they were made from."""
 
 PARAMETERS = "SPLATCORE_BENCH"
 """Environment variable that carries a bench's parameters into the simulation, as JSON."""
@@ -91,16 +88,8 @@ def build(component: wiring.Component, simulator: str, public: dict[str, list[st
     waves = os.environ.get("WAVES", "0")
     # cocotb's libraries are linked by their path, so a build belongs to one installation.
     made_from = [sources, ARGS[simulator], compiler, waves, cocotb.__version__]
-    made_from.append(str(cocotb_tools.config.libs_dir))
-    digest = hashlib.sha256(json.dumps(made_from).encode()).hexdigest()[:16]
-    folder = (BUILD / digest).absolute()
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # another process may be at the same build
-        if not (folder / "built").exists():
-            _compile(simulator, folder, sources)
-            (folder / "built").touch()
-    return folder
+    made_from.append(cocotb_tools.config.libs_dir)
+    return kept_folder("bench", made_from, partial(_compile, simulator, sources))
 
 
 def port_names(component: wiring.Component) -> list[str]:
@@ -131,7 +120,7 @@ def _control_file(public: dict[str, list[str]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _compile(simulator: str, folder: Path, sources: dict[str, str]) -> None:
+def _compile(simulator: str, sources: dict[str, str], folder: Path) -> None:
     """Write the sources and have cocotb's runner compile them; AssertionError with the log."""
     for name, text in sources.items():
         (folder / name).write_text(text)
