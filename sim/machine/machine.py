@@ -37,9 +37,10 @@ from splatcore.spec.registers import (
     ErrorCode,
     camera_values,
 )
+from splatcore.spec.stages import BLOCKS
 from splatcore.spec.work import PIXEL, stride
 
-FIRST_HALF = ("preprocessing", "points", "bin")
+FIRST_HALF = ("preprocessing", *BLOCKS["preprocessing"])
 """Stages whose counters belong to a frame until the next one is started."""
 
 STATE = ("STATUS", "ERROR", "STARTED", "FINISHED", "NEEDED")

@@ -9,6 +9,7 @@ from splatcore.sim.common.picture import write_png
 from splatcore.sim.power.estimate import PAPER_ALL, PAPER_LOGIC, PAPER_MEMORY
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.programs import TEXTS
+from splatcore.spec.stages import NAMES
 
 SIZE = "64x48"
 
@@ -37,7 +38,7 @@ def write(path: Path, value: dict):
 
 def halves(frame: int) -> dict:
     """Cycles by stage and half."""
-    stages = dict.fromkeys(("chunk", "cull", "place", "project", "bin", "sort", "raster"), 1000)
+    stages = dict.fromkeys(NAMES, 1000)
     return stages | {"preprocessing": frame // 2, "rendering": frame, "frame": frame}
 
 

@@ -14,6 +14,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.bench.sort_rows import sort_rows
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import DEFAULT
+from splatcore.spec.stages import OF_POINTS
 from tb.helpers import bin_frames, point_runs, raster_runs, sort_runs
 from tb.helpers.point_rows import point_rows
 from tb.helpers.raster_rows import run_groups
@@ -40,7 +41,7 @@ def check(modelled: int, cycles: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", ["chunk", "cull", "place", "project"])
+@pytest.mark.parametrize("stage", OF_POINTS)
 def test_stages_0_and_1(stage):
     rows = point_rows(DEFAULT, model(), generated_camera("garden"))
     check(getattr(garden()[1], stage), point_runs.check(stage, rows, 0).cycles)

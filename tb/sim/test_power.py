@@ -29,6 +29,7 @@ from splatcore.sim.power.saif import Net, duration, nets
 from splatcore.spec.config import TINY
 from splatcore.spec.energy import Energy
 from splatcore.spec.error import InputError
+from splatcore.spec.stages import OF_POINTS
 from tb.helpers.command import run
 from tb.helpers.machines import garden, view
 
@@ -287,6 +288,6 @@ def test_nothing_started(tmp_path):
     sizes = memory_sizes(machine_source(TINY))
     parts, memories = read_counts(tmp_path / "waves.saif", sizes, 1.0)
     for name, found in parts.items():
-        most = SEQUENCED if name in ("chunk", "cull", "place", "project") else STILL
+        most = SEQUENCED if name in OF_POINTS else STILL
         assert found.changes / found.bits / IDLE < most, name
     assert sum(memory.writes for memory in memories) < UNRESET

@@ -12,6 +12,7 @@ from amaranth.back import verilog
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES
+from splatcore.sim.common.cache import VARIABLE
 from splatcore.sim.eda.check import faults
 from splatcore.sim.eda.gate_table import synthesise_machine
 from splatcore.sim.eda.machine_gates import (
@@ -137,8 +138,8 @@ def test_the_machine_is_clean(tmp_path):
 @pytest.mark.slow
 def test_parts_are_the_whole(monkeypatch, tmp_path):
     """Each flip-flop is in one part; parts of one kind are one piece."""
-    monkeypatch.setattr("splatcore.sim.eda.machine_gates.BUILD", tmp_path)
-    monkeypatch.setattr("splatcore.sim.eda.machine_gates.mapped", lambda text, library: {})
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    monkeypatch.setattr("splatcore.sim.eda.machine_gates.mapped", lambda files: {})
     hierarchy = netlist(TINY)
     about = examined(whole(hierarchy))
     assert about["faults"] == []
