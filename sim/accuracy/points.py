@@ -14,13 +14,13 @@ import numpy as np
 from splatcore.golden.points import Points, project_points
 from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_boxes
 from splatcore.golden.reference_tiles import bin_splats, rasterize
-from splatcore.model.pack.pack import largest_factor, pack
-from splatcore.sim.common.source import open_camera, open_source
+from splatcore.model.generate.hard import HARD
+from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import packed_model
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, PAPER, Config
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import model_format
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import COLOURS
@@ -236,38 +236,21 @@ def depth_errors(points: Points, depth: np.ndarray) -> np.ndarray:
     return found[front] / exact[front] - 1
 
 
-@dataclass(frozen=True)
-class Subject:
-    """A scene to measure: what `splatcore error` takes as SCENE, --camera and --size."""
-
-    name: str
-    source: str
-    camera: str | None = None
-    size: str | None = None
-    hard: bool = False
-
-
-def measure_subject(subject: Subject, machines: tuple[Config, ...], tell: Tell) -> dict:
-    """What all machines do to a scene; a scene file is packed once for each way to pack it."""
+def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:
+    """Errors of all machines on a scene, which is packed once for each way to pack it."""
     tell("packing")
     begin = time.perf_counter()
-    source = open_source(subject.source)
-    camera = open_camera(subject.camera, subject.size, source)
+    source, camera = view.open()
     references = {}
 
     def reference(config: Config) -> Reference:
-        if source.model is not None:
-            return references.setdefault(None, Reference(source.model, camera))
-        degree = min(source.scene.sh_degree, config.sh_degree)
-        packing = model_format(config, degree), largest_factor(config.arithmetic)
-        if packing not in references:
-            references[packing] = Reference(pack(source.scene, config)[0], camera)
-        return references[packing]
+        model = packed_model(source, config)
+        return references.setdefault(id(model), Reference(model, camera))
 
     whole = reference(DEFAULT)
     facts = {
-        "hard": subject.hard,
-        "camera": subject.camera or camera.name,
+        "hard": view.scene in HARD,
+        "camera": view.camera_text or camera.name,
         "size": [camera.width, camera.height],
         "visible": len(whole.splats),
         "axis_ratio": whole.axis_ratio,

@@ -15,9 +15,8 @@ from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import project, render
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
-from splatcore.sim.accuracy.points import Subject
 from splatcore.sim.common.output import progress_bar, write
-from splatcore.sim.common.source import open_camera, open_source
+from splatcore.sim.common.scenes import View
 from splatcore.sim.eda.synth import gates
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.convention import BLOCK
@@ -55,12 +54,11 @@ def lane_gates(config: Config) -> float:
     return two - one + gates(Evaluate(config, 0)).nand2 / BLOCK**2
 
 
-def raster_errors(subjects: list[Subject]) -> dict:
+def raster_errors(views: dict[str, View]) -> dict:
     """Machine → {"gates", "scenes": {scene → {psnr_db, max_error, contributions}}}."""
     found = {name: {"scenes": {}} for name in machines()}
-    for subject in subjects:
-        source = open_source(subject.source)
-        camera = open_camera(subject.camera, subject.size, source)
+    for title, view in views.items():
+        source, camera = view.open()
         gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
         splats, _ = project(gaussians, camera)
         image = np.clip(render(gaussians, camera).image, 0, 1)
@@ -72,7 +70,7 @@ def raster_errors(subjects: list[Subject]) -> dict:
                 (camera.width, camera.height),
             )  # fmt: skip
             error = raster.pixels / 255 - image
-            found[name]["scenes"][subject.name] = {
+            found[name]["scenes"][title] = {
                 "psnr_db": float(-10 * np.log10(max(np.mean(error**2), 1e-20))),
                 "max_error": float(np.abs(error).max()),
                 "contributions": raster.counts["contributions"],

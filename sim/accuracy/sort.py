@@ -14,10 +14,10 @@ from rich.table import Table
 from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import Splats, project, render
-from splatcore.sim.accuracy.points import Subject, psnr
+from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.accuracy.raster import EXACT
 from splatcore.sim.common.output import progress_bar, write
-from splatcore.sim.common.source import open_camera, open_source
+from splatcore.sim.common.scenes import View
 from splatcore.spec.config import DEFAULT
 
 FRACTIONS = (10, 12, 14, 16, 18, 20)
@@ -89,14 +89,13 @@ def reordered(keys: Keys, splats: Splats, entries: Entries) -> tuple[Entries, fl
     return Entries(entries.start, entries.splat[order], entries.mask[order]), share
 
 
-def sort_errors(subjects: list[Subject]) -> dict:
+def sort_errors(views: dict[str, View]) -> dict:
     """Way → {"scenes": {scene → {psnr_db, max_error, changed_places}}}."""
     found = {name: {"scenes": {}} for name in WAYS}
-    config, total = replace(DEFAULT, arithmetic=EXACT), len(subjects) * len(WAYS)
+    config, total = replace(DEFAULT, arithmetic=EXACT), len(views) * len(WAYS)
     with progress_bar("ordering", total) as advance:
-        for number, subject in enumerate(subjects):
-            source = open_source(subject.source)
-            camera = open_camera(subject.camera, subject.size, source)
+        for number, (title, view) in enumerate(views.items()):
+            source, camera = view.open()
             gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
             splats, _ = project(gaussians, camera)
             image = np.clip(render(gaussians, camera).image, 0, 1)
@@ -108,7 +107,7 @@ def sort_errors(subjects: list[Subject]) -> dict:
                     config, features, there.start, there.splat, there.mask,
                     (camera.width, camera.height),
                 ).pixels / 255  # fmt: skip
-                found[name]["scenes"][subject.name] = {
+                found[name]["scenes"][title] = {
                     "psnr_db": psnr(pixels, image),
                     "max_error": float(np.abs(pixels - image).max()),
                     "changed_places": share,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from splatcore.sim.bench.campaign import Failure, results
 from splatcore.sim.bench.confirm import confirmed
-from splatcore.sim.bench.scenes import View
 from splatcore.sim.bench.sweep import tasks
+from splatcore.sim.common.scenes import View
 from splatcore.spec.config import Config
 
 RESULT = "ablation.json"

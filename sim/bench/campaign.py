@@ -10,28 +10,15 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 
-from splatcore.sim.accuracy.run import ONE_THREAD, environment
 from splatcore.sim.common.output import messages, progress_bar, write
+from splatcore.sim.common.pool import as_done, processes
+from splatcore.sim.common.sources import code_key
 from splatcore.spec.error import InputError
-
-SOURCES = (
-    "spec/*.py",
-    "model/**/*.py",
-    "golden/*.py",
-    "sim/cycles/*.py",
-    "sim/bench/sweep.py",
-    "sim/bench/workload.py",
-)
-"""What results come from: packing, the twins and the cycle model. A result of others is not ours.
-"""
 
 TRIES = 2
 """Workers that a task may lose before it is given up."""
@@ -40,7 +27,7 @@ TRIES = 2
 @dataclass(frozen=True)
 class Task:
     """`function(*arguments)` → a dict for a JSON file. name: of that file and in messages; `about`
-    stands, with the sources, for all that decides on the result."""
+    stands, with the function's code and all that it imports, for all that decides on the result."""
 
     name: str
     about: str
@@ -49,7 +36,7 @@ class Task:
 
     @property
     def key(self) -> str:
-        return hashlib.sha256(f"{sources()}\0{self.about}".encode()).hexdigest()
+        return hashlib.sha256(f"{code_key(self.function)}\0{self.about}".encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -58,16 +45,6 @@ class Failure:
 
     what: str
     why: str
-
-
-@cache
-def sources(patterns: tuple[str, ...] = SOURCES) -> str:
-    """Stands for the text of the files that the patterns name."""
-    here, text = Path(__file__).parents[2], hashlib.sha256()
-    for pattern in patterns:
-        for path in sorted(here.glob(pattern)):
-            text.update(path.read_bytes())
-    return text.hexdigest()
 
 
 def results(
@@ -126,25 +103,11 @@ def outcome(future: Future, task: Task) -> dict | Failure:
         return Failure(task.name, f"{type(error).__name__}: {error}".splitlines()[0])
 
 
-def as_done(pool: Executor, tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
+def outcomes(pool: Executor, tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
     """Results in the order in which they come."""
     waiting = {pool.submit(task.function, *task.arguments): task for task in tasks}
-    while waiting:
-        done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-        for future in done:
-            yield waiting[future], outcome(future, waiting[future])
-            del waiting[future]
-
-
-@contextmanager
-def processes(count: int) -> Iterator[Executor]:
-    """Processes of one thread each."""
-    pool = ProcessPoolExecutor(count, get_context("spawn"))
-    try:
-        with environment(ONE_THREAD):  # they start as work is submitted
-            yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+    for task, future in as_done(waiting):
+        yield task, outcome(future, task)
 
 
 def in_processes(tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
@@ -156,7 +119,7 @@ def in_processes(tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
         for some in [[task] for task in left.values()] if one_by_one else [list(left.values())]:
             try:
                 with processes(1 if one_by_one else os.cpu_count() or 1) as pool:
-                    for task, found in as_done(pool, some):
+                    for task, found in outcomes(pool, some):
                         del left[task.name]
                         yield task, found
             except BrokenProcessPool:
@@ -180,4 +143,4 @@ def on_cluster(tasks: list[Task], address: str) -> Iterator[tuple[Task, dict | F
     except (OSError, ValueError) as error:
         raise InputError(f"--scheduler {address}: {error or 'no answer'}") from None
     with client, client.get_executor(retries=TRIES, pure=False) as pool:
-        yield from as_done(pool, tasks)
+        yield from outcomes(pool, tasks)

@@ -3,8 +3,9 @@
 import json
 from pathlib import Path
 
-from splatcore.sim.bench.scenes import View, expect, finished, key_of, measure
+from splatcore.sim.bench.scenes import expect, finished, key_of, measure
 from splatcore.sim.common.output import write
+from splatcore.sim.common.scenes import View
 from splatcore.sim.machine.machine import machine_source
 from splatcore.sim.machine.path import build
 from splatcore.sim.machine.script import LPDDR4

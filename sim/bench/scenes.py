@@ -8,21 +8,19 @@ import csv
 import hashlib
 import io
 import json
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
-from splatcore.sim.accuracy.run import FOLDER, SUFFIXES, VARIABLE, camera_beside
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write
-from splatcore.sim.common.source import open_camera, open_source, packed_model
+from splatcore.sim.common.scenes import View, scene_files
+from splatcore.sim.common.source import packed_model
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles, golden, reference
@@ -32,7 +30,6 @@ from splatcore.sim.machine.script import Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
-from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 
 FRAMES = 2
@@ -44,27 +41,6 @@ MORE_CAMERAS = {"kitchen.spz": ("kitchen_inside_0", "kitchen_inside_150")}
 MEGABYTE = 1e6
 
 CYCLES = ("preprocessing", "rendering", "frame")
-
-
-@dataclass(frozen=True)
-class View:
-    """A scene seen by one of its cameras; `camera` is "" for the first one."""
-
-    scene: str
-    camera: str
-    size: str
-
-    @property
-    def name(self) -> str:
-        return Path(self.scene).name + (f":{self.camera}" if self.camera else "")
-
-    @cached_property
-    def camera_text(self) -> str | None:
-        """The --camera that it stands for."""
-        beside = camera_beside(self.scene)
-        if self.camera and beside is None:
-            raise InputError(f"--cameras {self.camera}: {self.scene} has no file of cameras")
-        return f"{beside}:{self.camera}" if self.camera else beside
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +55,8 @@ class Expected:
 
 def views(scenes: list[str], cameras: str | None, size: str) -> list[View]:
     """The views of scenes, else of all in the shared folder."""
-    if not scenes:
-        place = Path(os.environ.get(VARIABLE, FOLDER))
-        if not place.is_dir():
-            raise InputError(f"{place}: there is no such folder; name a SCENE or set {VARIABLE}")
-        scenes = [str(p) for p in sorted(place.iterdir()) if p.suffix.lower() in SUFFIXES]
     found = []
-    for scene in scenes:
+    for scene in scenes or map(str, scene_files()):
         named = cameras.split(",") if cameras else ["", *MORE_CAMERAS.get(Path(scene).name, ())]
         found += [View(scene, camera.strip(), size) for camera in named]
     for view in found:
@@ -133,8 +104,7 @@ def finished(path: Path, key: str) -> dict | None:
 def expect(config: Config, view: View) -> Expected:
     """A view's packed model, and its pictures by golden model and reference."""
     with progress_bar(f"packing {view.name}"):
-        source = open_source(view.scene)
-        camera = open_camera(view.camera_text, view.size, source)
+        source, camera = view.open()
         check_fits(config, camera)
         model = packed_model(source, config)
     twin = golden(config, Job(model, camera))

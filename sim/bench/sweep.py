@@ -11,18 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.golden.pipeline import Frame, render
-from splatcore.model.pack.pack import largest_factor
 from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.bench.campaign import Task
-from splatcore.sim.bench.scenes import View
 from splatcore.sim.common.metric import LEVELS, channel_error
-from splatcore.sim.common.source import open_camera, open_source, packed_model
+from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import open_source, packed_model
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import reference
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
 from splatcore.spec.convention import SPLATCORE
-from splatcore.spec.memory import model_format
 from splatcore.spec.packed import PackedModel
 
 SPEED = (
@@ -84,32 +82,22 @@ class Opened:
 
     def __init__(self, scene: str):
         self.source = open_source(scene)
-        self.models: dict[object, PackedModel] = {}
-        self.exact: dict[tuple[View, object], np.ndarray] = {}
-
-    def _packing(self, config: Config) -> object:
-        """What decides on a machine's model."""
-        if self.source.model is not None:
-            return None
-        degree = min(self.source.scene.sh_degree, config.sh_degree)
-        return model_format(config, degree), largest_factor(config.arithmetic)
+        self.exact: dict[tuple[View, int], np.ndarray] = {}
 
     def camera(self, view: View) -> Camera:
         """A view's camera."""
-        return open_camera(view.camera_text, view.size, self.source)
+        return view.camera_of(self.source)
 
     def model(self, config: Config) -> PackedModel:
         """The scene as packed for a machine."""
-        key = self._packing(config)
-        if key not in self.models:
-            self.models[key] = packed_model(self.source, config)
-        return self.models[key]
+        return packed_model(self.source, config)
 
     def reference(self, view: View, config: Config) -> np.ndarray:
         """The reference's 8-bit picture of the model for a machine."""
-        key = view, self._packing(config)
+        model = self.model(config)
+        key = view, id(model)
         if key not in self.exact:
-            self.exact[key] = reference(self.model(config), self.camera(view), SPLATCORE).pixels
+            self.exact[key] = reference(model, self.camera(view), SPLATCORE).pixels
         return self.exact[key]
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from splatcore.hdl.stages import WHOLE
 from splatcore.sim.bench.campaign import Failure, Task, results
 from splatcore.sim.bench.confirm import confirmed
-from splatcore.sim.bench.scenes import View
 from splatcore.sim.bench.sweep import tasks
 from splatcore.sim.bench.sweep_points import Point
 from splatcore.sim.common.output import console
+from splatcore.sim.common.scenes import View
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.eda.synth import memories
 from splatcore.sim.fit.gates import part_gates

@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
-from splatcore.sim.bench.scenes import View, views
+from splatcore.sim.bench.scenes import views
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.output import check_writable, console, messages
 from splatcore.sim.common.result import write_json
+from splatcore.sim.common.scenes import View
 from splatcore.sim.common.source import VIEW_SIZE, parse_size
 
 bench = typer.Typer(

@@ -10,11 +10,11 @@ from rich.table import Table
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.accuracy.points import psnr
-from splatcore.sim.accuracy.run import camera_beside
 from splatcore.sim.cli.options import CameraOption, JsonOption, PresetOption, SizeOption, app
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.result import write_json
-from splatcore.sim.common.source import open_camera, open_source, packed_model
+from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import packed_model
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.preset import find_preset
@@ -39,8 +39,7 @@ def cycles_command(
     table.add_column("cycles / 1000", no_wrap=True)
     for text in scene:
         with progress_bar(f"reading {text}"):
-            source = open_source(text)
-            view = open_camera(camera or camera_beside(text), size, source)
+            source, view = View(text, size=size, file=camera).open()
             model = packed_model(source, config)
         with progress_bar(f"rendering {text}"):
             frame = render(config, model, view)

@@ -7,14 +7,16 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from splatcore.model.generate.hard import HARD
 from splatcore.sim.accuracy.plot import write_error_plot
-from splatcore.sim.accuracy.points import MACHINES, Subject, width_of, with_width
+from splatcore.sim.accuracy.points import MACHINES, width_of, with_width
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.run import everything, measured, named
 from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
 from splatcore.sim.cli.options import JsonOption, app
 from splatcore.sim.common.output import check_writable, console, messages
 from splatcore.sim.common.result import write_json
+from splatcore.sim.common.scenes import View
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
@@ -131,20 +133,20 @@ def error_command(
     chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
     if scene and scenes:
         raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
-    subjects = named(scene, camera, size) if scene else everything(scenes, camera, size)
+    views = named(scene, camera, size) if scene else everything(scenes, camera, size)
     if stage in SWEEPS:
         measure, table, plot = SWEEPS[stage]
-        found = measure([subject for subject in subjects if scene or not subject.hard])
+        found = measure({name: view for name, view in views.items() if scene or name not in HARD})
         print_whole(table(found))
         if output:
             plot(output, found)
         return write_json(json, {"stage": stage, "machines": found})
     machines = tuple({config.name: config for config in chosen or MACHINES}.values())
-    error_of_points(subjects, machines, bool(scene), output, json)
+    error_of_points(views, machines, bool(scene), output, json)
 
 
 def error_of_points(
-    subjects: list[Subject],
+    views: dict[str, View],
     machines: tuple[Config, ...],
     visible: bool,
     output: Path | None,
@@ -152,12 +154,12 @@ def error_of_points(
 ):
     """Errors of stages 0 and 1; InputError if a scene is not visible that has to be."""
     begin, results = time.perf_counter(), {}
-    for subject, facts in measured(subjects, machines):
+    for name, facts in measured(views, machines):
         if visible and not facts["visible"]:
-            raise InputError(f"{subject.name}: no Gaussian is visible from this camera")
-        results[subject.name] = facts
-        messages.print(line(subject.name, facts), markup=False, soft_wrap=True)
-    results = {subject.name: results[subject.name] for subject in subjects}
+            raise InputError(f"{name}: no Gaussian is visible from this camera")
+        results[name] = facts
+        messages.print(line(name, facts), markup=False, soft_wrap=True)
+    results = {name: results[name] for name in views}
     largest = largest_errors(results)
     show(results, largest, machines)
     if output:

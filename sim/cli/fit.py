@@ -11,12 +11,12 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.sim.accuracy.run import camera_beside
 from splatcore.sim.bench.scenes import FRAMES, Expected, judge
 from splatcore.sim.cli.options import CameraOption, JsonOption, SizeOption, SourceArgument, app
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import check_writable, console, messages, progress_bar
 from splatcore.sim.common.result import write_json
+from splatcore.sim.common.scenes import camera_beside
 from splatcore.sim.common.source import open_source, packed_model
 from splatcore.sim.common.table import print_whole
 from splatcore.sim.fit.formats import decibels

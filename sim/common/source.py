@@ -2,7 +2,7 @@
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from splatcore.model.cameras.view import sensible_view
@@ -10,10 +10,11 @@ from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.packed import is_packed, read_model
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
-from splatcore.model.pack.pack import pack
+from splatcore.model.pack.pack import largest_factor, pack
 from splatcore.spec.camera import SIZE_MAX, Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
@@ -32,6 +33,7 @@ class Source:
     scene: Scene | None = None
     model: PackedModel | None = None
     camera: Camera | None = None  # a generated scene's own
+    packed: dict[tuple, PackedModel] = field(default_factory=dict)  # for `packed_model`
 
     @cached_property
     def gaussians(self) -> Gaussians:
@@ -73,8 +75,14 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def packed_model(source: Source, config: Config) -> PackedModel:
-    """The model that a machine renders; a scene is packed for it. An empty model is a model too."""
-    return source.model if source.model is not None else pack(source.scene, config)[0]
+    """The model that a machine renders, kept; a scene is packed for it. It may be empty."""
+    if source.model is not None:
+        return source.model
+    degree = min(source.scene.sh_degree, config.sh_degree)
+    packing = model_format(config, degree), largest_factor(config.arithmetic)
+    if packing not in source.packed:
+        source.packed[packing] = pack(source.scene, config)[0]
+    return source.packed[packing]
 
 
 def check_engine(name: str):

@@ -1,7 +1,7 @@
 """Quality of what compression leaves, the machine's work on it and its error, each measured once.
 
 A measurement is a file under a key that stands for all that decides on it: the view, what is
-rendered, and the sources of renderers, packing, cycle model and metrics.
+rendered, and the code of all that this file imports.
 """
 
 import hashlib
@@ -17,9 +17,9 @@ from splatcore.golden import pipeline
 from splatcore.golden.reference import render
 from splatcore.model.compress.checkpoint import Step
 from splatcore.model.pack.pack import pack
-from splatcore.sim.bench.campaign import sources
 from splatcore.sim.common.metric import difference, flip, lpips
 from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.sources import code_key
 from splatcore.sim.compression.run import Run
 from splatcore.sim.compression.subjects import Subject, View
 from splatcore.sim.cycles.frame import frame_cycles
@@ -27,19 +27,13 @@ from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
-SOURCES = (
-    "spec/*.py", "golden/*.py", "model/pack/*.py", "sim/cycles/*.py", "sim/common/metric.py",
-    "sim/compression/measure.py",
-)  # fmt: skip
-"""What measurements come from; one of others is not ours."""
-
 LEAST, MOST = "psnr_db_min", ("max_error",)
 """The worst view's PSNR beside the mean, and what is the largest of all views."""
 
 
 def kept(folder: Path, about: list, make: Callable[[], dict]) -> dict:
     """What `make` gives, made only if it is not in the folder. about: what decides on it (JSON)."""
-    key = hashlib.sha256(json.dumps([sources(SOURCES), about]).encode()).hexdigest()
+    key = hashlib.sha256(json.dumps([code_key(kept), about]).encode()).hexdigest()
     path = folder / f"{key[:24]}.json"
     try:
         return json.loads(path.read_text())["result"]

@@ -21,7 +21,7 @@ from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.packed import is_packed
 from splatcore.model.generate.generate import GENERATORS
-from splatcore.sim.accuracy.run import FOLDER, VARIABLE, camera_beside
+from splatcore.sim.common.scenes import FOLDER, VARIABLE, camera_beside
 from splatcore.sim.common.source import open_source
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from splatcore.model.generate.generate import GENERATORS
-from splatcore.sim.accuracy.run import FOLDER, SUFFIXES, VARIABLE, camera_beside
+from splatcore.sim.common.scenes import FOLDER, SUFFIXES, VARIABLE, camera_beside
 from splatcore.sim.common.source import VIEW_SIZE
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError

@@ -1,15 +1,15 @@
 """Scenes for tests: the real files (SPLATCORE_SCENES) and small random ones."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from splatcore.sim.common.scenes import scene_folder
 from splatcore.spec.scene import Scene, sh_count
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENES = (ROOT / os.environ.get("SPLATCORE_SCENES", "../shared/scenes")).resolve()
+SCENES = (ROOT / scene_folder()).resolve()
 """The folder of the real scenes; a relative path starts at the repository root."""
 
 GAUSSIANS = {

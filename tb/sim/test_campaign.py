@@ -16,12 +16,12 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.bench.ablation import machines
 from splatcore.sim.bench.campaign import Failure, Task, results
 from splatcore.sim.bench.confirm import confirmed
-from splatcore.sim.bench.scenes import View
 from splatcore.sim.bench.sweep import SPEED, picture_of
 from splatcore.sim.bench.sweep_campaign import front, summary
 from splatcore.sim.bench.sweep_points import Point, points
 from splatcore.sim.bench.workload import every_camera, tile_density, view_work
 from splatcore.sim.cli.options import app
+from splatcore.sim.common.scenes import View
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.convention import TILE

@@ -11,9 +11,10 @@ from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.pack.pack import pack
 from splatcore.sim.accuracy import points as error
-from splatcore.sim.accuracy.points import Reference, Subject, measure, measure_subject, with_width
-from splatcore.sim.accuracy.run import HARD_CASES, camera_beside, everything
+from splatcore.sim.accuracy.points import Reference, measure, measure_view, with_width
+from splatcore.sim.accuracy.run import HARD_CASES, everything
 from splatcore.sim.common.picture import read_png
+from splatcore.sim.common.scenes import View, camera_beside
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.error import InputError
@@ -165,7 +166,7 @@ def test_more_bits_are_better(exact):
 
 def test_needles_stay_positive_definite():
     machines = (PAPER, with_width("7/10"), DEFAULT)
-    facts = measure_subject(Subject("needles", "needles"), machines, lambda what: None)
+    facts = measure_view(View("needles"), machines, lambda what: None)
     assert facts["axis_ratio"] == pytest.approx(1e5, rel=0.02)
     assert facts["screen_ratio"] > 50 and list(facts["machines"]) == [
         config.name for config in machines
@@ -201,16 +202,15 @@ def test_scenes_and_their_cameras(tmp_path, monkeypatch, capsys):
     assert camera_beside(tmp_path / "ab.spz") is None
     assert camera_beside("garden") is None
     found = everything(str(tmp_path), None, "32x18")
-    assert [subject.name for subject in found] == [
-        "a.ply", "ab.spz", "b-top10.compressed.ply", *HARD_CASES
-    ]  # fmt: skip
-    assert found[0].camera == str(tmp_path / "a.cameras.json") and found[1].camera is None
-    assert found[2].camera == str(tmp_path / "b-top10.cameras.json")
-    assert [s.size for s in found[2:4]] == ["32x18", None] and found[3].hard
+    assert list(found) == ["a.ply", "ab.spz", "b-top10.compressed.ply", *HARD_CASES]
+    first, second, third, hard = list(found.values())[:4]
+    assert first.camera_text == str(tmp_path / "a.cameras.json") and second.camera_text is None
+    assert third.camera_text == str(tmp_path / "b-top10.cameras.json")
+    assert (third.size, hard) == ("32x18", View(HARD_CASES[0]))
     monkeypatch.setenv("SPLATCORE_SCENES", str(tmp_path))
-    assert everything(None, None, None)[0].name == "a.ply"
+    assert "a.ply" in everything(None, None, None)
     monkeypatch.setenv("SPLATCORE_SCENES", str(tmp_path / "none"))
-    assert everything(None, None, None)[0].source == "garden"
+    assert everything(None, None, None)["garden"] == View("garden")
     assert f"no folder {tmp_path / 'none'}" in capsys.readouterr().err.replace("\n", "")
     with pytest.raises(InputError, match=r"--scenes .*none: there is no such folder"):
         everything(str(tmp_path / "none"), None, None)
@@ -273,9 +273,7 @@ def test_processes(folder, capsys):
     result = load(folder / "e.json")
     assert list(result["scenes"]) == ["one", "scene.ply", "one_pixel"]
     assert set(result["largest"]) == {"scenes", "hard"}
-    alone = measure_subject(
-        Subject("scene.ply", "scene.ply", "scene.cameras.json"), (with_width("7/16"),), print
-    )
+    alone = measure_view(View("scene.ply", file="scene.cameras.json"), (with_width("7/16"),), print)
     together = result["scenes"]["scene.ply"]["machines"]["7/16"]
     assert together["psnr_db"] == pytest.approx(alone["machines"]["7/16"]["psnr_db"], abs=1e-6)
     (folder / "bad.ply").write_text("ply\nbad")

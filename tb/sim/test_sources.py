@@ -1,0 +1,83 @@
+"""Keys of results: each file that a result depends on changes its key, and no other file does."""
+
+import shutil
+
+import pytest
+
+from splatcore.sim.bench import sweep, sweep_campaign, workload
+from splatcore.sim.common.sources import ROOT, closure, code_key, files_key
+
+MEASURES = {"sweep": "sweep.py", "gates and memories": "sweep_campaign.py", "work": "workload.py"}
+"""Files with the functions of the tasks of campaigns, by what they measure."""
+
+DECIDES = {
+    "spec/number.py": MEASURES,
+    "spec/__init__.py": MEASURES,
+    "model/pack/codebook.py": MEASURES,
+    "golden/raster.py": MEASURES,
+    "sim/cycles/raster.py": MEASURES,
+    "sim/machine/engines.py": MEASURES,
+    "hdl/raster/blend.py": MEASURES,
+    "sim/eda/synth.py": ["gates and memories"],
+    "sim/eda/waivers.vlt": ["gates and memories"],
+    "sim/bench/workload.py": ["work"],
+    "sim/cli/scene.py": [],
+    "sim/report/page.py": [],
+}
+"""A file → the results that depend on it."""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """A copy of the package's rooms."""
+    root = tmp_path_factory.mktemp("splatcore")
+    for room in ("spec", "model", "golden", "hdl", "sim"):
+        shutil.copytree(ROOT / room, root / room, ignore=shutil.ignore_patterns("__pycache__"))
+    return root
+
+
+def keys(root) -> dict[str, str]:
+    folder = root / "sim" / "bench"
+    return {name: files_key(folder / file, root) for name, file in MEASURES.items()}
+
+
+@pytest.fixture(scope="module")
+def before(copy):
+    return keys(copy)
+
+
+@pytest.mark.parametrize("file", DECIDES)
+def test_a_changed_file_changes_the_keys_that_depend_on_it(copy, before, file):
+    path = copy / file
+    text = path.read_text()
+    path.write_text(f"{text}# changed\n")
+    changed = {name for name, key in keys(copy).items() if key != before[name]}
+    path.write_text(text)
+    assert changed == set(DECIDES[file])
+    assert keys(copy) == before
+
+
+def test_keys_are_those_of_the_functions_modules(before):
+    functions = sweep.measure, sweep_campaign.machine_size, workload.view_work
+    assert [code_key(function) for function in functions] == list(before.values())
+
+
+def test_imports_are_followed(tmp_path):
+    """At any depth of a file and of imports; in a circle; and a file that is no Python."""
+
+    def write(name, text=""):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+        return path
+
+    start = write("a/start.py", "from splatcore.b import one\nimport numpy, splatcore.nowhere\n")
+    files = {start, write("a/__init__.py"), write("b/__init__.py")}
+    files.add(write("b/one.py", "def f():\n    from splatcore.b.two import X\n"))
+    files.add(write("b/two.py", "import splatcore.a.start\n"))
+    files.add(write("b/table.hpp"))
+    new = write("b/three.py", "import splatcore.c.four")
+    four, other = write("c/four.py"), write("c/other.cpp")
+    assert closure(start, tmp_path) == files
+    write("b/two.py", "import splatcore.a.start\nimport splatcore.b.three\n")
+    assert closure(start, tmp_path) == files | {new, four, other}
