@@ -14,7 +14,7 @@ from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.result import write_json
 from splatcore.sim.eda import verilog
 from splatcore.sim.eda.gate_table import synthesise_machine
-from splatcore.sim.eda.register_page import write_register_files
+from splatcore.sim.eda.register_files import write_register_files
 from splatcore.sim.eda.synth import DEPTH_MAX, gates, memories
 from splatcore.spec.config import KB, Config
 from splatcore.spec.error import InputError
