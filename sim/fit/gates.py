@@ -15,7 +15,7 @@ from functools import cache
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.stages import PRIMITIVES, STAGES, Build
 from splatcore.sim.eda.synth import area
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.number import Float
 from splatcore.spec.raster import block_count
@@ -98,21 +98,17 @@ def all_entries(config: Config) -> float:
 
 
 Share = tuple[Callable[[Config], float], Callable[[Config], float]]
-LANE: Share = (_lane, all_lanes)
-EVALUATE: Share = (_evaluate, lambda config: config.rasterizers)
+
+OF_RASTER: dict[str, Share] = {
+    "lane": (_lane, all_lanes),
+    "evaluate": (_evaluate, lambda config: config.rasterizers),
+    "mark": (_mark, lambda _: 1),
+}
 
 SHARES: dict[str, tuple[Share, ...]] = {
     "arithmetic": ((_pe, all_pes),),
     "sort_digits": ((_small_sorter, all_entries),),
-    "exponent_fraction": (EVALUATE, (_mark, lambda _: 1)),
-    "pixel_fraction": (EVALUATE,),
-    "power_fraction": (LANE, EVALUATE),
-    "power_mantissa": (LANE,),
-    "transmittance": (LANE,),
-    "weight": (LANE,),
-    "colour_fraction": (LANE,),
-    "sum_fraction": (LANE,),
-}
+} | {field: tuple(OF_RASTER[part] for part in format.parts) for field, format in FORMATS.items()}
 """By format: the parts that most of its bits' gates are in, and how many a machine has."""
 
 

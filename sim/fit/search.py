@@ -14,11 +14,11 @@ from splatcore.sim.fit.formats import SEARCHED, Search, decibels, wider
 from splatcore.sim.fit.gates import SHARES, bits_of
 from splatcore.sim.fit.sizes import SIZES, Missed, Speed, budget, smaller
 from splatcore.sim.fit.views import View
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.config import DEFAULT, FORMATS, Config
 
 Tell = Callable[[str], None]
 
-OF_WORK = ("transmittance", "power_mantissa")
+OF_WORK = tuple(field for field, format in FORMATS.items() if format.in_work)
 """Formats with which pixels end later or sooner, and so the work changes."""
 
 

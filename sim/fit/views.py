@@ -15,15 +15,12 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.source import Source, open_camera
 from splatcore.spec.camera import Camera
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
 from splatcore.spec.packed import PackedModel
 
-OF_RASTER = (
-    "exponent_fraction", "pixel_fraction", "power_fraction", "power_mantissa", "transmittance",
-    "weight", "sum_fraction",
-)  # fmt: skip
+OF_RASTER = [field for field, format in FORMATS.items() if not format.in_features]
 """Fields that change nothing in front of stage 3."""
 
 

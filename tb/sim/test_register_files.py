@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatcore.sim.eda.register_header import sizes
-from splatcore.sim.eda.register_page import write_register_files
+from splatcore.sim.eda.register_files import sizes, write_register_files
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY
 from splatcore.spec.frame import frame_constants
