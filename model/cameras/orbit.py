@@ -62,8 +62,8 @@ def orbiting_views(
 
 
 def spread(points: np.ndarray, count: int) -> list[int]:
-    """Which `count` of `points` [M, 3] lie far apart: the first, then always the farthest from
-    those chosen before it."""
+    """Indices of `count` of `points` [M, 3] that lie far apart: the first, then always the farthest
+    from those chosen before it."""
     chosen, away = [], np.full(len(points), np.inf)
     for _ in range(count):
         chosen.append(int(away.argmax()))
