@@ -8,9 +8,10 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.hdl.stages import CONTROL, PAPER_GATES, PAPER_MEMORIES, PRIMITIVES, STAGES, WHOLE
+from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES, WHOLE
 from splatcore.sim.cli.options import JsonOption, PresetOption, app
 from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.paper import GATES, MEMORIES, OPERATIONS, PES_BUSY, STAGE_OF
 from splatcore.sim.common.result import write_json
 from splatcore.sim.eda import verilog
 from splatcore.sim.eda.gate_table import synthesise_machine
@@ -110,7 +111,7 @@ def _synthesise_parts(config: Config, names: list[str]) -> dict:
     for name in names:
         with progress_bar(f"synthesising {name}"):
             found = gates(PARTS[name](config))
-        paper = PAPER_GATES.get(name)
+        paper = GATES.get(STAGE_OF.get(name))
         row = (
             *(found.nand2, paper, found.depth, found.speed_nand2, found.speed_depth),
             *(found.flip_flops, found.memory_bits),
@@ -141,8 +142,8 @@ def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
             table.add_row(name, f"{words:,}", f"{bits:,}", str(count), f"{kilobytes:.2f}")
     table.add_row("all", "", "", "", f"{total:.2f}")
     console.print(table)
-    paper = ", ".join(f"{name} {size}" for name, size in PAPER_MEMORIES.items())
-    console.print(f"The paper: {sum(PAPER_MEMORIES.values())} KB ({paper}).")
+    paper = ", ".join(f"{name} {size}" for name, size in MEMORIES.items())
+    console.print(f"The paper: {sum(MEMORIES.values())} KB ({paper}).")
     write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})
 
 
@@ -183,9 +184,10 @@ HEADINGS = "ops × + /√ choose PEs cycles latency busy regs".split()
 """Short names of `program_facts`, in its order."""
 
 PAPER_OPERATIONS = (
-    "The paper: 94 operations (42 ×, 46 +, 5 /, 1 −) without products with zeros, 198 with them "
-    "(112 ×, 78 +, 7 /, 1 −); PEs busy 51.6 % of the cycles."
-)
+    "The paper: {0[operations]} operations ({0[multiply]} ×, {0[add]} +, {0[divide]} /, "
+    "{0[subtract]} −) without products with zeros, {1[operations]} with them ({1[multiply]} ×, "
+    "{1[add]} +, {1[divide]} /, {1[subtract]} −); PEs busy {2:.1f} % of the cycles."
+).format(OPERATIONS["without zeros"], OPERATIONS["with zeros"], 100 * PES_BUSY)
 
 
 def program_facts(config: Config, steps: Program) -> dict[str, int | float]:
