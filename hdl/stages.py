@@ -99,13 +99,3 @@ PRIMITIVES: dict[str, Build] = {
     "rasterizer": lambda config: Rasterizer(config, 0),
 }
 """Parts that stages are made of, on their own."""
-
-PAPER_GATES = {"cull": 12_900, "project": 71_600, "sort": 761_400, "raster": 88_900}
-"""NAND2-equivalents of the paper's stages 0 to 3 (its table of gate counts)."""
-
-PAPER_CONTROL, PAPER_ALL = 208_900, 1_143_800
-"""Those of its control, and of all of it (as printed there: 100 more than the sum)."""
-
-PAPER_MEMORIES = {"sort": 56, "feature": 32, "view": 12, "process": 12, "codebook": 8}
-"""Kilobytes of the paper's memories; `sort` is four key and four value buffers of 4 KB each and
-12 + 12 KB that they share."""

@@ -23,26 +23,6 @@ STAGE_OF = {part.name: part.stage for part in PARTS}
 
 STAGES = tuple(dict.fromkeys(STAGE_OF.values()))
 
-PAPER_LOGIC = {
-    "stage 0": (12_900, 2.14e-3),
-    "stage 1": (71_600, 6.66e-3),
-    "stage 2": (761_400, 102.88e-3),
-    "stage 3": (88_900, 8.92e-3),
-    "control": (208_900, 19.78e-3),
-}
-"""NAND2-equivalents and W of the paper's table of gate count, area and power."""
-
-PAPER_MEMORY = {
-    "stage 1": ("codebook", 5.43e-3),
-    "stage 2": ("sorting", 42.74e-3),
-    "stage 3": ("feature", 15.15e-3),
-    "control": ("view, process", 15.72e-3),
-}
-"""Its memories; it does not say whose the view and process memories are."""
-
-PAPER_ALL = 219.41e-3
-"""W of all of it, as its text says; the table's lines sum up to 0.01 mW more."""
-
 
 class Gates(NamedTuple):
     """Size of a part."""
