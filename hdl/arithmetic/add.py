@@ -1,4 +1,4 @@
-"""Sum of two floats."""
+"""Addition of two floats."""
 
 from collections.abc import Mapping
 
@@ -48,8 +48,8 @@ class Add(wiring.Component):
 
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
-        """Where registers can stand: summands in order of magnitude, the smaller one aligned to
-        the larger one, sum made, and in `Round`."""
+        """Cuts for registers: summands in order of magnitude, the smaller one aligned to the larger
+        one, sum made, and in `Round`."""
         rounding = Round.cuts(format, Add._zeros(format))
         return {"order": 14, "align": 18, "sum": 12} | rounding
 

@@ -1,4 +1,4 @@
-"""Order of two floats."""
+"""Comparison of two floats."""
 
 from amaranth.hdl import Module, Mux, Value
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""Product of two floats."""
+"""Multiplication of two floats."""
 
 from collections.abc import Mapping
 
@@ -41,7 +41,7 @@ class Multiply(wiring.Component):
 
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
-        """Where registers can stand: operands taken apart, product made, and in `Round`."""
+        """Cuts for registers: operands unpacked, product made, and in `Round`."""
         # An operand may come through a multiplexer of a dozen sources.
         return {"operand": 6, "product": 30} | Round.cuts(format, Multiply._zeros(format))
 

@@ -1,4 +1,4 @@
-"""Binning: splats to features, and to the lists of the groups of tiles that they touch."""
+"""Binning: splats to features in order, and to lists of the groups of tiles that they touch."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -27,8 +27,7 @@ from splatcore.spec.group import (
 )
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
-
-COLOURS = ("red", "green", "blue")
+from splatcore.spec.raster import COLOURS
 
 COUNTED = tuple(BIN)
 
@@ -46,7 +45,7 @@ class Bin(wiring.Component):
         i: stream of `splat_record`.
         width, height: of the image, pixels; near_code: the near plane as a code of the arithmetic;
             pages: pages of list memory; registers of the frame, which stand two cycles before it.
-        finish: the frame's last splat has been taken. When all is through, groups are told; then
+        finish: the frame's last splat has been taken. When all is through, `groups` follow; then
             `done` stays high until finish is low, which begins the next frame.
         features: stream of `feature_record`, in the order of the numbers.
         bursts: stream of `burst_record`.
@@ -108,7 +107,7 @@ class Bin(wiring.Component):
         return m
 
     def _splats(self, m: Module) -> stream.Interface:
-        """What waits until a splat's tiles are known: features and depth key."""
+        """Features and depth keys, which wait until their splats' tiles are known."""
         format, splat = self.config.arithmetic, self.i.payload
         colour = unscaled_colour_format(self.config)
         shape = data.StructLayout(
@@ -162,7 +161,7 @@ class Bin(wiring.Component):
     def _join(self, m: Module, splat: stream.Interface, group: Value) -> Value:
         """Parts of splats become entries, and with the last one a splat its features.
 
-        Either goes when it is taken; whether the splat is kept.
+        Either goes when it is taken. Returns a bit that says that a kept splat is through.
         """
         part, entry, number = self.parts.o, self.lists.i, Signal(SPLAT_BITS)
         touched, had_entry, had_feature = Signal(), Signal(), Signal()

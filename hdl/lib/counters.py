@@ -1,4 +1,4 @@
-"""Performance counters."""
+"""Performance counters of the stages."""
 
 from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import data, wiring

@@ -1,4 +1,4 @@
-"""Registers of a pipeline: where they stand, and the freezing of all of them."""
+"""Pipeline registers: their distribution over a path, and one enable for all of them."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -6,7 +6,7 @@ from itertools import combinations
 from amaranth.hdl import Module, Signal, ValueLike
 
 Registers = Mapping[str, int]
-"""How many stand at each named cut of a path."""
+"""Number of registers at each named cut of a path."""
 
 
 def spread(latency: int, cuts: Mapping[str, int]) -> dict[str, int]:
@@ -41,7 +41,7 @@ def stretches(cuts: Mapping[str, int], chosen: tuple[str, ...]) -> list[int]:
 
 
 class Pipeline:
-    """Puts registers into a module; all hold their values while `enable` is low.
+    """Adds pipeline registers to a module; all hold their values while `enable` is low.
 
     They have no reset: what comes out before the first input has come through means nothing.
     """

@@ -1,4 +1,4 @@
-"""Stage 0's front: what all points of a chunk share, and whether any of them can matter."""
+"""Stage 0's front: values that a chunk's points share, and skipping of chunks out of view."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -34,7 +34,7 @@ class Chunk(wiring.Component):
             next header is taken for that of chunk 0.
         camera, position_exponent, near_plane, constants: registers of the frame.
         o: stream of `chunk_record`.
-        taken: a header is through, kept or skipped.
+        taken: a header is through, kept or skipped; high for a cycle.
 
     **Timing**: one PE; a header every `plan.length` + 15 cycles (38 in `DEFAULT`, while the points
     of a full chunk take 1024). One at a time, so its numbers need not be carried along.
@@ -65,7 +65,7 @@ class Chunk(wiring.Component):
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
         """The chunk's two ends along each world axis as floats, one after the other through one
-        converter; and whether they are there.
+        converter; and a bit that says that all are converted.
         """
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
@@ -152,7 +152,7 @@ class Chunk(wiring.Component):
             m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
 
     def _kept(self, m: Module, found: data.View) -> Value:
-        """Whether a point within the bounds can be in front and in the guard band."""
+        """High if a point within the bounds can be in front and in the guard band."""
         if self.config.position != "chunk" or self.config.culling == "none":
             return Value.cast(1)
         pairs = {"front": (self.near_plane, found.z_high)}

@@ -1,4 +1,4 @@
-"""Stage 0: the depth of each point, culled at the near plane."""
+"""Stage 0: computes each point's depth and culls it at the near plane."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -22,7 +22,7 @@ class Cull(wiring.Component):
         positions: stream of memory beats (`hdl.points.position`).
         camera, position_exponent, near_plane, constants: registers of the frame.
         o: stream of `point_record` with z.
-        taken: a point has been read.
+        taken: a point has been read; high for a cycle.
 
     **Timing**: one PE, a point every 4 cycles, latency about 30.
     """
@@ -49,8 +49,8 @@ class Cull(wiring.Component):
         m.submodules.array = array = Array(self.config, self.program, carried=carried)
         m.submodules.compare = compare = Compare(self.config.arithmetic, 0)
 
-        place, chunk = Signal(PLACE_BITS), self.chunks.payload
-        last = place + 1 == chunk.count
+        number, chunk = Signal(PLACE_BITS), self.chunks.payload
+        last = number + 1 == chunk.count
         m.d.comb += [
             position.i.valid.eq(self.positions.valid),
             position.i.payload.eq(self.positions.payload),
@@ -64,7 +64,7 @@ class Cull(wiring.Component):
             array.i.valid.eq(position.o.valid),
             position.o.ready.eq(array.i.ready),
             self.taken.eq(array.i.valid & array.i.ready),
-            array.i.payload.carried.place.eq(place),
+            array.i.payload.carried.place.eq(number),
             array.i.payload.carried.last.eq(last),
             array.constants.eq(self.constants),
         ]
@@ -72,7 +72,7 @@ class Cull(wiring.Component):
             source = position.o.payload if name in AXES else chunk
             m.d.comb += array.i.payload.fields[name].eq(source[name])
         with m.If(self.taken):
-            m.d.sync += place.eq(Mux(last, 0, place + 1))
+            m.d.sync += number.eq(Mux(last, 0, number + 1))
 
         found, through = array.o.payload.outputs, array.o.payload.carried
         kept = Const(1, 1) if self.config.culling == "none" else compare.less

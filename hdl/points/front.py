@@ -1,4 +1,4 @@
-"""Stage 1's end where nothing was culled: splats in front of the near plane."""
+"""Stage 1's end in a machine without culling: drops splats behind the near plane."""
 
 from amaranth.hdl import Module
 from amaranth.lib import stream, wiring

@@ -1,4 +1,4 @@
-"""Stage 1's front: x and y of the points that stage 0 kept, and the guard band."""
+"""Stage 1's front: computes x and y of the points that stage 0 kept, drops those out of view."""
 
 from amaranth.hdl import Const, Module
 from amaranth.lib import data, stream, wiring
@@ -67,7 +67,7 @@ class Place(wiring.Component):
         return m
 
     def _inside(self, m: Module, found: data.View):
-        """Whether the centre is in front, and |x| and |y| are within their bounds.
+        """High if the centre is in front, and |x| and |y| are within their bounds.
 
         With a depth interval stage 0 lets points pass whose centre is behind the near plane.
         """

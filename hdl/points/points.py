@@ -1,4 +1,4 @@
-"""The point half of the machine, composed: chunk headers to splats."""
+"""Stages 0 and 1 connected: chunk headers, positions and attributes to splats."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -122,7 +122,7 @@ class Points(wiring.Component):
         connect(m, front.o, splats)
 
     def _registers(self, m: Module):
-        """Registers of the frame, to whom they concern."""
+        """Registers of the frame to the parts that use them."""
         for part in (self.chunk, self.cull, self.place, self.project):
             for name in part.constants.shape().members:
                 m.d.comb += part.constants[name].eq(self.constants[name])

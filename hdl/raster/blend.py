@@ -1,4 +1,4 @@
-"""Stage 3, last step: the lanes that blend a splat into a block, and the memory of its pixels."""
+"""Stage 3, sixth step: the lanes that blend a splat into a block, and the memory of pixels."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
@@ -6,7 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.raster.evaluate import power_layout
+from splatcore.hdl.raster.evaluate import log2_alpha_layout
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.raster import (
@@ -35,7 +35,7 @@ class Blend(wiring.Component):
 
     Members
         valid, block: a block is to be blended: its number in the memory.
-        powers: alpha of its pixels. colour: the splat's.
+        log2_alphas: of its pixels. colour: the splat's.
         inside: pixels within the image; the others have ended from the start.
         rest: instead, all that is left of T is blended with the colour.
         give: instead, the block is given out and forgotten.
@@ -59,7 +59,7 @@ class Blend(wiring.Component):
             {
                 "valid": In(1),
                 "block": In(self.number),
-                "powers": In(data.ArrayLayout(power_layout(config), self.pixels)),
+                "log2_alphas": In(data.ArrayLayout(log2_alpha_layout(config), self.pixels)),
                 "colour": In(self.colour_shape),
                 "inside": In(self.pixels),
                 "rest": In(1),
@@ -82,15 +82,15 @@ class Blend(wiring.Component):
         return m
 
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
-        """Registers of a stage, some for each lane, and whether there is something in them."""
+        """Registers of a stage, some for each lane, and a bit that says that they are valid."""
         shared = {"block": self.number, "colour": self.colour_shape}
         shared |= {"fresh": 1, "rest": 1, "give": 1}
         lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
         stage = Signal(data.StructLayout({"lanes": lanes} | shared), name=name, reset_less=True)
-        there = Signal(name=f"{name}_valid")
-        m.d.sync += there.eq(valid)
+        stage_valid = Signal(name=f"{name}_valid")
+        m.d.sync += stage_valid.eq(valid)
         m.d.sync += [stage[field].eq(getattr(source, field)) for field in shared]
-        return there, stage
+        return stage_valid, stage
 
     def _look_up(self, m: Module):
         """Read T; alpha's mantissas from the table."""
@@ -99,18 +99,18 @@ class Blend(wiring.Component):
         memory = Memory(shape=pixels, depth=self.blocks, init=[])
         m.submodules.transmittances = memory
         self.stored, self.kept = memory.read_port(), memory.write_port()
-        now = self.valid & ~self.busy
-        m.d.comb += [self.stored.en.eq(now), self.stored.addr.eq(self.block)]
+        fire = self.valid & ~self.busy
+        m.d.comb += [self.stored.en.eq(fire), self.stored.addr.eq(self.block)]
         self.fresh = ~self.touched.bit_select(self.block, 1)
         table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
         lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1, "inside": 1}
-        self.read = self._stage(m, "read", lane, now, self)
+        self.read = self._stage(m, "read", lane, fire, self)
         for pixel, lane in enumerate(self.read[1].lanes):
-            power = self.powers[pixel]
+            log2_alpha = self.log2_alphas[pixel]
             m.d.sync += [
-                lane.mantissa.eq(table[power.step]),
-                lane.halvings.eq(power.halvings),
-                lane.seen.eq(power.seen),
+                lane.mantissa.eq(table[log2_alpha.step]),
+                lane.halvings.eq(log2_alpha.halvings),
+                lane.seen.eq(log2_alpha.seen),
                 lane.inside.eq(self.inside[pixel]),
             ]
 
@@ -167,7 +167,7 @@ class Blend(wiring.Component):
 
     def _add(self, m: Module):
         """The sums with weight · colour, rounded to their steps; 8-bit colours out of them."""
-        config, (valid, now) = self.config, self.taken
+        config, (valid, taken) = self.config, self.taken
         product = config.weight + config.colour_fraction - config.sum_fraction
         pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))
         memory = Memory(shape=data.ArrayLayout(pixel_sums, self.pixels), depth=self.blocks, init=[])
@@ -176,14 +176,14 @@ class Blend(wiring.Component):
         m.d.comb += [
             sums.en.eq(self.product[0]),
             sums.addr.eq(self.product[1].block),
-            write.en.eq(valid & ~now.give),
-            write.addr.eq(now.block),
-            self.given.eq(valid & now.give),
+            write.en.eq(valid & ~taken.give),
+            write.addr.eq(taken.block),
+            self.given.eq(valid & taken.give),
         ]
-        for pixel, lane in enumerate(now.lanes):
+        for pixel, lane in enumerate(taken.lanes):
             for channel, name in enumerate(COLOURS):
-                stored = Mux(now.fresh, 0, sums.data[pixel][channel])
-                part = (lane.weight * now.colour[name] + (1 << product - 1)) >> product
+                stored = Mux(taken.fresh, 0, sums.data[pixel][channel])
+                part = (lane.weight * taken.colour[name] + (1 << product - 1)) >> product
                 m.d.comb += write.data[pixel][channel].eq(stored + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 m.d.comb += self.o[pixel][channel].eq(Mux(byte[8:].any(), 255, byte[:8]))

@@ -1,4 +1,4 @@
-"""One rasterizer: the blocks that it owns in every tile of a group, from pairs to 8-bit pixels."""
+"""A rasterizer: blends pairs into the blocks that it owns in every tile of a group."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -20,7 +20,7 @@ from splatcore.spec.raster import (
     marked_record,
     owned,
     pixels_record,
-    place_record,
+    position_record,
 )
 from splatcore.spec.record import Record
 
@@ -36,7 +36,7 @@ class Rasterizer(wiring.Component):
 
     Members
         i: stream of `marked_record` with this rasterizer's blocks, or a group's end.
-        places: stream of `place_record`, one for each group.
+        positions: stream of `position_record`, one for each group.
         width, height: of the image, pixels. background: a colour.
         started, group: a group is being rasterized, and its number modulo 2^GROUP_BITS.
         live: blocks of each of the group's tiles that have live pixels.
@@ -58,7 +58,7 @@ class Rasterizer(wiring.Component):
         super().__init__(
             {
                 "i": In(stream.Signature(layout(pair))),
-                "places": In(stream.Signature(layout(place_record(config)))),
+                "positions": In(stream.Signature(layout(position_record(config)))),
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
                 "background": In(layout(Record("colour", colours(config)))),
@@ -77,9 +77,9 @@ class Rasterizer(wiring.Component):
         m.submodules.evaluate = self.evaluate = Evaluate(self.config, self.number)
         m.submodules.blend = self.blend = Blend(self.config, self.blocks)
         connect(m, flipped(self).i, self.pairs.i)
-        self.place = Signal(layout(place_record(self.config)))
-        self.moves = Signal()  # whether the blocks before the lanes move on
-        self.on_the_way = Signal(1 + Evaluate.LATENCY)  # where there are blocks before the lanes
+        self.position = Signal(layout(position_record(self.config)))
+        self.moves = Signal()  # blocks before the lanes move on
+        self.on_the_way = Signal(1 + Evaluate.LATENCY)  # valid bits of the stages before the lanes
         self._begin(m)
         self._issue(m)
         self._lanes(m)
@@ -87,19 +87,23 @@ class Rasterizer(wiring.Component):
         return m
 
     def _inside(self, number: Value, size: Value, step: int) -> Value:
-        """For a group's first pixels, columns, rows …: which of them are within the image."""
+        """A bit for every `step`-th column (row) of a group: it is within the image."""
         side = TILE * self.config.group
         rest = (size - number * side).as_signed()
         return Cat(rest > k * step for k in range(side // step))
 
     def _begin(self, m: Module):
-        """A group begins when its place is known and the last one's blocks are in the lanes."""
-        place = self.places.payload
-        m.d.comb += self.places.ready.eq(~self.started & ~self.on_the_way.any())
-        columns = self._inside(place.column, self.width, BLOCK)
-        rows = self._inside(place.row, self.height, BLOCK)
-        with m.If(self.places.valid & self.places.ready):
-            m.d.sync += [self.started.eq(1), self.place.eq(place), self.group.eq(self.group + 1)]
+        """A group begins when its position is known and the last one's blocks are in the lanes."""
+        position = self.positions.payload
+        m.d.comb += self.positions.ready.eq(~self.started & ~self.on_the_way.any())
+        columns = self._inside(position.column, self.width, BLOCK)
+        rows = self._inside(position.row, self.height, BLOCK)
+        with m.If(self.positions.valid & self.positions.ready):
+            m.d.sync += [
+                self.started.eq(1),
+                self.position.eq(position),
+                self.group.eq(self.group + 1),
+            ]
             for tile in range(self.tiles):
                 row, column = divmod(tile, self.config.group)
                 inside = [
@@ -112,12 +116,12 @@ class Rasterizer(wiring.Component):
 
     def _issue(self, m: Module):
         """The next block: of the pair at hand; or at the group's end one after the other, to be
-        given out, after a first time in which they get what is seen of the background, if any.
+        given out, after a first time in which the background, if any, is blended into them.
         """
         pair, own = self.pairs.o.payload, len(self.own)
         done, count = Signal(own), Signal(range(self.blocks))
-        left, now = Signal(own), Signal(own)
-        there = self.started & self.pairs.o.valid
+        left, lowest_left = Signal(own), Signal(own)
+        valid = self.started & self.pairs.o.valid
         room = Signal()
         self.issued, self.tile = Signal(), Signal(range(self.tiles))
         self.chosen, self.final, giving = Signal(own), Signal(), Signal()
@@ -127,25 +131,25 @@ class Rasterizer(wiring.Component):
         counted = Cat((count[:bits] if bits else 0) == k for k in range(own))
         m.d.comb += [
             left.eq(pair.blocks & ~done),
-            now.eq(lowest(left)),
+            lowest_left.eq(lowest(left)),
             self.final.eq(pair.end),
-            self.chosen.eq(Mux(pair.end, counted, now)),
+            self.chosen.eq(Mux(pair.end, counted, lowest_left)),
             self.tile.eq(Mux(pair.end, count >> bits, pair.tile)),
-            self.issued.eq(there & (~pair.end | room)),
+            self.issued.eq(valid & (~pair.end | room)),
             self.pairs.o.ready.eq(
-                self.moves & self.issued & Mux(pair.end, last & self.give, left == now)
+                self.moves & self.issued & Mux(pair.end, last & self.give, left == lowest_left)
             ),
-            self.waited.eq(self.started & ~(there & pair.end)),
+            self.waited.eq(self.started & ~(valid & pair.end)),
         ]
         with m.If(self.moves & self.issued):
             with m.If(pair.end):
                 m.d.sync += count.eq(Mux(last, 0, count + 1))
                 with m.If(last):
                     m.d.sync += [giving.eq(~self.give), self.started.eq(~self.give)]
-            with m.Elif(left == now):
+            with m.Elif(left == lowest_left):
                 m.d.sync += done.eq(0)
             with m.Else():
-                m.d.sync += done.eq(done | now)
+                m.d.sync += done.eq(done | lowest_left)
         self.room = room
 
     def _lanes(self, m: Module):
@@ -168,11 +172,11 @@ class Rasterizer(wiring.Component):
         valid = self.on_the_way
         with m.If(self.moves):
             m.d.sync += valid.eq(Cat(self.issued, valid))
-        seen = Cat(power.seen for power in evaluate.powers).any()
+        seen = Cat(pixel.seen for pixel in evaluate.log2_alphas).any()
         m.d.comb += [
             blend.valid.eq(valid[-1] & (final | seen)),
             blend.block.eq(tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile),
-            blend.powers.eq(evaluate.powers),
+            blend.log2_alphas.eq(evaluate.log2_alphas),
             blend.colour.eq(Mux(final, self.background, Cat(colour))),
             blend.rest.eq(final),
             blend.give.eq(give),
@@ -182,7 +186,7 @@ class Rasterizer(wiring.Component):
         self._edges(m, tile, chosen)
 
     def _edges(self, m: Module, tile: Value, chosen: Value):
-        """Where a block is in the image, and which of its pixels are within."""
+        """A block's column and row in the image, and a bit for each of its pixels within."""
         side = self.config.group
         columns = Mux(chosen[0], self.own[0] % BLOCKS, 0)
         rows = Mux(chosen[0], self.own[0] // BLOCKS, 0)
@@ -193,8 +197,8 @@ class Rasterizer(wiring.Component):
         tile_column, tile_row = tile[:tile_bits], tile[tile_bits:]
         if side == 1:
             tile_column = tile_row = 0
-        self.column = (self.place.column * side + tile_column) * BLOCKS + columns
-        self.row = (self.place.row * side + tile_row) * BLOCKS + rows
+        self.column = (self.position.column * side + tile_column) * BLOCKS + columns
+        self.row = (self.position.row * side + tile_row) * BLOCKS + rows
         across = [self.column * BLOCK + k < self.width for k in range(BLOCK)]
         down = [self.row * BLOCK + k < self.height for k in range(BLOCK)]
         m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))
@@ -206,15 +210,15 @@ class Rasterizer(wiring.Component):
         record = self.o.payload
         column, row, inside = self.column, self.row, self.blend.inside[0]
         widths = len(record.column), len(record.row)
-        place = Cat(column[: widths[0]], row[: widths[1]], inside)
+        block = Cat(column[: widths[0]], row[: widths[1]], inside)
         for k in range(self.blend.LATENCY):
-            register = Signal(len(place), name=f"place_{k}", reset_less=True)
-            m.d.sync += register.eq(place)
-            place = register
+            register = Signal(len(block), name=f"block_{k}", reset_less=True)
+            m.d.sync += register.eq(block)
+            block = register
         m.d.comb += [
             self.room.eq(queue.level <= self.blocks),
-            queue.i.valid.eq(self.blend.given & place[-1]),
-            queue.i.payload.column.eq(place[: widths[0]]),
-            queue.i.payload.row.eq(place[widths[0] : -1]),
+            queue.i.valid.eq(self.blend.given & block[-1]),
+            queue.i.payload.column.eq(block[: widths[0]]),
+            queue.i.payload.row.eq(block[widths[0] : -1]),
             queue.i.payload.pixels.eq(self.blend.o),
         ]

@@ -1,12 +1,11 @@
-"""The machine's second half: groups' lists and features in memory to pixels in memory."""
+"""Second half of a frame: groups' lists and splats' features in memory to pixels in memory."""
 
 from amaranth.hdl import Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import AREA, ERROR, layout
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.points.preprocess import AREA, ERROR
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
 from splatcore.hdl.raster.list_reader import ListReader
@@ -24,11 +23,11 @@ from splatcore.spec.work import STRIDE_BITS
 
 READING = ("groups", "lists", "scratch", "features")
 WRITING = ("scratch", "pixels")
-"""Its readers and writers of `spec.axi`, in their order."""
+"""Names of its readers and writers in `spec.axi`, in that order."""
 
 
 def job_layout(config: Config) -> data.StructLayout:
-    """What this half needs to know of a frame: addresses and distances in beats."""
+    """The parameters of a frame for this half: addresses and distances in beats."""
     return data.StructLayout(
         {
             "width": range(config.width_max + 1),
@@ -93,8 +92,8 @@ class Render(wiring.Component):
         for source, target in (
             (groups.counts, sort.groups),
             (groups.lists, self.lists.i),
-            (groups.places, raster.places),
-            (groups.pixels, self.pixels.places),
+            (groups.positions, raster.positions),
+            (groups.pixels, self.pixels.positions),
             (self.lists.o, sort.entries),
             (sort.spill, self.scratch.spill),
             (sort.wanted, self.scratch.wanted),
@@ -110,7 +109,7 @@ class Render(wiring.Component):
         return m
 
     def _job(self, m: Module):
-        """What the frame is, to whom it concerns."""
+        """Parameters of the frame to the parts that use them."""
         job = self.job
         for part in (self.groups, self.raster, self.pixels):
             m.d.comb += [part.width.eq(job.width), part.height.eq(job.height)]
@@ -141,7 +140,7 @@ class Render(wiring.Component):
                 m.next = "GROUPS"
             with m.State("GROUPS"):
                 with m.If(self.groups.too_long):
-                    m.d.comb += [self.error.now.eq(1), self.error.code.eq(ErrorCode.SCRATCH)]
+                    m.d.comb += [self.error.valid.eq(1), self.error.code.eq(ErrorCode.SCRATCH)]
                     m.d.comb += self.error.detail.eq(0)
                     m.next = "FAILED"
                 with m.Elif(self.pixels.through):

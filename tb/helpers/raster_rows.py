@@ -23,7 +23,7 @@ from splatcore.spec.raster import (
     featured_record,
     owned,
     pixels_record,
-    place_record,
+    position_record,
     prepared_record,
 )
 from splatcore.spec.record import Codes
@@ -104,7 +104,7 @@ def place_rows(config: Config, groups: np.ndarray, size: tuple[int, int]) -> np.
     """Where the groups are."""
     _, columns = group_grid(config, *size)
     row, column = (part.astype(np.uint64) for part in np.divmod(groups, columns))
-    return place_record(config).pack({"column": column, "row": row})
+    return position_record(config).pack({"column": column, "row": row})
 
 
 def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tuple[int, int]):
@@ -166,7 +166,7 @@ def run_groups(
     result = simulation.run(
         {
             "i": featured_rows(config, features, entries.of(groups)),
-            "places": place_rows(config, groups, size),
+            "positions": place_rows(config, groups, size),
         },
         constants={
             "width": size[0],

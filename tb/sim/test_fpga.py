@@ -137,7 +137,7 @@ def test_lanes():
     assert 4 * len(four.o.as_value()) == len(all.o.as_value())
     assert four.blend.blocks == block_count(TINY)
     names = {"quadratic", "number", "enable", "valid", "block", "colour", "inside", "rest"}
-    assert names < set(four.signature.members) and "powers" not in four.signature.members
+    assert names < set(four.signature.members) and "log2_alphas" not in four.signature.members
 
 
 def test_unknown_names(capsys):
