@@ -146,20 +146,6 @@ def test_all_packages_are_installed():
     )
 
 
-def test_all_other_files_are_installed():
-    """C++, templates and the like lie in `sim` alone, and the wheel takes them by their names."""
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    found = {room: [] for room in ROOMS[:-1]}
-    for room, files in found.items():
-        for path in (ROOT / room).rglob("*"):
-            if path.is_file() and path.suffix not in (".py", ".pyc"):
-                files.append(path)
-    assert {path.suffix for path in found.pop("sim")} == {
-        pattern.removeprefix("**/*") for pattern in settings["package-data"]["splatcore.sim"]
-    }
-    assert not any(found.values())
-
-
 def test_spec_needs_only_numpy():
     for path in sources("spec"):
         used = {name.split(".")[0] for name in modules(tree(path))}
