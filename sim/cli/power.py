@@ -25,15 +25,7 @@ from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.path import check_fits
 from splatcore.sim.power.activity import SAMPLE_LENGTH, Counts, counts_of
-from splatcore.sim.power.estimate import (
-    FEMTO,
-    STAGES,
-    Estimate,
-    Logic,
-    estimate,
-    gates_of,
-    sum_of,
-)
+from splatcore.sim.power.estimate import FEMTO, Estimate, Logic, estimate, gates_of, sum_of
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.energy import Energy
 from splatcore.spec.error import InputError
@@ -112,11 +104,8 @@ def table(found: Estimate, fps: float, title: str) -> Table:
         made.add_column(heading, justify="right")
     for stage, logic in found.stages.items():
         made.add_row(stage, *_logic(logic, found.cycles, fps, *LOGIC.get(stage, (0, 0))))
-    memories = found.stage_memories
-    for stage in STAGES:
-        if stage not in memories:
-            continue
-        memory, (name, paper) = memories[stage], MEMORY_POWER.get(stage, ("", 0))
+    for stage, memory in found.stage_memories.items():
+        name, paper = MEMORY_POWER.get(stage, ("", 0))
         made.add_row(
             f"memories, {stage}" + (f"; paper: {name}" if name else ""), "", "", "", "",
             _milli(memory.access * fps + memory.leakage), _milli(paper), "", "",
@@ -127,9 +116,8 @@ def table(found: Estimate, fps: float, title: str) -> Table:
     made.add_row(
         "all", "", "", "", "", _milli(found.power(fps)), _milli(POWER), "", "", style="bold"
     )
-    made.add_row(
-        "DRAM, apart", "", "", "", "", _milli(sum(found.dram.values()) * fps), "", "", ""
-    )  # fmt: skip
+    dram = _milli(sum(found.dram.values()) * fps)
+    made.add_row("DRAM, apart", "", "", "", "", dram, "", "", "")
     return made
 
 
@@ -154,7 +142,7 @@ def implied(nand2: float, watts: float) -> float:
 
 
 def lines(found: Estimate, fps: float) -> list[str]:
-    """What the table does not say."""
+    """Lines below the table: energy of a frame, pixels a joule, what is left out."""
     dram = sum(found.dram.values())
     with_dram, chip = (found.pixels_per_joule(fps, k) / MEGA for k in (True, False))
     return [

@@ -52,8 +52,8 @@ PLACES = [(7, 0), (-7, 0)] + [
     for far in (5, 14, 24, 36)
     for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1.5), (0, -1.5))
 ]
-"""Where a name may stand, in points from its place; FAR: what a point of distance counts in square
-points of hidden things; LEADER: from where on a line leads to it."""
+"""Offsets of a name from its place, in points. FAR: square points of hidden things that weigh as
+much as a point of distance; LEADER: the distance from which a line leads to it."""
 
 FAR, LEADER = 1.2, 16
 

@@ -1,6 +1,5 @@
 """A report's tables, figures and texts, written as an HTML page, a JSON object and CSV tables."""
 
-import base64
 import csv
 import io
 from collections.abc import Callable, Sequence
@@ -162,11 +161,6 @@ class Part:
 def kind_of(item: Item) -> str:
     """An item's kind: table, figure, text or card."""
     return type(item).__name__.lower()
-
-
-def png_uri(data: bytes) -> str:
-    """A PNG as a data URI."""
-    return "data:image/png;base64," + base64.b64encode(data).decode()
 
 
 def html(parts: list[Part]) -> str:

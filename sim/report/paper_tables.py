@@ -1,5 +1,6 @@
 """The paper's tables with ours beside them: operations of stage 1, gates, memories."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -85,18 +86,12 @@ def own_row(facts: Facts, what: str, skip_zeros: bool) -> list:
     ]  # fmt: skip
 
 
-def stage_gates(facts: Facts) -> dict[str, float]:
-    """NAND2-equivalents by stage."""
-    found: dict[str, float] = {}
-    for part in facts["top"]["parts"].values():
-        found[part["stage"]] = found.get(part["stage"], 0) + part["nand2"]
-    return found
-
-
 def gates(results: Results) -> Iterator[Item]:
     """Gates of each stage and part."""
     facts = results.facts("synth")
-    top, stages = facts["top"], stage_gates(facts)
+    top, stages = facts["top"], Counter()
+    for part in top["parts"].values():
+        stages[part["stage"]] += part["nand2"]
     ratio = top["nand2"] / GATES_ALL
     yield Card(
         "How large", f"{top['nand2'] / THOUSAND:,.0f} k",

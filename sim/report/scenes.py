@@ -71,7 +71,7 @@ def name(row: Facts) -> str:
 
 
 def count_of(rows: Sequence[object]) -> str:
-    """How many views there are, in words."""
+    """The number of views, in words."""
     return f"{len(rows)} view" + "s" * (len(rows) != 1)
 
 

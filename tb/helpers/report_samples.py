@@ -40,7 +40,7 @@ def halves(frame: int) -> dict:
 
 
 def of_view(scene: str, camera: str, frame: int) -> dict:
-    """What rows of all campaigns have."""
+    """Keys that rows of all campaigns have."""
     return {
         "scene": scene, "camera": camera, "cycles": halves(frame),
         "fps_at_800mhz": CLOCK_HZ / frame, "psnr_db": 55.5, "ssim": 0.999, "max_error": 2 / 255,

@@ -129,7 +129,7 @@ def test_plots_can_be_read_in_print():
 
 @pytest.mark.slow
 def test_in_a_browser(whole):
-    """Where there is one: it draws the page, and finds nothing that is wider than the window."""
+    """A browser, if there is one, draws the page, and nothing in it is wider than the window."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         return  # the parser has checked what it can
@@ -145,6 +145,6 @@ def test_in_a_browser(whole):
 
 
 def test_templates_are_in_the_package():
-    """What the page is made of is named in pyproject.toml, else an installed one lacks it."""
+    """pyproject.toml names the page's sources, else an installed package lacks them."""
     text = (ROOT / "pyproject.toml").read_text()
     assert "*.jinja" in text and "*.css" in text and "jinja2" in text

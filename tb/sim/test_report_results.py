@@ -240,7 +240,7 @@ def test_make_report(tmp_path):
 
 
 def test_the_command_is_that_of_the_result(results):
-    """What is shown below a figure makes that figure, not what would be measured now."""
+    """The command below a figure makes that figure, not what would be measured now."""
     place = results / "results"
     found = Results(place)
     start, path = f"make RESULTS={place} ", place / "work" / "work.json"
