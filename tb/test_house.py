@@ -152,7 +152,7 @@ def test_all_other_files_are_installed():
     found = {room: [] for room in ROOMS[:-1]}
     for room, files in found.items():
         for path in (ROOT / room).rglob("*"):
-            if path.is_file() and path.suffix not in (".py", ".pyc"):
+            if path.is_file() and path.suffix != ".py" and path.parent.name != "__pycache__":
                 files.append(path)
     assert {path.suffix for path in found.pop("sim")} == {
         pattern.removeprefix("**/*") for pattern in settings["package-data"]["splatcore.sim"]
