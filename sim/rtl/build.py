@@ -13,7 +13,7 @@ KIND = "streams"
 """The folder of compiled simulations among what is kept."""
 
 CPP = Path(__file__).parent
-"""Where the C++ lies."""
+"""The folder of the C++."""
 
 ARGS = [
     "--cc", "--exe", "--build", "--build-jobs", "2", "-O3", "--x-assign", "fast", "-Wno-fatal",

@@ -48,7 +48,7 @@ class SimulationError(AssertionError):
 
 @dataclass(frozen=True)
 class Result:
-    """What a run has brought.
+    """Results of a run.
 
     outputs: rows by out stream. taken: how many rows of each in stream the component took.
     ports: values at the end of the outputs that are no streams. samples: of the ports asked for,
@@ -95,24 +95,12 @@ class Ports:
         return ports
 
 
-def run_streams(
-    component: wiring.Component,
-    inputs: Rows,
-    *,
-    constants: Mapping | None = None,
-    samples: Iterable[str] = (),
-    **options,
-) -> Result:
-    """Run a component on the rows of its in streams; what its out streams gave and why it ended.
+class Simulation:
+    """A compiled component; compiles it unless the same was compiled before.
 
     samples: outputs (Verilog names, those of streams too) whose value in every cycle is wanted.
-    For the others see `Simulation.run`. Compiles unless the same was compiled before.
+    source: Verilog to take instead of the component's own.
     """
-    return Simulation(component, samples).run(inputs, constants=constants, **options)
-
-
-class Simulation:
-    """A compiled component. source: Verilog to take instead of the component's own."""
 
     def __init__(
         self, component: wiring.Component, samples: Iterable[str] = (), source: str | None = None
@@ -181,7 +169,7 @@ class Simulation:
         return files
 
     def _result(self, folder: Path, report: list, files: Rows, expected, idle_max: int) -> Result:
-        """What the program left in its folder and said."""
+        """The result from the program's files and its output."""
         why, total, last, rule = report[:4]
         total, last = int(total), int(last)
 

@@ -10,7 +10,7 @@ from splatcore.golden.program import Values
 from splatcore.hdl.points.array import Array
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.microprogram import Program, program, projection
 from splatcore.spec.number import Bits
@@ -41,7 +41,7 @@ def run(steps: Program, values: Values, folder, simulator: str):
     np.save(folder / "outputs.npy", packed(steps.outputs, values, ITEMS))
     np.save(folder / "constants.npy", packed(steps.constants, values, 1))
     array = Array(DEFAULT, steps)
-    run_bench(
+    run_testbench(
         array, "tb.testbenches.array", simulator=simulator, folder=str(folder),
         interval=array.plan.interval,
     )  # fmt: skip

@@ -13,7 +13,7 @@ from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.list_writer import ListWriter as ListsHardware
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.eda.synth import DEPTH_MAX, gates
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.binning import bin_entry_record, burst_record, group_record, groups_max
 from splatcore.spec.config import DEFAULT, TINY, Config
@@ -260,7 +260,7 @@ def test_under_icarus(tmp_path):
     for kind, streams in (("in", rows_in(TINY, frames)), ("out", expected)):
         for name, rows in streams.items():
             np.save(tmp_path / f"{kind}_{name}.npy", rows)
-    run_bench(
+    run_testbench(
         BinFrames(TINY), "tb.testbenches.stage", simulator="icarus", folder=str(tmp_path),
         constants={"near_code": near_code(TINY)}, first=[],
     )  # fmt: skip

@@ -72,7 +72,7 @@ def test_fault_is_found(fault, monkeypatch):
         prove(PROOFS[name]())
     assert found.value.step is not None
     assert found.value.lines
-    assert all("formal_stream.py" in line for line in found.value.lines)
+    assert all("formal/stream.py" in line for line in found.value.lines)
 
 
 class Counter(wiring.Component):

@@ -7,7 +7,7 @@ import pytest
 
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.spec.config import DEFAULT
 from tb.helpers.point_rows import point_rows
 from tb.helpers.stage_cases import case, settled_outputs
@@ -26,7 +26,7 @@ def test_under_icarus(stage, tmp_path):
     for kind, streams in (("in", what.inputs), ("out", what.expected)):
         for name, rows in streams.items():
             np.save(tmp_path / f"{kind}_{name}.npy", rows)
-    run_bench(
+    run_testbench(
         what.component, "tb.testbenches.stage", simulator="icarus", folder=str(tmp_path),
         constants=what.constants, first=what.first,
     )  # fmt: skip

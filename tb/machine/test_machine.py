@@ -1,4 +1,4 @@
-"""The whole machine in simulation: every pixel and every count is the twin's."""
+"""The whole machine in simulation: every pixel and every count is the golden model's."""
 
 from dataclasses import replace
 
@@ -105,7 +105,7 @@ def test_square():
 
 
 def test_work_area():
-    """Features, lists and table in memory are the twin's."""
+    """Features, lists and table in memory are the golden model's."""
     job = Job(garden(TINY, 400), view())
     run = machine(TINY).run([job])
     frame = render(TINY, *job)

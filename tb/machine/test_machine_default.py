@@ -19,11 +19,11 @@ pytestmark = pytest.mark.slow
 SIZE = (480, 270)
 
 WITHIN = 0.05
-"""How far off the cycle model of a half may be, whichever half is alone at work."""
+"""Error that the cycle model of a half may have, whichever half is alone at work."""
 
 
 def run(model, camera, frames: int = 1):
-    """Frames of one camera, all of them the twin's."""
+    """Frames of one camera, all of them the golden model's."""
     job = Job(model, camera)
     found = machine(DEFAULT).run([job] * frames, LPDDR4)
     for number in range(frames):

@@ -30,7 +30,10 @@ from tb.planted.fault import Fault, draw
 from tb.planted.verdict import CAUGHT, NOT_BUILT
 
 HDL = ROOT / "hdl"
-MACHINE = "tb/machine -k 'garden and not default or sizes or no_scratch or long_list or test_fault'"
+MACHINE = (
+    "tb/machine/test_machine.py tb/machine/test_faults.py "
+    "-k 'garden or sizes or path or no_scratch or long_list or empty or first'"
+)
 STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
 
 JUDGES = {
@@ -120,7 +123,7 @@ def tested(folder: Path, tests: str, cache: Path, fault: Fault | None = None) ->
 
 
 def verdict(fault: Fault | None, tests: str, cache: Path) -> str:
-    """What tests say of a fault, or of hardware without one."""
+    """The verdict of tests on a fault, or of hardware without one."""
     with TemporaryDirectory() as folder:
         return VERDICTS[tested(Path(folder), tests, cache, fault)]
 
