@@ -1,4 +1,4 @@
-"""Views of a scene without photographs: where they stand, what they see, what is refused."""
+"""Views of a scene without photographs: their places, what they see, refused arguments."""
 
 from dataclasses import replace
 from functools import cache
@@ -25,7 +25,7 @@ def eyes(views) -> np.ndarray:
 
 
 def hits(scene: Gaussians, views) -> np.ndarray:
-    """How many of the views hold each Gaussian, [N]."""
+    """Number of the views that hold each Gaussian, [N]."""
     count = np.zeros(len(scene), int)
     for camera in views:
         count[project(scene, camera)[0].index] += 1
