@@ -16,10 +16,10 @@ TRIES = 8
 """Views that are tried for each that is wanted; those that lie farthest apart are taken."""
 
 UPRIGHT = 1e-3
-"""How much −y counts as up beside what the cameras say; it decides for one camera."""
+"""Weight of −y as up beside the cameras' own up; it decides for one camera."""
 
 NEAR_MIDDLE = 1e-4
-"""How much the middle counts beside what the cameras look at; it decides for one camera."""
+"""Weight of the middle beside the point that the cameras look at; it decides for one camera."""
 
 
 def orbiting_views(

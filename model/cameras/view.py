@@ -21,7 +21,7 @@ SHELL_RATIO = 4.0
 """Gaussians beyond this many median distances from the middle are sky or floaters."""
 
 ROUNDS = 10
-"""How often middle and median distance are taken again from what is left."""
+"""Most times that middle and median distance are taken again from the rest."""
 
 CORE = (8.0, 92.0)
 """Percentiles along x and z that bound the core of a scene."""
