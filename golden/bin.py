@@ -18,10 +18,8 @@ from splatcore.spec.group import (
 )
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
-
-Codes = dict[str, np.ndarray]
-
-CHANNELS = ("red", "green", "blue")
+from splatcore.spec.raster import COLOURS as CHANNELS
+from splatcore.spec.record import Codes
 
 
 @dataclass(frozen=True, eq=False)

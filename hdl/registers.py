@@ -5,13 +5,14 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.counters import counters_layout
 from splatcore.hdl.lib.record import ERROR as ERROR_EVENT
 from splatcore.hdl.lib.record import frame_layout
 from splatcore.hdl.memory.bus import axi_lite
 from splatcore.spec.axi import LITE_ADDRESS_BITS, LITE_DATA_BITS, OKAY, SLAVE_ERROR
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
-from splatcore.spec.counters import COUNTER_BITS, counters
+from splatcore.spec.counters import counters
 from splatcore.spec.registers import (
     ABORT,
     CODE_BITS,
@@ -36,16 +37,6 @@ ERROR = data.StructLayout({"code": CODE_BITS, "detail": DETAIL_BITS})
 """The value of the register ERROR."""
 
 
-def counters_layout(config: Config) -> data.StructLayout:
-    """All counters by stage and name."""
-    return data.StructLayout(
-        {
-            stage: data.StructLayout(dict.fromkeys(names, COUNTER_BITS))
-            for stage, names in counters(config).items()
-        }
-    )
-
-
 class Registers(wiring.Component):
     """Registers of the machine, read and written by the host.
 
@@ -65,7 +56,7 @@ class Registers(wiring.Component):
         status: the bits of STATUS.
         ready_event, frame_event: high for a cycle: bits of INTERRUPT.
         error: `valid` high for a cycle: code and detail go to ERROR unless there is one already.
-        started, finished, needed, counters: values of these registers (`counters_layout`).
+        started, finished, needed, counters: values of these registers; counters by stage and name.
 
     **Timing**: a write is done in the cycle after its address and data have come; a read is
     answered 2 cycles after its address; one of each every 2 cycles. No path from an input of the
@@ -76,6 +67,7 @@ class Registers(wiring.Component):
         self.config = config
         self.map: dict[int, Register] = register_map(config)
         self.address = {register.name: address for address, register in self.map.items()}
+        stages = {stage: counters_layout(names) for stage, names in counters(config).items()}
         super().__init__(
             {
                 "s_axi": In(axi_lite()),
@@ -91,7 +83,7 @@ class Registers(wiring.Component):
                 "started": In(self.map[self.address["STARTED"]].width),
                 "finished": In(self.map[self.address["FINISHED"]].width),
                 "needed": In(PAGE_BITS),
-                "counters": In(counters_layout(config)),
+                "counters": In(data.StructLayout(stages)),
             }
         )
         # A write that is being done: of which word, what, and whether it is taken.

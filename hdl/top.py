@@ -108,11 +108,14 @@ class Top(wiring.Component):
             self.interrupt.eq(registers.interrupt),
             frame.idle.eq(self.axi.idle),
             self.axi.failing.eq(frame.failing),
+            registers.ready_event.eq(frame.ready_event),
+            registers.frame_event.eq(frame.frame_event),
+            registers.error.eq(frame.error),
+            registers.started.eq(frame.started),
+            registers.finished.eq(frame.finished),
+            frame.read_error.eq(self.axi.read_error),
+            frame.write_error.eq(self.axi.write_error),
         ]
-        for name in ("ready_event", "frame_event", "error", "started", "finished"):
-            m.d.comb += getattr(registers, name).eq(getattr(frame, name))
-        for name in ("read_error", "write_error"):
-            m.d.comb += getattr(frame, name).eq(getattr(self.axi, name))
         for part in (self.preprocess, self.render):
             for stage in part.counters.shape().members:
                 m.d.comb += registers.counters[stage].eq(part.counters[stage])

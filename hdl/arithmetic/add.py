@@ -1,7 +1,5 @@
 """Addition of two floats."""
 
-from collections.abc import Mapping
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -34,8 +32,7 @@ class Add(wiring.Component):
             operand(format).exponents, format.fraction + 2 + BELOW, operand(format).special
         )
         self.zeros = self._zeros(format)
-        placed = isinstance(latency, Mapping)
-        self.registers = latency if placed else spread(latency, self.cuts(format))
+        self.registers = spread(latency, self.cuts(format))
         code = format.width
         super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
 

@@ -40,7 +40,7 @@ class Number(data.View):
     """A number in the layout `Unpacked`."""
 
     def __getattr__(self, name: str) -> Value | data.View:
-        """A field. A flag that is not there reads as zero, so that what depends on it vanishes."""
+        """A field. An absent flag reads as zero, so that what depends on it vanishes."""
         if name in FLAGS and not self.shape().special:
             return Const(0)
         return super().__getattr__(name)
@@ -101,8 +101,8 @@ class Unpack(wiring.Component):
 class Round(wiring.Component):
     """Normalises and rounds to nearest, ties to even; handles underflow and overflow; packs.
 
-    `layout` and `zeros` tell what can arrive, and only what that needs is built: a significand
-    with more than `zeros` leading zeros is zero, or so small that it need not be normalised.
+    `layout` and `zeros` say which numbers can arrive, and only logic for these is built: a
+    significand with more than `zeros` leading zeros is zero, or too small to be normalised.
 
     Members
         i: the number, with two bits of the significand before the binary point. The lowest bit

@@ -1,7 +1,5 @@
 """Multiplication of two floats."""
 
-from collections.abc import Mapping
-
 from amaranth.hdl import Cat, Const, Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -27,8 +25,7 @@ class Multiply(wiring.Component):
     def __init__(self, format: Float, latency: int | Registers):
         self.format = format
         self.zeros = self._zeros(format)
-        placed = isinstance(latency, Mapping)
-        self.registers = latency if placed else spread(latency, self.cuts(format))
+        self.registers = spread(latency, self.cuts(format))
         code = format.width
         super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
 

@@ -73,7 +73,7 @@ class Unpack(wiring.Component):
         return m
 
     def _normalised(self, significand: Value) -> tuple[Value, Value, Value]:
-        """Significand with its leading one on top, places shifted, and whether that failed.
+        """Significand with its leading one on top, places shifted, and a bit: this failed.
 
         It fails for a zero, or one so small that its result overflows like a zero's.
         """

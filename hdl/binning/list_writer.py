@@ -24,7 +24,7 @@ class State(enum.Enum):
 
     CLEAR = 0  # after reset: the table's rows become those of groups without entries
     TAKE = 1  # entries come
-    FLUSH = 2  # each group's last burst is written and its list told
+    FLUSH = 2  # each group's last burst and its list are given out
     DONE = 3  # all groups are through
 
 
@@ -40,12 +40,12 @@ class ListWriter(wiring.Component):
     Members
         i: stream of `bin_entry_record`.
         groups_count: groups of the image; pages: pages of list memory.
-        finish: no more entries come: all groups are flushed and told in order; the next frame
+        finish: no more entries come: all groups are flushed and given out in order; the next frame
             begins when it is low again.
         bursts: stream of `burst_record`; those that lie in pages beyond the last are left out.
         groups: stream of `group_record`.
         needed: pages taken so far in the frame, until the next one begins.
-        empty: no entry is inside. taking: entries are taken. done: all groups were told.
+        empty: no entry is inside. taking: entries are taken. done: all groups were given out.
 
     **Timing**: an entry a cycle whatever its group, latency 1; a group a cycle when flushed. After
     reset as many cycles as there are groups. An entry that follows another one of its group reads
@@ -128,8 +128,8 @@ class ListWriter(wiring.Component):
     def _memories(self, m: Module, asked: Value, ask: Value, group: Value):
         """The table and the write buffers, one memory for each slot of a buffer."""
         m.submodules.table = memory = Memory(shape=self.row, depth=self.count, init=[])
-        write_row, get = memory.write_port(), memory.read_port()
-        m.d.comb += [get.en.eq(ask), get.addr.eq(asked), write_row.addr.eq(group)]
+        write_row, read_row = memory.write_port(), memory.read_port()
+        m.d.comb += [read_row.en.eq(ask), read_row.addr.eq(asked), write_row.addr.eq(group)]
         buffers, write_entry = [], []
         for k in range(self.burst - 1):
             memory = Memory(shape=entry_record(self.config).width, depth=self.count, init=[])
@@ -138,7 +138,7 @@ class ListWriter(wiring.Component):
             m.d.comb += [found.en.eq(ask), found.addr.eq(asked), port.addr.eq(group)]
             buffers.append(found.data)
             write_entry.append(port)
-        return get.data, buffers, write_row, write_entry
+        return read_row.data, buffers, write_row, write_entry
 
     def _present(self, m: Module, table, buffers, held, free: Value, through: Value, take: Value):
         """The group's row and buffer, as the entry just before has left them."""
@@ -152,9 +152,7 @@ class ListWriter(wiring.Component):
             m.d.sync += same.eq(take & through & (held.group == self.i.payload.group))
         row = Signal(self.row)
         m.d.comb += row.eq(Mux(same, new, table))
-        slots = [
-            Mux(same & (slot == k), entry, found) for k, found in enumerate(buffers)
-        ]  # fmt: skip
+        slots = [Mux(same & (slot == k), entry, found) for k, found in enumerate(buffers)]
         return row, slots
 
     def _handle(

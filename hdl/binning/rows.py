@@ -57,6 +57,7 @@ class Rows(wiring.Component):
         self.config = config
         self.square = config.tile_test == "3sigma"
         self.latency = SQUARE_LATENCY if self.square else LATENCY
+        self.queue = Queue(columns_layout(config), ROWS_WAITING, memory=True)
         super().__init__(
             {
                 "i": In(stream.Signature(outline_layout(config))),
@@ -71,8 +72,7 @@ class Rows(wiring.Component):
         m = Module()
         held, full = Signal(outline_layout(self.config), reset_less=True), Signal()
         row, number = Signal.like(held.first), Signal(range(OUTLINES))
-        self.full = full
-        room = self._output(m)
+        room = self._output(m, full)
         last = row == held.last
         m.d.comb += [
             self.row.eq(full & room),
@@ -192,15 +192,13 @@ class Rows(wiring.Component):
         m.d.sync += valid.eq((valid << 1) | self.valid)
         m.d.comb += self.queue.i.valid.eq(valid[-1])
 
-    def _output(self, m: Module) -> Value:
+    def _output(self, m: Module, full: Value) -> Value:
         """The queue of rows; returns a bit that says that it will have room for one more."""
-        m.submodules.queue = self.queue = queue = Queue(
-            columns_layout(self.config), ROWS_WAITING, memory=True
-        )
-        connect(m, flipped(self).o, queue.o)
+        m.submodules.queue = self.queue
+        connect(m, flipped(self).o, self.queue.o)
         owed = Signal(range(ROWS_WAITING + 1))
         gone = self.o.valid & self.o.ready
         with m.If(self.row != gone):
             m.d.sync += owed.eq(Mux(gone, owed - 1, owed + 1))
-        m.d.comb += self.busy.eq((owed != 0) | self.full)
+        m.d.comb += self.busy.eq((owed != 0) | full)
         return owed != ROWS_WAITING

@@ -9,14 +9,18 @@ Registers = Mapping[str, int]
 """Number of registers at each named cut of a path."""
 
 
-def spread(latency: int, cuts: Mapping[str, int]) -> dict[str, int]:
+def spread(latency: int | Registers, cuts: Mapping[str, int]) -> Registers:
     """`latency` registers on a path, so that the longest stretch without one is the shortest.
+
+    Registers whose cuts are chosen already are returned as they are.
 
     `cuts` are the places where registers can stand, in the path's order, each named for what has
     been computed before it; with about how many gates deep the logic is between it and the cut
     before. The last is the output: it is where the only register stands at latency 1. More
     registers than cuts stand several to a cut, for a synthesis tool to move into the logic before.
     """
+    if isinstance(latency, Mapping):
+        return latency
     if latency < 0:
         raise ValueError(f"latency {latency} is negative")
     *inner, output = cuts

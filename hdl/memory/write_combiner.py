@@ -18,7 +18,7 @@ class WriteCombiner(wiring.Component):
 
     A slot is gathered with those before it if it is of their line and behind the last of them.
     The line goes out when its last slot has come, when a slot comes that cannot be gathered with
-    it, or when told to.
+    it, or when `flush` is high.
 
     Members
         i: stream of slots: address (in slots), data.
@@ -52,10 +52,8 @@ class WriteCombiner(wiring.Component):
             Signal(self.line_bits, name=name, reset_less=True) for name in ("line", "written")
         )
         first, second = Signal(), Signal()  # the beat that is offered
-        position, address = (
-            self.i.payload.slot[: -self.line_bits],
-            self.i.payload.slot[-self.line_bits :],
-        )
+        slot = self.i.payload.slot
+        position, address = slot[: -self.line_bits], slot[-self.line_bits :]
         # While the second beat is offered, its slots belong to the line before.
         of_line = Signal(SLOTS)
         behind, fits, room = Signal(), Signal(), Signal()

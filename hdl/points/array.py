@@ -138,9 +138,9 @@ class Array(wiring.Component):
         """Registers of the fields, for each from the round in which it enters to its last use."""
         self.field_at: dict[tuple[str, int], Value] = {}
         last_use = {name: self.plan.length for name in self.program.outputs}
-        for place in self.plan.places:
-            for name in place.step.operands:
-                last_use[name] = max(last_use.get(name, 0), place.time)
+        for slot in self.plan.places:
+            for name in slot.step.operands:
+                last_use[name] = max(last_use.get(name, 0), slot.time)
         for name, entry in self.entry.items():
             source = self.late[name] if entry else self.i.payload.fields[name]
             for number in range(entry, last_use[name] // self.plan.interval + 1):
@@ -195,25 +195,25 @@ class Array(wiring.Component):
     def _operands(self, m: Module):
         """The units' operands: one source for each phase."""
         operands: dict[tuple, dict[str, dict[int, Value]]] = {}
-        for place in self.plan.places:
-            key = (place.step.unit, place.number)
-            for port, source in self._sources(place).items():
+        for slot in self.plan.places:
+            key = (slot.step.unit, slot.number)
+            for port, source in self._sources(slot).items():
                 ports = operands.setdefault(key, {}).setdefault(port, {})
-                ports[place.time % self.plan.interval] = source
+                ports[slot.time % self.plan.interval] = source
         for key, ports in operands.items():
             for port, sources in ports.items():
                 m.d.comb += getattr(self.units[key], port).eq(select(self.phase, sources))
 
-    def _sources(self, place: Place) -> dict[str, Value]:
+    def _sources(self, slot: Place) -> dict[str, Value]:
         """A step's operands by port; an absent factor is 1, an absent summand a zero."""
-        step = place.step
-        a = self._source(step.a, place.time)
+        step = slot.step
+        a = self._source(step.a, slot.time)
         sources = {"a": a ^ (1 << (len(a) - 1)) if step.negate else a}
         if step.b:
-            sources["b"] = self._source(step.b, place.time)
+            sources["b"] = self._source(step.b, slot.time)
         if step.unit == "pe":
             sources.setdefault("b", self.one)
-            sources["c"] = self._source(step.c, place.time) if step.c else self.nothing
+            sources["c"] = self._source(step.c, slot.time) if step.c else self.nothing
         return sources
 
     def _source(self, name: str, time: int) -> Value:
@@ -222,8 +222,8 @@ class Array(wiring.Component):
             return self.known[name]
         if name in self.program.fields:
             return self.field_at[name, time // self.plan.interval]
-        place = next(place for place in self.plan.places if place.step.name == name)
-        if time == place.time + dict(self.plan.latencies)[place.step.unit]:
-            return self.units[place.step.unit, place.number].o
+        slot = next(slot for slot in self.plan.places if slot.step.name == name)
+        if time == slot.time + dict(self.plan.latencies)[slot.step.unit]:
+            return self.units[slot.step.unit, slot.number].o
         wait = next(w for w in self.plan.waits if w.value == name and w.begin < time <= w.end)
         return self.banks[wait.bank, wait.register]

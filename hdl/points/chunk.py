@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
 from splatcore.hdl.lib.record import layout, signed_shape
 from splatcore.hdl.points.array import Array, codes
@@ -73,22 +73,19 @@ class Chunk(wiring.Component):
         way = Signal(signed_shape(AWAY))
         step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
         converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
-        origin, camera, span = (
-            Signal(signed_shape(AWAY)),
-            Signal(signed_shape(AWAY)),
-            Signal(AWAY.width),
-        )
+        origin, eye = Signal(signed_shape(AWAY)), Signal(signed_shape(AWAY))
+        span = Signal(AWAY.width)
         with m.Switch(step):
             for k in range(2 * len(AXES)):
                 axis = k % len(AXES)
                 with m.Case(k):
                     m.d.comb += origin.eq(header.origin[axis].as_signed())
-                    m.d.comb += camera.eq(self.camera[axis])
+                    m.d.comb += eye.eq(self.camera[axis])
                     if k >= len(AXES):
                         # The largest offset with this extent is below the next one's smallest.
                         end = (header.extent[axis] + 1) << EXTENT_SHIFT
                         m.d.comb += span.eq(end << header.shift[axis])
-        m.d.sync += way.eq(origin + span - camera)
+        m.d.sync += way.eq(origin + span - eye)
         m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
         m.d.comb += convert.scale.eq(self.position_exponent)
         values = [
@@ -162,7 +159,6 @@ class Chunk(wiring.Component):
             pairs[f"{axis}_high"] = (high ^ (1 << (len(high) - 1)), far)
         holds = []
         for name, (less, more) in pairs.items():
-            m.submodules[f"compare_{name}"] = compare = Compare(self.config.arithmetic, 0)
-            m.d.comb += [compare.a.eq(less), compare.b.eq(more), compare.enable.eq(1)]
+            compare = compared(m, f"compare_{name}", self.config.arithmetic, less, more)
             holds.append(compare.less if name == "front" else compare.less | compare.equal)
         return Cat(holds).all()

@@ -4,7 +4,7 @@ from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.record import layout, signed_shape
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.position import AXES, BEAT, Position
@@ -47,7 +47,6 @@ class Cull(wiring.Component):
         carried = data.StructLayout({"place": PLACE_BITS, "last": 1})
         m.submodules.position = position = Position(self.config)
         m.submodules.array = array = Array(self.config, self.program, carried=carried)
-        m.submodules.compare = compare = Compare(self.config.arithmetic, 0)
 
         number, chunk = Signal(PLACE_BITS), self.chunks.payload
         last = number + 1 == chunk.count
@@ -75,12 +74,11 @@ class Cull(wiring.Component):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
 
         found, through = array.o.payload.outputs, array.o.payload.carried
+        depth = found.farthest if self.config.depth_interval else found.z
+        compare = compared(m, "compare", self.config.arithmetic, self.near_plane, depth)
         kept = Const(1, 1) if self.config.culling == "none" else compare.less
         passes = kept | through.last
         m.d.comb += [
-            compare.enable.eq(1),
-            compare.a.eq(self.near_plane),
-            compare.b.eq(found.farthest if self.config.depth_interval else found.z),
             self.o.valid.eq(array.o.valid & passes),
             array.o.ready.eq(self.o.ready | ~passes),
             self.o.payload.kept.eq(kept),

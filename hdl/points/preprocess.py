@@ -66,9 +66,9 @@ class Preprocess(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("model", "points", "bin", "binned"):
-            m.submodules[name] = getattr(self, name)
         model, points, bin = self.model, self.points, self.bin
+        m.submodules.model, m.submodules.points = model, points
+        m.submodules.bin, m.submodules.binned = bin, self.binned
         for number in range(len(READING)):
             connect(m, model.reads[number], flipped(self.reads[number]))
             connect(m, flipped(self.data[number]), model.data[number])
@@ -116,7 +116,9 @@ class Preprocess(wiring.Component):
             self.bin.height.eq(frame.height),
             self.bin.pages.eq(frame.lists_pages),
             self.binned.features_max.eq(frame.features_max),
-            *(getattr(self.binned, f"{part}_at").eq(self.area[part]) for part in WRITING),
+            self.binned.features_at.eq(self.area.features),
+            self.binned.lists_at.eq(self.area.lists),
+            self.binned.groups_at.eq(self.area.groups),
             self.counters.points.eq(points.counters),
             self.counters.bin.eq(self.bin.counters),
         ]

@@ -90,8 +90,10 @@ class Project(wiring.Component):
         m = Module()
         m.submodules.slots, m.submodules.codebook = self.slots, self.look_up
         m.submodules.array = self.array
-        for name in ("i", "chunks", "wanted", "attributes"):
-            connect(m, getattr(flipped(self), name), getattr(self.slots, name))
+        connect(m, flipped(self).i, self.slots.i)
+        connect(m, flipped(self).chunks, self.slots.chunks)
+        connect(m, flipped(self).wanted, self.slots.wanted)
+        connect(m, flipped(self).attributes, self.slots.attributes)
         if "write" in self.tables:
             connect(m, flipped(self).write, self.look_up.write)
         for name in self.tables:

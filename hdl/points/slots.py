@@ -63,7 +63,7 @@ class Slots(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         # Slots from `oldest` to `entering` are in the array, from there to `filled` complete, from
-        # there to `free` waiting. One bit more than a slot's number tells a full ring from none.
+        # there to `free` waiting. One more bit than a slot's number: a full ring is no empty one.
         count = range(2 * self.config.projection_slots)
         oldest, entering, filled, free = (
             Signal(count, name=name) for name in ("oldest", "entering", "filled", "free")

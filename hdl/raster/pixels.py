@@ -73,9 +73,9 @@ class Pixels(wiring.Component):
         self.tile = Signal(2 * self.side)
         self.pixel_row, self.beat = Signal(exact_log2(BLOCK)), Signal(2)
         first, within = self._position()
-        heads, present = self._heads(first)
+        heads, present, takes = self._heads(first)
         end = self._beats(m, heads, first)
-        self._control(m, first, within, present, end)
+        self._control(m, first, within, present, end, takes)
         return m
 
     def _position(self) -> tuple[Value, Value]:
@@ -86,12 +86,13 @@ class Pixels(wiring.Component):
         first = column << exact_log2(self.span)
         return first, Cat(0, 0, self.block_row, tile_row)
 
-    def _heads(self, first: Value) -> tuple[list[Value], Value]:
-        """The present row of the span's blocks, and a bit: all within the image are present."""
+    def _heads(self, first: Value) -> tuple[list[Value], Value, list[Value]]:
+        """The present row of the span's blocks; a bit: all within the image are present; and a bit
+        for each rasterizer: some of them are its own."""
         heads, present, empty = [], [], self.positions.payload.empty
         plain = self._plain()
         rows = [i.payload.pixels.as_value().word_select(self.pixel_row, ROW_BITS) for i in self.i]
-        self.takes = [Value.cast(0)] * self.config.rasterizers
+        takes = [Value.cast(0)] * self.config.rasterizers
         spans = BLOCKS // self.span
         for k in range(self.span):
             owners = [
@@ -105,8 +106,8 @@ class Pixels(wiring.Component):
             present.append(Array(self.i[who].valid for who in owners)[number] | ~inside | empty)
             for who in set(owners):
                 mine = Cat(number == n for n, other in enumerate(owners) if other == who).any()
-                self.takes[who] = self.takes[who] | (mine & inside & ~empty)
-        return heads, Cat(present).all()
+                takes[who] = takes[who] | (mine & inside & ~empty)
+        return heads, Cat(present).all(), takes
 
     def _plain(self) -> Value:
         """A row of a block of nothing but background."""
@@ -138,7 +139,9 @@ class Pixels(wiring.Component):
         ]
         return (behind - 1) >> BEAT_BITS
 
-    def _control(self, m: Module, first: Value, within: Value, present: Value, end: Value):
+    def _control(
+        self, m: Module, first: Value, within: Value, present: Value, end: Value, takes: list
+    ):
         """Group after group, tile after tile, span after span."""
         config, write = self.config, self.write.payload
         position = self.positions.payload.position
@@ -186,7 +189,7 @@ class Pixels(wiring.Component):
                             m.d.sync += self.pixel_row.eq(0)
                             m.d.comb += moves.eq(1)
                             m.d.comb += [
-                                i.ready.eq(take) for i, take in zip(self.i, self.takes, strict=True)
+                                i.ready.eq(take) for i, take in zip(self.i, takes, strict=True)
                             ]
                             m.next = "POSITION"
         with m.If(self.start):

@@ -1,10 +1,10 @@
 """Stage 3 connected: the sorted splats of each group to 8-bit pixels."""
 
 from amaranth.hdl import Cat, Module, Signal, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
 from splatcore.hdl.raster.expand import Expand
@@ -13,7 +13,7 @@ from splatcore.hdl.raster.prepare import Prepare
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec.config import Config
-from splatcore.spec.counters import COUNTER_BITS, RASTERIZER, raster
+from splatcore.spec.counters import RASTERIZER, raster
 from splatcore.spec.raster import (
     COLOURS,
     GROUP_BITS,
@@ -66,7 +66,7 @@ class Raster(wiring.Component):
                 "live": Out(config.group**2),
                 "o": pixels,
                 "clear": In(1),
-                "counters": Out(data.StructLayout(dict.fromkeys(counted(config), COUNTER_BITS))),
+                "counters": Out(counters_layout(counted(config))),
             }
         )
 
@@ -170,7 +170,6 @@ class Raster(wiring.Component):
         return live
 
     def _count(self, m: Module):
-        m.submodules.counters = counters = Counters(counted(self.config))
         o, i = self.expand.o, self.i
         arrives = self.pipe.o.valid & self.pipe.o.ready & ~self.marked.end
         events = {
@@ -182,5 +181,4 @@ class Raster(wiring.Component):
         }
         for number, part in enumerate(self.rasterizers):
             events |= {f"{name}{number}": getattr(part, name) for name in RASTERIZER}
-        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
-        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]
+        count_events(m, self, events)

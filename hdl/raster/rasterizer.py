@@ -80,10 +80,11 @@ class Rasterizer(wiring.Component):
         self.position = Signal(layout(position_record(self.config)))
         self.moves = Signal()  # blocks before the lanes move on
         self.on_the_way = Signal(1 + Evaluate.LATENCY)  # valid bits of the stages before the lanes
+        self.issued, self.tile = Signal(), Signal(range(self.tiles))  # a block, and its tile
+        self.chosen, self.final = Signal(len(self.own)), Signal()  # which one; at the group's end
+        self.room = Signal()  # in the queue of finished blocks
         self._begin(m)
-        self._issue(m)
-        self._lanes(m)
-        self._give(m)
+        self._lanes(m, self._issue(m))
         return m
 
     def _inside(self, number: Value, size: Value, step: int) -> Value:
@@ -114,7 +115,7 @@ class Rasterizer(wiring.Component):
         with m.Elif(self.blend.ended):
             m.d.sync += self.live.as_value().bit_select(self.blend.ended_block, 1).eq(0)
 
-    def _issue(self, m: Module):
+    def _issue(self, m: Module) -> Value:
         """The next block: of the pair at hand; or at the group's end one after the other, to be
         given out, after a first time in which the background, if any, is blended into them.
         """
@@ -122,11 +123,9 @@ class Rasterizer(wiring.Component):
         done, count = Signal(own), Signal(range(self.blocks))
         left, lowest_left = Signal(own), Signal(own)
         valid = self.started & self.pairs.o.valid
-        room = Signal()
-        self.issued, self.tile = Signal(), Signal(range(self.tiles))
-        self.chosen, self.final, giving = Signal(own), Signal(), Signal()
+        giving = Signal()
         last = count == self.blocks - 1
-        self.give = pair.end & (giving | ~self.background.as_value().any())
+        give = pair.end & (giving | ~self.background.as_value().any())
         bits = (own - 1).bit_length()
         counted = Cat((count[:bits] if bits else 0) == k for k in range(own))
         m.d.comb += [
@@ -135,9 +134,9 @@ class Rasterizer(wiring.Component):
             self.final.eq(pair.end),
             self.chosen.eq(Mux(pair.end, counted, lowest_left)),
             self.tile.eq(Mux(pair.end, count >> bits, pair.tile)),
-            self.issued.eq(valid & (~pair.end | room)),
+            self.issued.eq(valid & (~pair.end | self.room)),
             self.pairs.o.ready.eq(
-                self.moves & self.issued & Mux(pair.end, last & self.give, left == lowest_left)
+                self.moves & self.issued & Mux(pair.end, last & give, left == lowest_left)
             ),
             self.waited.eq(self.started & ~(valid & pair.end)),
         ]
@@ -145,20 +144,20 @@ class Rasterizer(wiring.Component):
             with m.If(pair.end):
                 m.d.sync += count.eq(Mux(last, 0, count + 1))
                 with m.If(last):
-                    m.d.sync += [giving.eq(~self.give), self.started.eq(~self.give)]
+                    m.d.sync += [giving.eq(~give), self.started.eq(~give)]
             with m.Elif(left == lowest_left):
                 m.d.sync += done.eq(0)
             with m.Else():
                 m.d.sync += done.eq(done | lowest_left)
-        self.room = room
+        return give
 
-    def _lanes(self, m: Module):
-        """From E around a tile to the lanes."""
+    def _lanes(self, m: Module, give: Value):
+        """From E around a tile to the lanes, and from these to the queue of finished blocks."""
         pair, evaluate, blend = self.pairs.o.payload, self.evaluate, self.blend
         cuts = ("issued", *(f"evaluate{k}" for k in range(evaluate.LATENCY)))
         pipeline = Pipeline(m, self.moves, dict.fromkeys(cuts, 1))
         quadratic, chosen, *rest = pipeline.cut(
-            "issued", pair.quadratic, self.chosen, self.tile, self.final, self.give,
+            "issued", pair.quadratic, self.chosen, self.tile, self.final, give,
             *(pair[name] for name in COLOURS),
         )  # fmt: skip
         m.d.comb += [
@@ -183,9 +182,9 @@ class Rasterizer(wiring.Component):
             self.moves.eq(~blend.valid | ~blend.busy),
             self.blended.eq(blend.valid & ~blend.busy & ~final),
         ]
-        self._edges(m, tile, chosen)
+        self._give(m, *self._edges(m, tile, chosen))
 
-    def _edges(self, m: Module, tile: Value, chosen: Value):
+    def _edges(self, m: Module, tile: Value, chosen: Value) -> tuple[Value, Value]:
         """A block's column and row in the image, and a bit for each of its pixels within."""
         side = self.config.group
         columns = Mux(chosen[0], self.own[0] % BLOCKS, 0)
@@ -197,20 +196,19 @@ class Rasterizer(wiring.Component):
         tile_column, tile_row = tile[:tile_bits], tile[tile_bits:]
         if side == 1:
             tile_column = tile_row = 0
-        self.column = (self.position.column * side + tile_column) * BLOCKS + columns
-        self.row = (self.position.row * side + tile_row) * BLOCKS + rows
-        across = [self.column * BLOCK + k < self.width for k in range(BLOCK)]
-        down = [self.row * BLOCK + k < self.height for k in range(BLOCK)]
+        column = (self.position.column * side + tile_column) * BLOCKS + columns
+        row = (self.position.row * side + tile_row) * BLOCKS + rows
+        across = [column * BLOCK + k < self.width for k in range(BLOCK)]
+        down = [row * BLOCK + k < self.height for k in range(BLOCK)]
         m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))
+        return column, row
 
-    def _give(self, m: Module):
+    def _give(self, m: Module, column: Value, row: Value):
         """Finished blocks, but those outside the image, wait in a queue for all of a group."""
         m.submodules.finished = queue = self.finished
         connect(m, queue.o, flipped(self).o)
-        record = self.o.payload
-        column, row, inside = self.column, self.row, self.blend.inside[0]
-        widths = len(record.column), len(record.row)
-        block = Cat(column[: widths[0]], row[: widths[1]], inside)
+        widths = len(self.o.payload.column), len(self.o.payload.row)
+        block = Cat(column[: widths[0]], row[: widths[1]], self.blend.inside[0])
         for k in range(self.blend.LATENCY):
             register = Signal(len(block), name=f"block_{k}", reset_less=True)
             m.d.sync += register.eq(block)

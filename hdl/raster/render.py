@@ -81,14 +81,15 @@ class Render(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("groups", "lists", "sort", "scratch", "features", "raster", "pixels"):
-            m.submodules[name] = getattr(self, name)
-        for number, name in enumerate(READING):
-            connect(m, getattr(self, name).reads, flipped(self.reads[number]))
-            connect(m, flipped(self.data[number]), getattr(self, name).data)
-        for number, name in enumerate(WRITING):
-            connect(m, getattr(self, name).writes, flipped(self.writes[number]))
         groups, sort, raster = self.groups, self.sort, self.raster
+        m.submodules.groups, m.submodules.lists, m.submodules.sort = groups, self.lists, sort
+        m.submodules.scratch, m.submodules.features = self.scratch, self.features
+        m.submodules.raster, m.submodules.pixels = raster, self.pixels
+        for number, part in enumerate((groups, self.lists, self.scratch, self.features)):
+            connect(m, part.reads, flipped(self.reads[number]))
+            connect(m, flipped(self.data[number]), part.data)
+        for number, part in enumerate((self.scratch, self.pixels)):
+            connect(m, part.writes, flipped(self.writes[number]))
         for source, target in (
             (groups.counts, sort.groups),
             (groups.lists, self.lists.i),

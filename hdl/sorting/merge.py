@@ -18,7 +18,7 @@ class Merge(wiring.Component):
     Two entries of each run are held: the head and the one behind it, so that the time that the
     memory takes to bring one more passes unseen. Heads are compared two by two: a tree of
     comparators, cut in the middle by registers. (OR-trees pay for many entries that are loaded
-    once; here are few, and a new one in every round.)
+    once; this has few, and a new one in every round.)
 
     Members
         begin: `runs` is the set of runs to be merged, none of them empty; their first entries are

@@ -4,14 +4,14 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.refill import Refill
 from splatcore.hdl.sorting.runs import HALVES, Half, Runs, slot_layout
 from splatcore.spec.config import Config
-from splatcore.spec.counters import COUNTER_BITS, SORT
+from splatcore.spec.counters import SORT
 from splatcore.spec.group import COUNT_BITS, entry_record, sorted_record
 from splatcore.spec.sort import (
     count_record,
@@ -61,7 +61,7 @@ class Sort(wiring.Component):
                 "stop": In(1),
                 "o": Out(stream.Signature(layout(sorted_record(config)))),
                 "clear": In(1),
-                "counters": Out(data.StructLayout(dict.fromkeys(COUNTED, COUNTER_BITS))),
+                "counters": Out(counters_layout(COUNTED)),
             }
         )
         given = data.StructLayout({"entry": entry, "spill": 1, "end": 1})
@@ -78,8 +78,8 @@ class Sort(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("runs", "merge", "refill", "given"):
-            m.submodules[name] = getattr(self, name)
+        m.submodules.runs, m.submodules.merge = self.runs, self.merge
+        m.submodules.refill, m.submodules.given = self.refill, self.given
         connect(m, flipped(self).groups, self.runs.groups)
         connect(m, flipped(self).entries, self.runs.entries)
         connect(m, flipped(self).wanted, self.refill.wanted)
@@ -254,7 +254,6 @@ class Sort(wiring.Component):
         return again, final
 
     def _count(self, m: Module):
-        m.submodules.counters = counters = Counters(COUNTED)
         o = self.o
         events = {
             "entries": self.entries.valid & self.entries.ready,
@@ -263,5 +262,4 @@ class Sort(wiring.Component):
             "starved": self.merge.starved,
             "blocked": self.merge.blocked,
         }
-        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
-        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]
+        count_events(m, self, events)

@@ -1,7 +1,7 @@
 """A sub-sorter: sorts a batch of entries by their keys, without comparing any two of them.
 
 Keys are looked at digit by digit, most significant first. For every value of a digit an OR-tree
-over all entries tells whether a candidate has it; a candidate stays if none has a smaller one.
+over all entries finds out if a candidate has it; a candidate stays if none has a smaller one.
 """
 
 from collections.abc import Callable, Sequence
@@ -172,7 +172,7 @@ class SubSorter(wiring.Component):
                     values = [key[low : low + width] for key in self.keys]
                     candidates = smallest(m, candidates, values, f"digit{low}")
             found.append(candidates)
-        # Whether there is an entry, and whether there is one more.
+        # Pairs: an entry is in the set, and one more is.
         pairs = [(bit, Const(0, 1)) for bit in self.sets[-1]]
         _, more = tree(lambda a, b: (a[0] | b[0], a[1] | b[1] | (a[0] & b[0])), pairs)
         m.d.sync += self.single.eq(~more)

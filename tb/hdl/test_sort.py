@@ -228,12 +228,7 @@ def test_stop(counts, stall):
 FAULTS = {
     "a later run wins a tie": (Merge, "_compare", "second.gone) < Cat", "second.gone) <= Cat"),
     "heads are not waited for": (Merge, "elaborate", "(~self.live | self.present).all() & ", ""),
-    "what is found is lost": (
-        Merge,
-        "_advance",
-        "present.eq(waits | arrives)",
-        "present.eq(waits)",
-    ),
+    "what is found is lost": (Merge, "_advance", "waits | arrives", "waits"),
     "a place is read early": (Merge, "_fetch", "self.waits & left", "self.waits"),
     "a job too long": (Runs, "_cut", "count > half", "count >= half"),
     "a run in the wrong half": (Runs, "_write", "(halves[k] == number)", "(halves[0] == number)"),
