@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out
 from numba import njit
 
 from splatcore.golden.bin import Binned, Codes, bin_splats
@@ -18,16 +18,16 @@ from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
-from splatcore.spec.counters import COUNTER_BITS
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import SPLAT_BITS, entry_record, feature_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Record
+from tb.helpers.forward import counters, forward
 
-SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19)
-"""A machine whose keys do not reach all depths."""
+SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19, group=1)
+"""A machine whose keys do not reach all depths, and whose groups are single tiles."""
 
 SQUARE = replace(TINY, name="SQUARE", tile_test="3sigma")
 
@@ -48,7 +48,7 @@ def frame_record() -> Record:
 
 
 def report_record() -> Record:
-    """What is known when a frame is done."""
+    """The report when a frame is done."""
     return Record("report", {"needed": Bits(PAGE_BITS)})
 
 
@@ -79,8 +79,7 @@ class BinFrames(wiring.Component):
         taken, released = Signal(SPLAT_BITS), Signal()
         settled = Signal(SETTLING)
         frame, more = self.frames.payload, Signal()
-        for name in ("features", "bursts", "groups"):
-            connect(m, getattr(flipped(self), name), getattr(inner, name))
+        forward(m, self, inner, ("features", "bursts", "groups", "near_code", "counters"))
         for name in ("width", "height", "pages"):
             m.d.comb += getattr(inner, name).eq(frame[name])
         m.d.comb += [
@@ -88,8 +87,6 @@ class BinFrames(wiring.Component):
             inner.i.payload.eq(self.i.payload),
             inner.i.valid.eq(self.i.valid & more),
             self.i.ready.eq(inner.i.ready & more),
-            inner.near_code.eq(self.near_code),
-            self.counters.eq(inner.counters),
             self.room.eq(inner.outline.room),
             self.finishing.eq(inner.finish),
             inner.finish.eq(settled[-1] & ~more & ~released),
@@ -118,10 +115,6 @@ class Frame:
 
     def __len__(self) -> int:
         return len(self.splats["u"])
-
-    def twin(self, config: Config, near_code: int) -> Binned:
-        """What becomes of it."""
-        return bin_splats(config, near_code, self.splats, self.width, self.height, self.pages)
 
 
 def rows_in(config: Config, frames: list[Frame]) -> dict[str, np.ndarray]:
@@ -152,8 +145,9 @@ def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
 
 
 def bin_frame(config: Config, frame: Frame) -> Binned:
-    """The twin's result."""
-    return frame.twin(config, near_code(config))
+    """The golden result."""
+    near = near_code(config)
+    return bin_splats(config, near, frame.splats, frame.width, frame.height, frame.pages)
 
 
 def near_code(config: Config) -> int:
@@ -168,7 +162,7 @@ def simulation(name: str) -> Simulation:
 
 
 def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
-    """Every bit of every stream, and the counters; the run and what the twin says."""
+    """Every bit of every stream, and the counters; the run and the golden results."""
     config = MACHINES[name]
     results = [bin_frame(config, frame) for frame in frames]
     expected = rows_out(config, results)
@@ -182,10 +176,7 @@ def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
         assert len(found) == len(rows), f"{port}: {len(found)} rows, not {len(rows)}"
         wrong = np.flatnonzero((found != rows).any(axis=1))
         assert not len(wrong), f"{port}: {len(wrong)} differ, first {wrong[0]}"
-    bits = run.ports["counters"]
-    counted = {
-        event: bits >> k * COUNTER_BITS & (1 << COUNTER_BITS) - 1 for k, event in enumerate(COUNTED)
-    }
+    counted = counters(COUNTED, run.ports["counters"])
     blocked = counted.pop("blocked")
     assert not blocked if stall == 0 else blocked < run.cycles
     assert counted == {
@@ -238,7 +229,7 @@ class Ellipses:
 
     @classmethod
     def of(cls, config: Config, splats: Codes) -> "Ellipses":
-        """What the splats' own codes say, in float64."""
+        """Those of the splats' own codes, in float64."""
         pixel = 2.0**config.screen_exponent
         value = {name: config.arithmetic.decode(code) for name, code in splats.items()}
         across = value["power_across"] / POWER_SCALE / pixel**2
