@@ -84,7 +84,7 @@ def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], lis
     start. Wherever an input should not matter it is random.
     """
     rng = np.random.default_rng(7)
-    widths = {name: len(getattr(ports, name)) for name in vectors.ports(ports)[0]}
+    widths = vectors.input_widths(ports)
     rows, starts, begin = {name: [] for name in widths}, [], 0
     for frame in frames:
         model, layout = frame.model, frame.model.layout

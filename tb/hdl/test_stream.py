@@ -5,7 +5,7 @@ import gc
 import pytest
 
 from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 from tb.helpers.icarus import needs_icarus
 from tb.helpers.parts import Beside, Piped
 
@@ -38,7 +38,7 @@ PROMISES = {name: promise for name, (_, promise) in PARTS.items()}
 
 def run(simulator: str, promises: dict, few: bool):
     beside = Beside({name: component for name, (component, _) in PARTS.items()})
-    run_bench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
+    run_testbench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
 
 
 @pytest.mark.slow

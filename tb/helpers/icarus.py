@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from amaranth.lib import wiring
 
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 
 Rows = dict[str, np.ndarray]
 
@@ -30,7 +30,7 @@ def check_under_icarus(
     for kind, streams in (("in", inputs), ("out", expected)):
         for name, rows in streams.items():
             np.save(folder / f"{kind}_{name}.npy", rows)
-    run_bench(
+    run_testbench(
         component, "tb.testbenches.stage", simulator="icarus", folder=str(folder),
         constants=constants, first=list(first),
     )  # fmt: skip

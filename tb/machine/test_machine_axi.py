@@ -3,7 +3,7 @@
 import pytest
 
 from splatcore.hdl.top import Top
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.spec.config import TINY
 
 
@@ -12,4 +12,4 @@ from splatcore.spec.config import TINY
     "pattern", ["never", "bursts", pytest.param("at_random", marks=pytest.mark.verify)]
 )
 def test_frames(pattern):
-    run_bench(Top(TINY), "tb.testbenches.machine", pattern=pattern)
+    run_testbench(Top(TINY), "tb.testbenches.machine", pattern=pattern)
