@@ -7,11 +7,10 @@ import numpy as np
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
-from numba import njit
 
 from splatcore.golden.bin import Binned, Codes, bin_splats
 from splatcore.golden.lists import Lists
-from splatcore.golden.reference_tiles import smallest_q
+from splatcore.golden.reference_tiles import bin_splats as touched
 from splatcore.hdl.binning.bin import COUNTED, Bin
 from splatcore.hdl.lib.record import layout
 from splatcore.sim.rtl.streams import Result, Simulation
@@ -239,14 +238,26 @@ class Ellipses:
         reach = -2 * np.log(ALPHA_MIN) - 2 * np.log(2) * OPACITY.step * value["attenuation"]
         return cls(centre, conic, reach)
 
-    def boxes(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-        """First and last columns and rows of tiles [N, 2] that may be touched, and one more."""
+    def boxes(self, width: int, height: int) -> np.ndarray:
+        """First and last columns, first and last rows of tiles [N, 4] that may be touched, and one
+        more on each side.
+        """
         a, b, c = self.conic.T
         half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
         last = np.array([width - 1, height - 1]) // TILE
         low = np.clip((self.centre - half) // TILE - 1, 0, last + 1)
         high = np.clip((self.centre + half) // TILE + 1, -1, last)
-        return low.astype(np.int64), high.astype(np.int64)
+        return np.stack([low, high], axis=2).reshape(-1, 4).astype(np.int64)
+
+
+def found_tiles(config: Config, frame: Frame, found: Binned) -> tuple[np.ndarray, ...]:
+    """Splat (its number in the frame), row and column of each pair that binning has, [N] each."""
+    side, columns = config.group, -(-frame.width // (TILE * config.group))
+    mask = found.entries["mask"].astype(np.int64)
+    entry, place = np.nonzero(mask[:, None] >> np.arange(side * side) & 1)
+    row, column = np.divmod(found.group[entry], columns)
+    splat = found.kept[found.entries["splat"][entry].astype(np.int64)]
+    return splat, row * side + place // side, column * side + place % side
 
 
 def compare_tiles(
@@ -260,51 +271,20 @@ def compare_tiles(
     """
     ellipses = ellipses or Ellipses.of(config, frame.splats)
     splats = np.arange(len(frame)) if splats is None else splats
-    owner = found.kept[found.entries["splat"].astype(np.int64)]
-    entries = np.stack([np.searchsorted(owner, splats + k) for k in (0, 1)], axis=1)
-    low, high = ellipses.boxes(frame.width, frame.height)
-    columns, rows = -(-frame.width // TILE), -(-frame.height // TILE)
-    return _compare(
-        ellipses.centre, ellipses.conic, ellipses.reach, low, high, frame.width, frame.height,
-        entries, found.group, found.entries["mask"].astype(np.int64), config.group, columns,
-        np.zeros(rows * columns, np.bool_),
+    width, height = frame.width, frame.height
+    exact = touched(
+        ellipses.centre, ellipses.conic, ellipses.reach, ellipses.boxes(width, height),
+        width, height, exact=True,
     )  # fmt: skip
+    columns = -(-width // TILE)
+    tile = np.repeat(np.arange(len(exact.start) - 1), np.diff(exact.start))
+    splat, row, column = found_tiles(config, frame, found)
+    assert (column < columns).all()
+    tiles = len(exact.start) - 1
+    there = np.isin(splats[exact.splat] * tiles + tile, splat * tiles + row * columns + column)
+    return len(tile), int((~there).sum())
 
 
 def pairs(found: Binned) -> int:
     """Pairs of splats and tiles that binning has."""
     return int(np.bitwise_count(found.entries["mask"]).sum())
-
-
-@njit(cache=True)
-def _compare(
-    centre, conic, reach, low, high, width, height, entries, group, mask, side, columns, tiles
-):  # fmt: skip
-    """Exact pairs and missing ones; entries[n] says where those of ellipse n begin and end."""
-    exact = missing = 0
-    for n in range(len(centre)):
-        for set_to in (True, False):
-            _mark(tiles, entries[n], group, mask, side, columns, set_to)
-            if not set_to:
-                break
-            for row in range(low[n, 1], high[n, 1] + 1):
-                y0 = row * TILE - centre[n, 1]
-                y1 = min(row * TILE + TILE, height) - 1 - centre[n, 1]
-                for column in range(low[n, 0], high[n, 0] + 1):
-                    x0 = column * TILE - centre[n, 0]
-                    x1 = min(column * TILE + TILE, width) - 1 - centre[n, 0]
-                    if smallest_q(conic[n], x0, x1, y0, y1) <= reach[n]:
-                        exact += 1
-                        missing += not tiles[row * columns + column]
-    return exact, missing
-
-
-@njit(cache=True)
-def _mark(tiles, entries, group, mask, side, columns, value):
-    """Set the tiles of a splat's entries."""
-    across = -(-columns // side)
-    for entry in range(entries[0], entries[1]):
-        row, column = group[entry] // across * side, group[entry] % across * side
-        for k in range(side * side):
-            if mask[entry] >> k & 1:
-                tiles[(row + k // side) * columns + column + k % side] = value
