@@ -1,4 +1,4 @@
-"""A row's end against its twin, unit for unit: tiles alone hardly tell one unit from the next."""
+"""A row's end against its golden model, in units: tiles hardly tell one unit from the next."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def bands(count: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_row_end_equals_twin():
+def test_row_end_equals_golden():
     count, margin, out = 20_000, lean_margin(TINY), outward(TINY)
     given, row_end = bands(count), RowEnd(TINY)
     edges = (given["low"] - margin == given["lean"], given["high"] + margin == given["lean"])

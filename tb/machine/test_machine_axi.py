@@ -8,6 +8,8 @@ from splatcore.spec.config import TINY
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pattern", ["never", "at_random", "bursts"])
+@pytest.mark.parametrize(
+    "pattern", ["never", "bursts", pytest.param("at_random", marks=pytest.mark.verify)]
+)
 def test_frames(pattern):
     run_testbench(Top(TINY), "tb.testbenches.machine", pattern=pattern)
