@@ -7,11 +7,12 @@ SPLATCORE := $(BIN)/splatcore
 SIZE ?= 640x360
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-compress check clean
+.PHONY: help install demo test verify test-compress check clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
-	@echo "make test   install, then run every test"
+	@echo "make test   install, then run all tests but those of make verify"
+	@echo "make verify  the tests that take minutes each: synthesis and lint at full size"
 	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
 	@echo "make check  lint, the import rule and the quick tests: two minutes"
 	@echo "make clean  remove what the others made"
@@ -39,7 +40,10 @@ demo: install
 test: install demo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile  # a thread for each process
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not verify"  # a thread for each process
+
+verify: install
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m verify
 
 test-compress: .venv/compress
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m compress
@@ -51,7 +55,7 @@ test-compress: .venv/compress
 check: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest -m "not slow and not scenes"
+	$(BIN)/python -m pytest -m "not slow and not scenes and not verify"
 
 clean:
 	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore.h
