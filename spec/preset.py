@@ -126,7 +126,7 @@ def _check_name(path: str | Path, name: str):
 
 
 def _value(hint, value, where: str):
-    """What TOML has, as what a field wants; InputError, naming the field, for anything else."""
+    """A value of TOML as a field of that type; InputError, naming the field, for anything else."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Literal:
         if not isinstance(value, str) or value not in arguments:

@@ -163,7 +163,7 @@ def colours(config: Config) -> dict[str, Fixed]:
 
 
 def featured_record(config: Config) -> Record:
-    """What comes to stage 3: a splat and the tiles of the group that it reaches; or (end 1) the end
+    """The input of stage 3: a splat and the tiles of the group that it reaches; or (end 1) the end
     of the group.
     """
     mask = Bits(config.group**2)

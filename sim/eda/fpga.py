@@ -51,7 +51,7 @@ KINDS = {
     "multipliers": "MULT18X18D",
     "block_rams": "DP16KD",
 }
-"""What a device has, by nextpnr's names. A LUT that is a carry or distributed RAM is one, too."""
+"""Cells of a device, by nextpnr's names. A LUT that is a carry or distributed RAM is one, too."""
 
 USED = re.compile(r"^Info:\s+(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", re.M)
 
@@ -80,7 +80,7 @@ class Placed:
 
 
 def used(log: str) -> dict[str, tuple[int, int]]:
-    """What nextpnr's log says of each kind of cell: how many are used, and how many there are."""
+    """Cells of each kind by nextpnr's log: how many are used, and how many there are."""
     return {name: (int(used), int(there)) for name, used, there in USED.findall(log)}
 
 
@@ -99,7 +99,7 @@ def why_not(log: str) -> str:
 
 
 def from_report(report: dict, wrap: Wrap) -> Placed:
-    """What nextpnr's report says of a part."""
+    """A part by nextpnr's report."""
     taken = {
         name: report["utilization"].get(kind, {"used": 0})["used"] for name, kind in KINDS.items()
     }

@@ -1,4 +1,4 @@
-"""What is around a part that is placed on an FPGA on its own; a rasterizer's lanes as a part."""
+"""Registers around a part that is placed on an FPGA on its own; a rasterizer's lanes as a part."""
 
 from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import wiring

@@ -14,11 +14,10 @@ from typing import NamedTuple
 from amaranth.back import rtlil
 
 from splatcore.hdl.top import Top
-from splatcore.sim.common.cache import kept_json
 from splatcore.sim.eda.check import CHECK, faults_found
-from splatcore.sim.eda.hierarchy import Hierarchy, Instance, Piece
-from splatcore.sim.eda.macros import Macros, box
-from splatcore.sim.eda.synth import SCRIPT, YOSYS, mapped, sources, yosys
+from splatcore.sim.eda.hierarchy import Hierarchy, Instance
+from splatcore.sim.eda.macros import Macros, memory_name
+from splatcore.sim.eda.synth import Netlist
 from splatcore.spec.config import Config
 
 
@@ -93,7 +92,7 @@ def part_of(path: str) -> Part | None:
     return next((part for part in PARTS if re.fullmatch(part.path, path)), None)
 
 
-def pieces(hierarchy: Hierarchy) -> list[tuple[Part, Piece]]:
+def pieces(hierarchy: Hierarchy) -> list[tuple[Part, Netlist]]:
     """Each instance of each part, cut out."""
     places: dict[Part, list[Instance]] = {part: [] for part in PARTS}
     for instance in hierarchy.instances():
@@ -102,15 +101,9 @@ def pieces(hierarchy: Hierarchy) -> list[tuple[Part, Piece]]:
     return [(part, hierarchy.piece(root, part_of)) for part in PARTS for root in places[part]]
 
 
-def whole(hierarchy: Hierarchy) -> Piece:
+def whole(hierarchy: Hierarchy) -> Netlist:
     """All of it."""
     return hierarchy.piece(Instance("", hierarchy.top), lambda _: None)
-
-
-def boxes(memories: tuple[str, ...]) -> str:
-    """Verilog of black boxes for memories by their names."""
-    sizes = {tuple(map(int, re.findall(r"\d+", name)[-2:])) for name in memories}
-    return "".join(box(*size) for size in sorted(sizes))
 
 
 READ = """
@@ -128,33 +121,22 @@ tee -o count.stat stat -width
 """
 
 
-def flip_flops_before(stat: str) -> int:
+def flip_flops_before(piece: Netlist) -> int:
     """Bits of registers and of memories that are read in the same cycle, as they are described."""
-    cells = re.findall(r"^\s*(\d+)\s+(?:\S+\s+)?\$\w*dff\w*_(\d+)\s*$", stat, re.M)
+    return piece.run(READ + COUNT, _count)
+
+
+def _count(files: dict[str, str]) -> int:
+    cells = re.findall(r"^\s*(\d+)\s+(?:\S+\s+)?\$\w*dff\w*_(\d+)\s*$", files["count.stat"], re.M)
     return sum(int(n) * int(width) for n, width in cells)
 
 
-def synthesised(piece: Piece) -> dict[str, float]:
-    """Gates and flip-flops of a piece."""
-
-    def compute() -> dict[str, float]:
-        before = flip_flops_before(yosys(READ + COUNT, files)["count.stat"])
-        return mapped(files) | {"flip_flops_before": before}
-
-    files = sources(piece.text, boxes(piece.memories))
-    return kept_json("synth", (YOSYS, SCRIPT, READ, COUNT, files), compute)
-
-
-def examined(whole: Piece) -> dict[str, int | list[str]]:
+def examined(whole: Netlist) -> dict[str, int | list[str]]:
     """Flip-flops of a whole netlist, and its faults."""
-
-    def compute() -> dict[str, int | list[str]]:
-        found = yosys(READ + CHECK + COUNT, files)
-        before = flip_flops_before(found["count.stat"])
-        return {"flip_flops_before": before, "faults": faults_found(found)}
-
-    files = sources(whole.text, boxes(whole.memories))
-    return kept_json("synth", (YOSYS, READ, CHECK, COUNT, files), compute)
+    return whole.run(
+        READ + CHECK + COUNT,
+        lambda files: {"flip_flops_before": _count(files), "faults": faults_found(files)},
+    )
 
 
 def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
@@ -163,10 +145,10 @@ def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
     found: dict[Part, list[dict[str, float]]] = {part: [] for part, _ in work}
     for done, (part, piece) in enumerate(work):
         advance(done, len(work), f"synthesising {part.name}")
-        found[part].append(synthesised(piece))
+        found[part].append(piece.gates() | {"flip_flops_before": flip_flops_before(piece)})
     memories: dict[Part, list[str]] = {part: [] for part in found}
     for part, piece in work:
-        memories[part] += piece.memories
+        memories[part] += (memory_name(*size) for size in piece.memories)
     return [
         Size(part, len(all), **_together(all), memories=tuple(memories[part]))
         for part, all in found.items()

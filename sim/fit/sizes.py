@@ -76,7 +76,7 @@ class Speed:
         return view, times[view]
 
     def fits(self, config: Config, half: str, most: int) -> bool:
-        """Whether all views are done in time; the one that failed last is asked first."""
+        """True if all views are done in time; the one that failed last is asked first."""
         if not _buildable(config):
             return False
         for view in list(self.frames):
@@ -136,7 +136,7 @@ def points(config: Config) -> list[Config]:
 
 @cache
 def _buildable(config: Config) -> bool:
-    """Whether the schedule suits the codebook: it does not with very few PEs."""
+    """True if the schedule suits the codebook: it does not with very few PEs."""
     try:
         Project(config)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What `splatcore fit` fits a machine to: a packed model seen by some cameras."""
+"""Views that `splatcore fit` fits a machine to: a packed model seen by some cameras."""
 
 import os
 from collections.abc import Callable
@@ -47,7 +47,7 @@ def open_cameras(
 class View:
     """A model as a camera sees it, by a name of its own.
 
-    exact: the reference's picture [H, W, 3], 0 … 1. base: a frame of the twins, from which those of
+    exact: the reference's picture [H, W, 3], 0 … 1. base: a golden frame, from which those of
     machines follow that are another one in stage 3 only.
     """
 
@@ -66,12 +66,12 @@ class View:
         return View(self.name, self.model, self.camera.resized(width, height))
 
     def frame(self, config: Config) -> Frame:
-        """The twins' frame, without the points' numbers: what is left tells how much work it is."""
+        """The golden frame, without the points' numbers: what is left tells how much work it is."""
         found = render(config, self.model, self.camera)
         return replace(found, points=replace(found.points, projected={}))
 
     def pixels(self, config: Config) -> np.ndarray:
-        """The twins' picture [H, W, 3]."""
+        """The golden model's picture [H, W, 3]."""
         if self.base is None:
             self.base = config, self.frame(config)
         known, frame = self.base

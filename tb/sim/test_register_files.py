@@ -104,7 +104,7 @@ def test_page(files):
 
 
 def run(config, folder: Path, name: str, main: str, *, status: int = 0) -> list[tuple[int, ...]]:
-    """What a C program prints: lines of whole numbers."""
+    """Lines of whole numbers that a C program prints."""
     (folder / f"{name}.c").write_text(main)
     shutil.copy(EXAMPLE, folder)  # another machine's header may lie beside the original
     program = folder / name
