@@ -1,14 +1,12 @@
 """Plots of `sim.accuracy.points`: pictures by scene, errors by field, both by machine."""
 
-import io
 from pathlib import Path
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from splatcore.sim.accuracy.points import width_of
-from splatcore.sim.common.output import write
+from splatcore.sim.common.picture import write_figure
 from splatcore.spec.config import Config
 
 INCHES = (15.5, 7.2)
@@ -29,14 +27,11 @@ def write_error_plot(
 ):
     """PSNR of each scene's picture (left) and largest RMS of each field (right, logarithmic)."""
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     _draw_pictures(left, results, machines)
     _draw_fields(right, largest, machines)
     figure.suptitle("Stages 0 and 1 against the float64 reference on the same packed models")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    write(path, buffer.getvalue())
+    write_figure(path, figure)
 
 
 def _label(config: Config) -> str:

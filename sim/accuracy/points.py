@@ -1,7 +1,7 @@
-"""How far the numbers of stages 0 and 1 are from exact ones, and what that does to the picture.
+"""Errors of the numbers of stages 0 and 1, and of the picture that they make.
 
-The twin of stages 0 and 1 against the float64 reference on the same packed model. The picture is
-blended by the reference from the twin's splats, so that nothing but the points' errors is in it.
+The golden model of both stages against the float64 reference on the same packed model. The picture
+is blended by the reference from golden's splats: nothing but the points' errors is in it.
 """
 
 import time
@@ -35,7 +35,7 @@ conic_c in 1/pixel², shear, red, green, blue."""
 CHANNELS = ("red", "green", "blue")
 
 Tell = Callable[[str], None]
-"""Called with what begins."""
+"""Called with the name of the step that begins."""
 
 
 def with_width(text: str, config: Config = DEFAULT) -> Config:
@@ -58,7 +58,7 @@ def with_width(text: str, config: Config = DEFAULT) -> Config:
 
 
 MACHINES = (PAPER, *map(with_width, ("5/10", "7/10", "7/13")), DEFAULT, with_width("8/20"))
-"""What is compared by default."""
+"""Machines that are compared by default."""
 
 
 def width_of(config: Config) -> str:
@@ -68,7 +68,7 @@ def width_of(config: Config) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What is exact: the float64 reference on a packed model."""
+    """Exact results: the float64 reference on a packed model."""
 
     model: PackedModel
     camera: Camera
@@ -107,7 +107,7 @@ class Reference:
 
 
 def fields_of(config: Config, model: PackedModel, points: Points) -> Fields:
-    """What stage 1 gives for each projected Gaussian; not all of it need be finite."""
+    """Stage 1's results for each projected Gaussian; not all of them need be finite."""
     value, pixel = points.projected, 2.0**config.screen_exponent
     across, shear = value["across"], value["shear"]
     names = CHANNELS if model.format.sh_degree else COLOURS

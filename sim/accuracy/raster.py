@@ -1,11 +1,9 @@
 """Stage 3's formats swept: error of its pictures on exact inputs against the gates of a lane."""
 
-import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -15,7 +13,8 @@ from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import project, render
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
-from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.scenes import View
 from splatcore.sim.eda.synth import area
 from splatcore.spec.config import DEFAULT, FORMATS, Config
@@ -95,7 +94,6 @@ def raster_table(found: dict) -> Table:
 def write_raster_plot(path: str | Path, found: dict):
     """Lowest PSNR over the scenes against the gates of a lane; a line for each format."""
     figure = Figure((9, 6), 150, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
 
     def point(name: str) -> tuple[float, float]:
@@ -115,6 +113,4 @@ def write_raster_plot(path: str | Path, found: dict):
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
     figure.suptitle("Stage 3's formats on exact inputs, against the float64 reference")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    write(path, buffer.getvalue())
+    write_figure(path, figure)

@@ -1,14 +1,11 @@
 """Depth keys of fewer bits: error of the pictures that their order makes, on exact inputs."""
 
-import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
@@ -16,8 +13,10 @@ from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import Splats, project, render
 from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.accuracy.raster import EXACT
-from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.scenes import View
+from splatcore.sim.common.table import new_table
 from splatcore.spec.config import DEFAULT
 
 FRACTIONS = (10, 12, 14, 16, 18, 20)
@@ -117,10 +116,8 @@ def sort_errors(views: dict[str, View]) -> dict:
 
 def sort_table(found: dict) -> Table:
     """PSNR of the 8-bit pictures, largest error in steps of 1/255, neighbours that changed."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("keys", no_wrap=True)
-    for scene in found[EXACT_ORDER]["scenes"]:
-        table.add_column(f"{scene}\ndB, max, changed", justify="right", no_wrap=True)
+    scenes = found[EXACT_ORDER]["scenes"]
+    table = new_table("keys", [f"{scene}\ndB, max, changed" for scene in scenes])
     for name, facts in found.items():
         cells = [
             f"{_decibels(result)}, {result['max_error'] * 255:.1f}, {result['changed_places']:.2%}"
@@ -135,9 +132,8 @@ def _decibels(result: dict) -> str:
 
 
 def write_sort_plot(path: str | Path, found: dict):
-    """What each way loses of the exact order's PSNR, and its changed neighbours; lines: scenes."""
+    """Plot PSNR lost against the exact order, and changed neighbours, by way to make keys."""
     figure = Figure((13, 5.5), 150, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
     exact = found[EXACT_ORDER]["scenes"]
     names = [name for name in found if name != EXACT_ORDER]
@@ -158,6 +154,4 @@ def write_sort_plot(path: str | Path, found: dict):
         part.tick_params("x", rotation=40)
         part.grid(alpha=0.3)
     figure.suptitle("Order by depth keys of fewer bits, on exact inputs")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    write(path, buffer.getvalue())
+    write_figure(path, figure)

@@ -1,9 +1,10 @@
-"""`splatcore bench ablation`: what each of the paper's ideas buys, with the others truly off."""
+"""`splatcore bench ablation`: the gain of each of the paper's ideas, with the others truly off."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
-from splatcore.sim.bench.campaign import Failure, results
+from splatcore.sim.bench.campaign import collected
 from splatcore.sim.bench.confirm import confirmed
 from splatcore.sim.bench.sweep import tasks
 from splatcore.sim.common.paper import ABLATION
@@ -37,40 +38,25 @@ def machines(config: Config) -> dict[str, Config]:
 def ablation(
     config: Config, views: list[View], folder: Path, scheduler: str | None, rtl: list[View]
 ) -> dict:
-    """Measure every step on all views by twins and cycle model, and on some in RTL."""
+    """Measure every step on all views by golden and cycle model, and on some in RTL."""
     steps = machines(config)
-    rows, failed = [], []
-    for _, found in results(
-        tasks("ablation", views, steps), folder / "parts", scheduler, "ablation"
-    ):
-        if isinstance(found, Failure):
-            failed.append(asdict(found))
-        else:
-            rows += found["rows"]
+    work = tasks("ablation", views, steps)
+    results, failed = collected(work, folder, scheduler, "ablation")
+    rows = [row for result in results.values() for row in result["rows"]]
     order = {name: number for number, name in enumerate(steps)}
     rows.sort(key=lambda row: (row["scene"], row["camera"], order[row["point"]]))
+    simulated = {}
+    for (name, machine), view in product(steps.items(), rtl):
+        row = confirmed(machine, view, folder / "parts", name, failed)
+        if row is not None:
+            simulated[name, row["scene"], row["camera"]] = row["cycles"], row["identical"]
     for row in rows:
         row["step"] = row.pop("point")
-        row |= {"rtl_cycles": None, "rtl_identical": None}
-    measured = _rtl(steps, rtl, folder / "parts", failed)
-    for row in rows:
-        row |= measured.get((row["step"], row["scene"], row["camera"]), {})
+        measured = simulated.get((row["step"], row["scene"], row["camera"]), (None, None))
+        row["rtl_cycles"], row["rtl_identical"] = measured
     told = [
         {"name": name, "fields": change, "paper_fps": ABLATION.get(name)}
         for name, change in STEPS.items()
     ]  # fmt: skip
     size = views[0].size
     return {"preset": config.name, "size": size, "steps": told, "rows": rows, "failed": failed}
-
-
-def _rtl(steps: dict[str, Config], views: list[View], folder: Path, failed: list) -> dict:
-    """Cycles in RTL by step, scene and camera."""
-    found = {}
-    for name, config in steps.items():
-        for view in views:
-            row = confirmed(config, view, folder, name, failed)
-            if row is not None:
-                found[name, row["scene"], row["camera"]] = {
-                    "rtl_cycles": row["cycles"], "rtl_identical": row["identical"],
-                }  # fmt: skip
-    return found

@@ -1,7 +1,7 @@
 """Many independent measurements: on all cores here, or on a cluster, each result kept at once.
 
 A task is a function with arguments; what it returns is kept as a file of its own under a key that
-stands for all that decides on it. A campaign that is begun again only does what is missing. A
+stands for all that decides on it. A campaign that is begun again does only what is missing. A
 worker that is lost takes no result with it: its tasks are done again, and one that loses its
 worker twice is given up, named.
 """
@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from splatcore.sim.common.output import messages, progress_bar, write
@@ -50,7 +50,7 @@ class Failure:
 def results(
     tasks: list[Task], folder: Path, scheduler: str | None, label: str
 ) -> Iterator[tuple[Task, dict | Failure]]:
-    """What comes of each task, those first that are in the folder already.
+    """The result or failure of each task, those first that are in the folder already.
 
     scheduler: address of a Dask scheduler; None: processes here. Workers need the scene files at
     the same paths.
@@ -77,8 +77,21 @@ def results(
             yield task, found
 
 
+def collected(
+    tasks: list[Task], folder: Path, scheduler: str | None, label: str
+) -> tuple[dict[str, dict], list[dict[str, str]]]:
+    """Results of the tasks by name, in any order, and the failures, as results' files have them."""
+    found, failed = {}, []
+    for task, result in results(tasks, folder / "parts", scheduler, label):
+        if isinstance(result, Failure):
+            failed.append(asdict(result))
+        else:
+            found[task.name] = result
+    return found, failed
+
+
 def path_of(folder: Path, task: Task) -> Path:
-    """Where a task's result is kept."""
+    """The file of a task's result."""
     return folder / f"{task.name}.json"
 
 

@@ -35,14 +35,12 @@ BOUNDS = {
     "golden": f"≥ {PSNR_MIN:.0f} dB",
     "rtl": f"golden's, ≥ {PSNR_MIN:.0f} dB",
 }
-"""What a case must meet, by engine; machines leave out all NaN and Inf, too."""
+"""The bound of a case by engine; machines leave out all NaN and Inf, too."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a case's picture is measured with. whole: the reference's of the scene; exact: of the
-    packed model.
-    """
+    """A packed case and the reference's frames: `whole` of the scene, `exact` of the model."""
 
     case: HardCase
     camera: Camera
@@ -54,13 +52,13 @@ class Target:
 
 @dataclass(eq=False)
 class Outcome:
-    """What an engine made of a hard case; None for what there is not.
+    """The result of an engine on a hard case; None for what there is not.
 
     pixels, reference: uint8 [H, W, 3], the engine's picture and the one it is compared with.
     left_out: Gaussians by cause. psnr_db: of `pixels` against the reference before its rounding to
     8 bits, which can make a whole step of a tiny error; reason: why it is None. packing: the
     reference's picture of the packed model against the scene's. identical: to the golden model's
-    picture. failures: in what the bound is not met.
+    picture. failures: bounds that are not met.
     """
 
     name: str
@@ -84,7 +82,7 @@ class Outcome:
         return not self.failures
 
     def facts(self) -> dict:
-        """What `--json` writes of a case."""
+        """The case in the file of `--json`."""
         names = (
             "about", "size", "gaussians", "left_out", "psnr_db", "reason", "identical", "cycles",
             "bound", "passed", "failures",
@@ -214,8 +212,8 @@ def check_left_out(outcome: Outcome, case: HardCase):
     for name in names:
         values = getattr(case.scene, name)
         sound &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    wanted, told = int((~sound).sum()), outcome.left_out["not_finite"]
-    if told != wanted:
+    wanted, found = int((~sound).sum()), outcome.left_out["not_finite"]
+    if found != wanted:
         outcome.failures.append(
-            f"{told} Gaussians left out for NaN or Inf, {wanted} of the scene have one"
+            f"{found} Gaussians left out for NaN or Inf, {wanted} of the scene have one"
         )

@@ -11,6 +11,8 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write
+from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View, scene_files
 from splatcore.sim.common.source import packed_model
 from splatcore.sim.cycles.frame import frame_cycles
@@ -45,11 +48,11 @@ CYCLES = ("preprocessing", "rendering", "frame")
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What a view's picture is to be."""
+    """A view's model and pictures: the golden model's frame, and the reference's exact picture."""
 
     model: PackedModel
     camera: Camera
-    twin: pipeline.Frame
+    golden: pipeline.Frame
     exact: np.ndarray
 
 
@@ -66,25 +69,37 @@ def views(scenes: list[str], cameras: str | None, size: str) -> list[View]:
 
 
 def bench_scenes(config: Config, found: list[View], timings: list[Timing], folder: Path) -> bool:
-    """Measure what has not been, and write tables; whether all pictures are the golden model's."""
-    source = machine_source(config)
-    rows, machine = [], None
-    for view in found:
-        expected = None
-        for timing in timings:
-            key = key_of(source, config, view, timing)
-            path = folder / f"{view.name.replace(':', '-')}-{view.size}-{timing.name}.json"
-            row = finished(path, key)
-            if row is None:
-                machine = machine or build(config, source=source)
-                expected = expected or expect(config, view)
-                row = {"key": key} | measure(machine, view, expected, timing)
-                write(path, (json.dumps(row, indent=2) + "\n").encode())
-            rows.append(row)
-            console.print(line(row), soft_wrap=True)
+    """Measure what has not been, and write tables; True if all pictures are the golden model's."""
+    simulator, rows = Simulator(config), []
+    for view, timing in product(found, timings):
+        path = folder / f"{view.name.replace(':', '-')}-{view.size}-{timing.name}.json"
+        rows.append(simulator.row(view, timing, path))
+        console.print(line(rows[-1]), soft_wrap=True)
     write(folder / "scenes.md", markdown(rows).encode())
     write(folder / "scenes.csv", comma_separated(rows).encode())
     return all(row["identical"] for row in rows)
+
+
+class Simulator:
+    """A machine in RTL simulation; it is built once something has to be simulated."""
+
+    def __init__(self, config: Config):
+        self.config, self.source = config, machine_source(config)
+
+    @cached_property
+    def machine(self) -> Machine:
+        return build(self.config, source=self.source)
+
+    def row(self, view: View, timing: Timing, path: Path) -> dict:
+        """A view's result, simulated unless the file has it already."""
+        key = key_of(self.source, self.config, view, timing)
+        row = finished(path, key)
+        if row is None:
+            expected = expect(self.config, view)
+            row = {"key": key} | measure(self.machine, view, expected, timing)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_json(path, row)
+        return row
 
 
 def key_of(source: str, config: Config, view: View, timing: Timing) -> str:
@@ -101,14 +116,15 @@ def finished(path: Path, key: str) -> dict | None:
     return row if row["key"] == key and row["identical"] else None
 
 
+@lru_cache(maxsize=1)
 def expect(config: Config, view: View) -> Expected:
     """A view's packed model, and its pictures by golden model and reference."""
     with progress_bar(f"packing {view.name}"):
         source, camera = view.open()
         check_fits(config, camera)
         model = packed_model(source, config)
-    twin = golden(config, Job(model, camera))
-    return Expected(model, camera, twin, reference(model, camera, SPLATCORE).pixels)
+    frame = golden(config, Job(model, camera))
+    return Expected(model, camera, frame, reference(model, camera, SPLATCORE).pixels)
 
 
 def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
@@ -129,16 +145,16 @@ def measure(machine: Machine, view: View, expected: Expected, timing: Timing) ->
 
 def judge(config: Config, run: Run, expected: Expected) -> dict:
     """Cycles, error and traffic of a run that came to its end."""
-    wrong = [diagnose(config, run, k, expected.twin) for k in range(len(run.frames))]
+    wrong = [diagnose(config, run, k, expected.golden) for k in range(len(run.frames))]
     metrics = difference(run.frames[-1].pixels, expected.exact)
     return {
         "identical": not any(wrong),
         "difference": str(next((text for text in wrong if text), "")),
         "psnr_db": metrics.psnr_db, "ssim": metrics.ssim, "max_error": metrics.max_error,
         "cycles": cycles(run) | {"rendering_alone": run.rendering_cycles[-1]},
-        "model_cycles": frame_cycles(config, expected.twin).by_name,
+        "model_cycles": frame_cycles(config, expected.golden).by_name,
         "traffic_bytes": run.frames[-1].traffic, "counters": run.frames[-1].counters,
-        "counts": expected.twin.counts,
+        "counts": expected.golden.counts,
     }  # fmt: skip
 
 

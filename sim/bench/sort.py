@@ -1,19 +1,18 @@
 """Cycles of stage 2 by length of the list and kind of keys, in RTL simulation."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
-from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.picture import write_figure
+from splatcore.sim.common.table import new_table
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import Config
@@ -30,13 +29,13 @@ BOUND_FROM, BOUND_TO = 16, 2048
 """Lengths that the bound is about."""
 
 COLUMNS = 100
-"""What the table takes, on any terminal."""
+"""Width of the table, on any terminal."""
 
 INCHES = (9.0, 5.5)
 DOTS_PER_INCH = 150
 
 
-class SortBench:
+class SortSimulation:
     """Stage 2, compiled; `measure` sorts one list and returns its cycles."""
 
     def __init__(self, config: Config):
@@ -60,17 +59,17 @@ def bench_sort(
     config: Config, lengths: Sequence[int] = LENGTHS, plot: Path | None = None
 ) -> dict[str, list[int]]:
     """Cycles of lists of these lengths by kind of keys; prints a table, draws a plot."""
-    bench, total = SortBench(config), len(KEYS) * len(lengths)
+    simulated, total = SortSimulation(config), len(KEYS) * len(lengths)
     found = {kind: [] for kind in KEYS}
     with progress_bar("sorting", total) as advance:
         for length in lengths:
             for kind, values in found.items():
-                values.append(bench.measure(kind, [length]))
+                values.append(simulated.measure(kind, [length]))
                 advance(sum(map(len, found.values())), total)
     model = [cycles(config, [length]) for length in lengths]
     Console(width=COLUMNS).print(_table(config, lengths, found, model))
     if plot is not None:
-        write(plot, _picture(config, lengths, found, model))
+        _write_plot(plot, config, lengths, found, model)
     return found
 
 
@@ -81,9 +80,8 @@ def _bound_to(config: Config) -> int:
 
 def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]) -> Table:
     title = f"{config.name}: cycles of stage 2 for one list"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("entries", *found, "model", "per entry", "bound"):
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table("entries", (*found, "model", "per entry", "bound"), title)
+    table.columns[0].justify = "right"
     for k, length in enumerate(lengths):
         values = [kind[k] for kind in found.values()]
         within = BOUND_FROM <= length <= _bound_to(config)
@@ -96,10 +94,9 @@ def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]
     return table
 
 
-def _picture(config: Config, lengths: Sequence[int], found: dict, model: list[int]) -> bytes:
-    """Cycles per entry over the length, the bound dashed."""
+def _write_plot(path: Path, config: Config, lengths: Sequence[int], found: dict, model: list[int]):
+    """Draw cycles per entry over the length, the bound dashed."""
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
-    FigureCanvasAgg(figure)
     axes, entries = figure.subplots(), np.array(lengths)
     for number, (kind, values) in enumerate(found.items()):
         # The lines lie on each other: the cycles do not depend on the keys.
@@ -113,6 +110,4 @@ def _picture(config: Config, lengths: Sequence[int], found: dict, model: list[in
     axes.set_title(f"Stage 2, {config.name}: one list, from its first entry to the mark behind it")
     axes.grid(alpha=0.3)
     axes.legend()
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    write_figure(path, figure)

@@ -1,4 +1,4 @@
-"""What goes through stage 2 for groups of entries: for tests and `sim.bench.sort`."""
+"""Rows of stage 2's streams for groups of entries: for tests and `sim.bench.sort`."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,7 @@
-"""Cycles and errors of many machines on one view, and their sizes: what campaigns are made of.
+"""Cycles and errors of many machines on one view: the tasks of campaigns.
 
-A machine's picture is rendered by its twin and measured against the float64 reference on the same
-packed model; its cycles are the cycle model's. Machines that differ in speed alone share a picture.
+A machine's picture is the golden model's, measured against the float64 reference on the same packed
+model; its cycles are the cycle model's. Machines that differ in speed alone share a picture.
 """
 
 from dataclasses import replace
@@ -103,5 +103,5 @@ class Opened:
 
 @lru_cache(maxsize=1)
 def opened(scene: str) -> Opened:
-    """The scene that this process has been at last."""
+    """The scene that this process has worked on last."""
     return Opened(scene)

@@ -1,12 +1,11 @@
 """`splatcore bench sweep`: speed against error and gates over many machines and scenes."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from splatcore.hdl.stages import WHOLE
-from splatcore.sim.bench.campaign import Failure, Task, results
+from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.bench.confirm import confirmed
 from splatcore.sim.bench.sweep import tasks
 from splatcore.sim.bench.sweep_points import Point
@@ -20,7 +19,7 @@ from splatcore.spec.config import DEFAULT, KB, Config
 RESULT = "sweep.json"
 
 AXES = (("frame_cycles_max", 1), ("nand2", 1), ("psnr_db_mean", -1))
-"""What a machine on the front is not beaten in altogether, and whether less (1) is better."""
+"""Figures by which machines are compared for the front: 1 where less is better, −1 where more."""
 
 
 def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str | None) -> dict:
@@ -28,19 +27,13 @@ def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str |
     machines = {point.name: point.config for point in points}
     whole = Task("size of all", repr(DEFAULT), whole_size, ())
     work = [*tasks("sweep", views, machines), *map(size_task, points), whole]
-    rows, found_sizes, failed = [], {}, []
-    for task, found in results(work, folder / "parts", scheduler, "sweep"):
-        if isinstance(found, Failure):
-            failed.append(asdict(found))
-        elif "rows" in found:
-            rows += found["rows"]
-        else:
-            found_sizes[task.name] = found
+    results, failed = collected(work, folder, scheduler, "sweep")
+    rows = [row for result in results.values() for row in result.get("rows", ())]
     order = {point.name: number for number, point in enumerate(points)}
     rows.sort(key=lambda row: (order[row["point"]], row["scene"], row["camera"]))
-    between = rest(found_sizes)
+    between = rest(results)
     facts = {
-        point.name: summary(point, rows, found_sizes.get(size_name(point), {}), between)
+        point.name: summary(point, rows, results.get(size_name(point), {}), between)
         for point in points
     }
     for name in front({name: found for name, found in facts.items() if complete(found)}):
@@ -64,7 +57,7 @@ def whole_size() -> dict:
 
 
 def rest(found: dict[str, dict]) -> float | None:
-    """What lies between DEFAULT's parts; other machines are taken to have as much."""
+    """NAND2-equivalents between DEFAULT's parts; other machines are taken to have as many."""
     parts, whole = found.get("size DEFAULT"), found.get("size of all")
     return whole["nand2"] - parts["nand2"] if parts and whole else None
 
@@ -98,7 +91,7 @@ def summary(point: Point, rows: list[dict], size: dict, between: float | None) -
 
 
 def complete(facts: dict) -> bool:
-    """Whether all is known by which points are compared."""
+    """True if all is known by which points are compared."""
     return all(facts.get(name) is not None for name, _ in AXES)
 
 
@@ -115,7 +108,7 @@ def front(points: dict[str, dict]) -> list[str]:
 
 
 def confirm(points: list[Point], facts: dict, view: View, folder: Path):
-    """Simulate the front's machines on one view; cycles and bits beside model and twin."""
+    """Simulate the front's machines on one view, and compare with cycle model and golden model."""
     for point in points:
         found = facts["points"][point.name]
         if not found["front"]:

@@ -1,17 +1,17 @@
-"""`splatcore bench work`: what scenes ask of the machine, camera by camera, and where.
+"""`splatcore bench work`: the work of scenes for the machine, camera by camera, and where.
 
 Culling, early termination and how busy the processing elements are, as the paper's figures and
 tables tell them of its scenes.
 """
 
-from dataclasses import asdict
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
 from splatcore.golden.pipeline import Frame, render
 from splatcore.model.formats.camera_file import read_camera, read_cameras
-from splatcore.sim.bench.campaign import Failure, Task, results
+from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.bench.sweep import opened
 from splatcore.sim.common.scenes import View
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
@@ -39,7 +39,7 @@ def every_camera(views: list[View]) -> list[View]:
 
 
 def work(config: Config, views: list[View], folder: Path, scheduler: str | None) -> dict:
-    """Measure all views by the twins."""
+    """Measure all views by the golden model."""
     tasks = [
         Task(
             f"work {view.name} {view.size}".replace(":", "-"),
@@ -47,14 +47,10 @@ def work(config: Config, views: list[View], folder: Path, scheduler: str | None)
         )
         for view in views
     ]  # fmt: skip
-    rows, density, failed = [], {}, []
-    for _, found in results(tasks, folder / "parts", scheduler, "work"):
-        if isinstance(found, Failure):
-            failed.append(asdict(found))
-        else:
-            rows.append(found["row"])
-            density[f"{found['row']['scene']} {found['row']['camera']}"] = found["density"]
-    rows.sort(key=lambda row: (row["scene"], row["camera"]))
+    results, failed = collected(tasks, folder, scheduler, "work")
+    key = itemgetter("scene", "camera")
+    density = {" ".join(key(found["row"])): found["density"] for found in results.values()}
+    rows = sorted((found["row"] for found in results.values()), key=key)
     return {
         "preset": config.name, "size": views[0].size, "rows": rows, "density": density,
         "operations": operations(config), "failed": failed,

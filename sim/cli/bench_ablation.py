@@ -3,8 +3,6 @@
 from typing import Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from splatcore.sim.bench import ablation as ablation_campaign
 from splatcore.sim.cli.bench import (
@@ -20,7 +18,7 @@ from splatcore.sim.cli.bench import (
     view_of,
 )
 from splatcore.sim.cli.options import PresetOption
-from splatcore.sim.common.output import console
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.preset import find_preset
 
 
@@ -37,18 +35,16 @@ def ablation_command(
     preset: PresetOption = "DEFAULT",
     scheduler: SchedulerOption = None,
 ):
-    """What culling, zero skipping and early termination buy, one after the other.
+    """Gain of culling, zero skipping and early termination, one after the other.
 
     Each step is a machine of its own, with the features that are off left out of it. Cycles are the
-    cycle model's; pictures and counts the twins'. Writes DIR/ablation.json.
+    cycle model's; pictures and counts the golden model's. Writes DIR/ablation.json.
     """
     config, found = find_preset(preset), look(output, scene, cameras, size)
     simulated = [view_of(text, found[0].size) for text in rtl or ()]
     facts = ablation_campaign.ablation(config, found, output, scheduler, simulated)
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="frames a second at 800 MHz")
-    table.add_column("view", no_wrap=True)
-    for step in facts["steps"]:
-        table.add_column(step["name"], justify="right")
+    names = [step["name"] for step in facts["steps"]]
+    table = new_table("view", names, "frames a second at 800 MHz")
     cells: dict[str, list[str]] = {}
     for row in facts["rows"]:
         title = f"{row['scene']} {row['camera']}"
@@ -57,5 +53,5 @@ def ablation_command(
     for title, values in cells.items():
         table.add_row(title, *values)
     table.add_row("the paper", *(str(step["paper_fps"] or "–") for step in facts["steps"]))
-    console.print(table)
+    print_whole(table)
     finish(output / ablation_campaign.RESULT, facts)

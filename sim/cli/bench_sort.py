@@ -8,7 +8,7 @@ import typer
 from splatcore.sim.bench.sort import LENGTHS, bench_sort
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, PresetOption
-from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.output import check_folder, check_writable, console
 from splatcore.sim.common.result import write_json
 from splatcore.sim.cycles.sort import cycles
 from splatcore.spec.error import InputError
@@ -32,9 +32,10 @@ def sort_command(
 
     Prints cycles from the first entry of a list to the mark behind it, by length and kind of keys,
     beside those of the cycle model, and draws them in DIR/sort.png. All that comes out is compared
-    with the twin.
+    with the golden model.
     """
-    check_writable(output / "x" if output.is_dir() else output, json)
+    check_folder(output)
+    check_writable(json)
     config, counts = find_preset(preset), LENGTHS if lengths is None else parse_lengths(lengths)
     output.mkdir(exist_ok=True)
     path = output / "sort.png"

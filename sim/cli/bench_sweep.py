@@ -3,7 +3,6 @@
 from typing import Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.sim.bench import sweep_campaign
@@ -21,6 +20,7 @@ from splatcore.sim.cli.bench import (
     view_of,
 )
 from splatcore.sim.common.output import console
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.error import InputError
 
 
@@ -43,7 +43,7 @@ def sweep_command(
     ] = None,
     scheduler: SchedulerOption = None,
 ):
-    """Speed against error and gates: many machines on many scenes, by twins and cycle model.
+    """Speed against error and gates: many machines, many scenes, by golden and cycle model.
 
     Writes DIR/sweep.json: cycles, PSNR and largest error of each machine on each view, gates and
     memories of each, and which of them no other one beats in cycles, gates and PSNR together.
@@ -58,7 +58,7 @@ def sweep_command(
     facts = sweep_campaign.sweep(chosen, found, output, scheduler)
     if confirm:
         sweep_campaign.confirm(chosen, facts, view_of(confirm, found[0].size), output)
-    console.print(table_of(facts))
+    print_whole(table_of(facts))
     finish(output / sweep_campaign.RESULT, facts)
 
 
@@ -72,19 +72,8 @@ def some(all_points: list[Point], names: list[str] | None) -> list[Point]:
 
 def table_of(facts: dict) -> Table:
     """The points of a sweep."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="slowest and worst view of each")
-    table.add_column("machine", no_wrap=True)
-    for heading in (
-        "k cycles",
-        "FPS",
-        "dB least",
-        "dB mean",
-        "max error",
-        "k gates",
-        "KB",
-        "front",
-    ):
-        table.add_column(heading, justify="right")
+    headings = "k cycles|FPS|dB least|dB mean|max error|k gates|KB|front".split("|")
+    table = new_table("machine", headings, "slowest and worst view of each")
 
     def cell(facts: dict, name: str, form: str, scale: float = 1) -> str:
         value = facts.get(name)

@@ -1,8 +1,5 @@
 """The command `bench work`: work that scenes give the machine, by every camera."""
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-
 from splatcore.sim.bench import workload as work_campaign
 from splatcore.sim.cli.bench import (
     SIZE,
@@ -16,7 +13,7 @@ from splatcore.sim.cli.bench import (
     look,
 )
 from splatcore.sim.cli.options import PresetOption
-from splatcore.sim.common.output import console
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.preset import find_preset
 
 
@@ -29,7 +26,7 @@ def work_command(
     preset: PresetOption = "DEFAULT",
     scheduler: SchedulerOption = None,
 ):
-    """What scenes ask of the machine by every camera: culling, early termination, busy PEs, tiles.
+    """Work of scenes for the machine by every camera: culling, early termination, busy PEs, tiles.
 
     Writes DIR/work.json, with how many splats reach each tile.
     """
@@ -37,13 +34,11 @@ def work_command(
     if cameras is None:
         found = work_campaign.every_camera(found)
     facts = work_campaign.work(config, found, output, scheduler)
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="percent")
-    table.add_column("view", no_wrap=True)
-    for heading in ("behind", "culled", "pairs ended early", "PEs busy", "pairs"):
-        table.add_column(heading, justify="right")
+    headings = ("behind", "culled", "pairs ended early", "PEs busy", "pairs")
+    table = new_table("view", headings, "percent")
     for row in facts["rows"]:
         names = ("near_rate", "culling_rate", "early_termination_rate", "pe_utilisation")
         rates = [f"{100 * row[name]:.1f}" for name in names]
         table.add_row(f"{row['scene']} {row['camera']}", *rates, f"{row['tile_pairs']:,}")
-    console.print(table)
+    print_whole(table)
     finish(output / work_campaign.RESULT, facts)

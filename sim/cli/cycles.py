@@ -1,20 +1,19 @@
-"""The command `cycles`: what a frame takes, stage by stage, without the RTL."""
+"""The command `cycles`: cycles of a frame by stage, from the cycle model."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.cli.options import CameraOption, JsonOption, PresetOption, SizeOption, app
-from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.output import check_writable, progress_bar
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View
 from splatcore.sim.common.source import packed_model
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.preset import find_preset
@@ -28,15 +27,14 @@ def cycles_command(
     preset: PresetOption = "DEFAULT",
     json: JsonOption = None,
 ):
-    """Cycles of a frame by stage from the twins' counts, and the picture's error beside them.
+    """Cycles of a frame by stage, from the golden model's counts, and the error of its picture.
 
     The cycle model agrees with the RTL within 3 % for each stage by itself; its halves have
     LPDDR4's latency in them, its bandwidth is left out.
     """
     check_writable(json)
     config = find_preset(preset)
-    table, facts = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0)), {}
-    table.add_column("cycles / 1000", no_wrap=True)
+    facts = {}
     for text in scene:
         with progress_bar(f"reading {text}"):
             source, view = View(text, size=size, file=camera).open()
@@ -49,7 +47,7 @@ def cycles_command(
             "fps": round(CLOCK_HZ / found.frame, 1),
             "psnr_db": psnr(frame.pixels / 255, reference.clip(0, 1)),
         }  # fmt: skip
-        table.add_column(Path(text).name.split(".")[0], justify="right", overflow="fold")
+    table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
     for name in next(iter(facts.values())):
         values = [row[name] for row in facts.values()]
         if name in ("fps", "psnr_db"):
@@ -58,5 +56,5 @@ def cycles_command(
         else:
             label, cells = name, [f"{value / 1000:,.0f}" for value in values]
         table.add_row(label, *cells)
-    console.print(table)
+    print_whole(table)
     write_json(json, {"preset": config.name, "scenes": facts})

@@ -87,7 +87,7 @@ SWEEPS = {
     "sort": (sort_errors, sort_table, write_sort_plot),
     "raster": (raster_errors, raster_table, write_raster_plot),
 }
-"""What `--stage` runs beside project: measures subjects, makes a table, writes a plot."""
+"""Stages of `--stage` beside project: functions that measure views, make a table, write a plot."""
 
 
 @app.command("error")
@@ -106,8 +106,8 @@ def error_command(
 ):
     """Error of the numbers of stages 0 and 1: each field, and the picture that they make.
 
-    The bit-accurate twin of stages 0 and 1 against the float64 reference on the same packed model,
-    by machine: PAPER, DEFAULT and widths between (exponent/fraction bits), or those of --preset
+    The golden model of stages 0 and 1 against the float64 reference on the same packed model, by
+    machine: PAPER, DEFAULT and widths between (exponent/fraction bits), or those of --preset
     and --width. Pictures are blended in float64 from stage 1's splats: no other stage's error is
     in them.
 
@@ -174,7 +174,7 @@ def error_of_points(
 
 
 def describe(config: Config) -> dict[str, str | int]:
-    """What tells a machine's points from another's."""
+    """Fields by which machines differ in points."""
     return {
         "arithmetic": width_of(config),
         "position": config.position,
@@ -241,7 +241,7 @@ def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Tab
 
 
 def packs_otherwise(config: Config) -> bool:
-    """Whether a machine's models differ from DEFAULT's."""
+    """True if a machine's models differ from DEFAULT's."""
     names = ("position", "colour_index", "sh_index")
     return any(getattr(config, name) != getattr(DEFAULT, name) for name in names)
 
@@ -258,7 +258,7 @@ def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table
 
 
 def count_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
-    """How hard a scene is, and what the pictures are without, by machine."""
+    """Visible Gaussians and their longest axes, and those missing in each machine's picture."""
     table = new_table("scene", ["visible", "axes", "on screen", *map(heading, machines)])
     for name, facts in results.items():
         ratio = facts["axis_ratio"]

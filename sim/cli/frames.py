@@ -18,7 +18,7 @@ from splatcore.spec.scene import Gaussians
 def render_golden(
     source: Source, camera: Camera, config: Config, background: tuple[float, float, float]
 ) -> pipeline.Frame:
-    """The twin's frame; a scene is packed first. InputError for an image that is too large."""
+    """The golden model's frame; a scene is packed first. InputError for too large an image."""
     check_fits(config, camera)
     with progress_bar("packing"):
         model = packed_model(source, config)

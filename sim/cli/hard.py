@@ -1,16 +1,13 @@
 """The command `hard`: every hard case through an engine, and whether it meets its bound."""
 
-import io
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
@@ -18,11 +15,11 @@ from splatcore.sim.bench.hard_cases import PSNR_MIN, SEED, SHEET, Outcome, camer
 from splatcore.sim.cli.options import JsonOption, PresetOption, SizeOption, app
 from splatcore.sim.cli.render_rtl import TimingOption
 from splatcore.sim.common.metric import LEVELS, channel_error
-from splatcore.sim.common.output import check_writable, console, progress_bar, write
-from splatcore.sim.common.picture import DOTS_PER_INCH, write_png
+from splatcore.sim.common.output import check_folder, check_writable, console, progress_bar
+from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import ENGINES, check_engine, parse_size
-from splatcore.sim.common.table import print_whole
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.machine.path import build, check_fits, find_timing
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.error import InputError
@@ -103,17 +100,8 @@ def hard_command(
         raise typer.Exit(1)
 
 
-def check_folder(folder: Path | None):
-    """InputError unless pictures can be written there; it need not be there yet."""
-    if folder is None:
-        return
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is no folder")
-    check_writable(folder / SHEET if folder.is_dir() else folder)
-
-
 def pass_line(outcome: Outcome) -> str:
-    """Whether a case meets its bound, in a line; what is wrong with it may take more."""
+    """A line that says whether a case meets its bound, and all that is wrong with it."""
     if not outcome.passed:
         return f"{outcome.name}: FAIL ({outcome.bound}): {'; '.join(outcome.failures)}"
     found = [f"{outcome.psnr_db:.2f} dB" if outcome.reason is None else outcome.reason]
@@ -123,11 +111,9 @@ def pass_line(outcome: Outcome) -> str:
 
 
 def table(outcomes: list[Outcome], title: str) -> Table:
-    """A line for each case."""
-    drawn = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
-    drawn.add_column("case", no_wrap=True)
-    for heading in ("PSNR, dB", "SSIM", "max error", "packing, dB", "cycles"):
-        drawn.add_column(heading, justify="right")
+    """A row for each case."""
+    numbers = ("PSNR, dB", "SSIM", "max error", "packing, dB", "cycles")
+    drawn = new_table("case", numbers, title)
     for heading in ("left out", "bound", ""):
         drawn.add_column(heading)
     for outcome in outcomes:
@@ -154,7 +140,7 @@ def decibels(value: float | None, compared: bool) -> str:
 
 
 def left_out(outcome: Outcome) -> str:
-    """How many of all Gaussians are left out, by cause."""
+    """Counts of Gaussians that are left out, by cause, and of all."""
     parts = [f"{count} {CAUSES[cause]}" for cause, count in outcome.left_out.items() if count]
     return f"{', '.join(parts)} of {outcome.gaussians}" if parts else "–"
 
@@ -177,7 +163,6 @@ def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
     rows = -(-len(outcomes) // columns)
     size = columns * INCHES[0], rows * INCHES[1] + 1
     figure = Figure(size, DOTS_PER_INCH, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(rows, 2 * columns, squeeze=False)
     for one in axes.ravel():
         one.set_axis_off()
@@ -193,9 +178,7 @@ def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
     label = f"error {against}, levels of {LEVELS}"
     figure.colorbar(image, ax=axes, label=label, orientation="horizontal", shrink=0.5, aspect=50)
     figure.suptitle(f"The hard cases by engine {engine}", fontsize=11)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    write(path, buffer.getvalue())
+    write_figure(path, figure)
 
 
 def _show(axes: Axes, values: np.ndarray, title: str, norm: PowerNorm | None = None):

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from splatcore.sim.cli.options import PresetOption, app
-from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.output import check_folder, console
 from splatcore.sim.eda.register_files import write_register_files
 from splatcore.spec.preset import find_preset
 
@@ -21,6 +21,6 @@ def registers_command(
     The header also has the layout of memory and the function that makes registers' numbers;
     docs/example_frame.c renders a frame with it.
     """
-    check_writable(output / "x" if output.is_dir() else output)
+    check_folder(output)
     for path in write_register_files(find_preset(preset), output):
         console.print(str(path), soft_wrap=True)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from splatcore.sim.cli.options import PresetOption, app
-from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.output import check_folder, console, progress_bar
 from splatcore.sim.eda import verilog
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -26,7 +26,7 @@ def verilog_command(
     top: splatcore_top.v with splatcore_memories.v, memories.csv, a FuseSoC core file, constraints
     and lint's waivers. stages: one file each, which stands alone. docs/integration.md says more.
     """
-    check_writable(output / "x" if output.is_dir() else output)
+    check_folder(output)
     config = find_preset(preset)
     parts = part or list(verilog.WRITERS)
     if unknown := [name for name in parts if name not in verilog.WRITERS]:

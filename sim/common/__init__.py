@@ -1,4 +1,4 @@
-"""What all tools share: scene arguments, output files, metrics, pictures, results, plots.
+"""Parts that all tools share: scene arguments, output files, metrics, pictures, plots, pools.
 
 May import: spec, model.
 """

@@ -1,4 +1,4 @@
-"""What `splatcore info` says about a scene or a packed model."""
+"""Facts about a scene or a packed model, as `splatcore info` prints them."""
 
 import numpy as np
 from rich.table import Table

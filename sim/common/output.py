@@ -32,6 +32,15 @@ def check_writable(*paths: Path | None):
             raise InputError(f"{path}: the folder is not writable")
 
 
+def check_folder(folder: Path | None):
+    """InputError unless files can be written into a folder; it need not be there yet."""
+    if folder is None:
+        return
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is no folder")
+    check_writable(folder / "file" if folder.is_dir() else folder)
+
+
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
     """A path to write to that becomes `path` at the end; a failure leaves what was there before."""

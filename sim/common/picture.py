@@ -4,7 +4,6 @@ import io
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, PowerNorm
 from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
@@ -36,8 +35,15 @@ def write_png(path: str | Path, pixels: np.ndarray):
     write(path, buffer.getvalue())
 
 
+def write_figure(path: str | Path, figure: Figure, **options):
+    """Write a matplotlib figure as PNG. options: for its `savefig`."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", **options)
+    write(path, buffer.getvalue())
+
+
 def write_error_map(path: str | Path, image: np.ndarray, reference: np.ndarray, title: str):
-    """Where and how much two uint8 images [H, W, 3] differ: the largest channel error in levels.
+    """Draw the difference of two uint8 images [H, W, 3]: the largest channel error in levels.
 
     The scale is that of the error's square root, so that single levels stay visible.
     """
@@ -47,7 +53,7 @@ def write_error_map(path: str | Path, image: np.ndarray, reference: np.ndarray, 
 
 
 def write_heat_map(path: str | Path, tile_list: np.ndarray, title: str):
-    """Length of each tile's list [rows, columns] of splats, on a logarithmic scale."""
+    """Draw the length of each tile's list [rows, columns] of splats, on a logarithmic scale."""
     norm = LogNorm(vmin=1, vmax=max(int(tile_list.max()), 2))
     drawn = np.ma.masked_equal(tile_list, 0)  # empty tiles stay black
     _write_map(path, drawn, title, f"splats in a tile of {TILE}×{TILE} pixels", norm, "viridis")
@@ -57,7 +63,6 @@ def _write_map(path, values, title, label, norm, colours):
     """Draw [H, W] values as a picture with a title and a colour bar."""
     height, width = values.shape
     figure = Figure((MAP_INCHES, MAP_INCHES * min(height / width, 2) + 1.2), DOTS_PER_INCH)
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set_facecolor("black")
     drawn = axes.imshow(values, cmap=colours, norm=norm, interpolation="nearest")
@@ -65,6 +70,4 @@ def _write_map(path, values, title, label, norm, colours):
     axes.set_xticks([])
     axes.set_yticks([])
     figure.colorbar(drawn, ax=axes, label=label, orientation="horizontal", shrink=0.7, pad=0.03)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", bbox_inches="tight")
-    write(path, buffer.getvalue())
+    write_figure(path, figure, bbox_inches="tight")

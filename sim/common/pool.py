@@ -46,7 +46,7 @@ def as_done(
     messages: Queue | None = None,
     tell: Callable[..., None] | None = None,
 ) -> Iterator[tuple[Item, Future]]:
-    """What futures stand for, as they are done; `tell` is called with the messages meanwhile."""
+    """Items and their futures, as these are done; `tell` is called with the messages meanwhile."""
     while waiting:
         done, _ = wait(waiting, POLL if messages else None, FIRST_COMPLETED)
         while messages:

@@ -1,4 +1,4 @@
-"""What the arguments SCENE, --camera, --size and --engine stand for."""
+"""The arguments SCENE, --camera, --size and --engine: scenes, models and cameras."""
 
 import os
 import re
@@ -37,7 +37,7 @@ class Source:
 
     @cached_property
     def gaussians(self) -> Gaussians:
-        """What a renderer sees."""
+        """The Gaussians that a renderer draws."""
         return (self.model if self.scene is None else self.scene).gaussians()
 
 

@@ -1,8 +1,8 @@
-"""Cycles of each stage from a machine's sizes and its twins' counts, without the RTL.
+"""Cycles of each stage from a machine's sizes and the golden model's counts, without the RTL.
 
-Each stage by itself: its inputs are always there, its outputs are always taken; what a chunk, a
-point, a splat, an entry or a block costs is counted. And both halves as wholes, in which stages
-wait for each other (`sim.cycles.preprocessing`, `sim.cycles.rendering`).
+Each stage by itself, its inputs always valid and its outputs always taken: cycles of each chunk,
+point, splat, entry and block are summed up. And both halves as wholes, in which stages wait for
+each other (`sim.cycles.preprocessing`, `sim.cycles.rendering`).
 """
 
 from dataclasses import asdict, dataclass
@@ -46,7 +46,7 @@ class Cycles:
 
 
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:
-    """Cycles of a frame that the twins have made. timing: of memory; its latency matters here."""
+    """Cycles of a frame of the golden model. timing: of memory; its latency matters here."""
     points = frame.points
     intervals = {
         "chunk": chunk_interval(config),

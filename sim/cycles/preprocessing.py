@@ -34,7 +34,7 @@ def chunk_interval(config: Config) -> int:
 
 
 def bin_costs(frame: Frame) -> np.ndarray:
-    """Cycles [N] of each splat in binning: what takes longest, set-up, tile rows or entries."""
+    """Cycles [N] of each splat in binning: the longest of set-up, tile rows and entries."""
     longest = np.maximum(frame.binned.splat_rows, frame.binned.splat_entries)
     return np.maximum(longest, SET_UP)
 
@@ -72,7 +72,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
 
 @njit(cache=True)
 def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
-    """When the last splat has been binned.
+    """The cycle in which the last splat has been binned.
 
     chunks [C]: points of each that are read; kind [N] of each point: 0 culled, 1 beside the guard
     band, 2 projected, 3 a splat; costs [M] of each splat in binning; steps, lengths: cycles from
@@ -97,10 +97,10 @@ def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
                 placed = max(placed + steps[2], culled + lengths[1])
                 if kind[point] > 1:
                     placed = max(placed, place_left[inside % INSIDE])
-                    put = max(placed + lengths[2], released[inside % slots])
-                    entered = max(entered + steps[3], put, gone[splats % queue])
+                    pushed = max(placed + lengths[2], released[inside % slots])
+                    entered = max(entered + steps[3], pushed, gone[splats % queue])
                     entered = np.ceil(entered / steps[3]) * steps[3]  # with the array's round
-                    place_left[inside % INSIDE] = put - lengths[2]
+                    place_left[inside % INSIDE] = pushed - lengths[2]
                     released[inside % slots] = entered + lengths[3]
                     inside += 1
                     if kind[point] > 2:

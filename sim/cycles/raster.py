@@ -89,7 +89,7 @@ class Raster:
 
 
 def raster_cycles(config: Config, frame: Frame) -> int:
-    """Stage 3 alone, its splats always there: when the last block is given out."""
+    """Stage 3 alone, its splats always valid: the cycle of the last block that it gives out."""
     stage = Raster(config, frame)
     for _ in frame.start[1:]:
         stage.group()
@@ -152,13 +152,13 @@ def live_end(first, end, pair, mask, blocks):
 
 @njit(cache=True)
 def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
-    """A pair to the rasterizers that own its blocks; when it went, all of them having room."""
+    """Push a pair to the rasterizers that own its blocks; returns when all of them had room."""
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
             r = owners[block]
             marked = max(marked, begun[r, count[r] % PAIRS_HELD])
     for r in range(len(free)):
-        now, some = max(marked + QUEUE_LATENCY, free[r]), False
+        time, some = max(marked + QUEUE_LATENCY, free[r]), False
         for block in range(BLOCKS_A_TILE):
             if owners[block] != r or not found >> block & 1:
                 continue
@@ -167,14 +167,14 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
                 name = tile * BLOCKS_A_TILE + block
                 for back in range(BUSY):
                     if last[r, back] == name:
-                        now = max(now, lanes[r, back] + BUSY)
+                        time = max(time, lanes[r, back] + BUSY)
                 for back in range(BUSY - 1, 0, -1):
                     last[r, back] = last[r, back - 1]
                     lanes[r, back] = lanes[r, back - 1]
-                last[r, 0], lanes[r, 0] = name, now
-            now += 1
+                last[r, 0], lanes[r, 0] = name, time
+            time += 1
         if some:
-            free[r] = now
-            begun[r, count[r] % PAIRS_HELD] = now
+            free[r] = time
+            begun[r, count[r] % PAIRS_HELD] = time
             count[r] += 1
     return marked

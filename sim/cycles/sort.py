@@ -1,4 +1,4 @@
-"""Stage 2's cycle model: when batches, jobs and groups are through, without a look at any key."""
+"""The cycle model of stage 2: times at which batches, jobs and groups end, whatever the keys."""
 
 from collections.abc import Callable, Sequence
 
@@ -17,7 +17,7 @@ TURNED = 6  # from the last entry of a merge to the first piece of the next one 
 
 
 Give = Callable[[float, int], float]
-"""When the first of so many entries can be merged → when the last one is."""
+"""The time at which the first of so many entries can be merged → that at which the last one is."""
 
 
 def at_once(first: float, count: int) -> float:

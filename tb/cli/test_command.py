@@ -13,6 +13,9 @@ from splatcore.model.formats.packed import read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import GENERATORS
+from splatcore.sim.cli.bench import bench
+from splatcore.sim.cli.main import COMMANDS as FILES
+from splatcore.sim.cli.options import app
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.common.result import Result
 from tb.helpers.clouds import cloud
@@ -204,12 +207,18 @@ def test_programs(folder, capsys):
 
 
 @pytest.mark.slow
-def test_synth(folder, capsys):
-    assert run("synth", "--stage", "add", "--stage", "cull", "--json", "s.json") == 0
+def test_synth_and_verilog(folder, capsys):
+    tiny = "--preset", "tiny"
+    assert run("synth", "--stage", "add", "--stage", "cull", *tiny, "--json", "s.json") == 0
     stages = load(folder / "s.json")["stages"]
     assert 1000 < stages["add"]["nand2"] < stages["cull"]["nand2"] < stages["cull"]["speed_nand2"]
     assert stages["cull"]["paper_nand2"] == 12_900
     assert stages["add"]["flip_flops"] > 50 and stages["add"]["depth"] > 5
+    assert run("verilog", "--part", "stages", *tiny, "-o", "rtl") == 0
+    for name in ("chunk", "cull", "place", "project"):
+        text = (folder / "rtl" / f"splatcore_{name}.v").read_text()
+        assert text.startswith(f"// Splatcore {name}, preset TINY")
+        assert f"module splatcore_{name}(" in text
 
 
 def test_empty_model(folder, capsys):
@@ -233,6 +242,13 @@ def test_memories(folder, capsys):
 COMMANDS = "scene info pack render compare error programs verilog synth memories cycles".split()
 
 
+def test_commands_are_in_the_order_of_their_files():
+    """Those with a file of their own; `compress` has `train`, too."""
+    names = [command.name for command in app.registered_commands if command.name != "train"]
+    names += [f"bench_{command.name}" for command in bench.registered_commands]
+    assert tuple(names) == FILES
+
+
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_help(command, capsys):
     assert run(*command.split(), "--help") == 0
@@ -250,17 +266,10 @@ def test_usage_errors_exit_with_2(capsys):
 
 def test_result_has_the_documented_keys():
     assert list(vars(Result("reference", "DEFAULT"))) == KEYS
+    others = "psnr_db_all_harmonics bytes_per_gaussian middle_98_percent pes_busy nand2".split()
     with open("docs/json.md") as file:
         documented = file.read()
-    for key in (
-        *KEYS,
-        "psnr_db_all_harmonics",
-        "bytes_per_gaussian",
-        "middle_98_percent",
-        "pes_busy",
-        "nand2",
-    ):
-        assert f"`{key}`" in documented
+    assert all(f"`{key}`" in documented for key in (*KEYS, *others))
 
 
 def test_python_m_sim():

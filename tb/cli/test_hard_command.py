@@ -27,7 +27,7 @@ QUICK = ("opacity_edge", "empty", "one", "one_pixel")
 
 
 def measured(path, *arguments: str, status: int = 0) -> dict:
-    """What `splatcore hard ARGUMENTS` on the small machine writes as JSON."""
+    """The JSON of `splatcore hard ARGUMENTS` on the small machine."""
     file = path / "hard.json"
     assert run("hard", *arguments, "--preset", "tiny", "--json", file) == status
     return json.loads(file.read_text())
@@ -70,19 +70,19 @@ def test_all_cases_of_the_golden_model(tmp_path, capsys):
 
 
 def test_what_is_measured(tmp_path, capsys):
-    """PSNR as the pipeline's test has it, the cycle model's frame, the twin's picture."""
+    """PSNR as the pipeline's test has it, the cycle model's frame, the golden model's picture."""
     assert PSNR_MIN == BOUND
     case = measured(tmp_path, "one", "-o", str(tmp_path))["cases"]["one"]
     hard = HARD["one"](0)
     model, _ = pack(hard.scene, TINY)
-    twin = render(TINY, model, hard.camera)
+    golden = render(TINY, model, hard.camera)
     exact = render_reference(model.gaussians(), hard.camera)
-    error = twin.pixels / 255 - np.clip(exact.image, 0, 1)
+    error = golden.pixels / 255 - np.clip(exact.image, 0, 1)
     assert case["psnr_db"] == pytest.approx(-10 * np.log10(np.mean(error**2)))
-    worst = np.abs(twin.pixels.astype(int) - exact.pixels.astype(int)).max()
+    worst = np.abs(golden.pixels.astype(int) - exact.pixels.astype(int)).max()
     assert case["max_error"] == pytest.approx(worst / 255)
-    assert case["cycles"] == frame_cycles(TINY, twin).frame
-    np.testing.assert_array_equal(read_png(tmp_path / "one.png"), twin.pixels)
+    assert case["cycles"] == frame_cycles(TINY, golden).frame
+    np.testing.assert_array_equal(read_png(tmp_path / "one.png"), golden.pixels)
     whole = render_reference(hard.scene.gaussians(), hard.camera).pixels / 255
     packing = -10 * np.log10(np.mean((exact.pixels / 255 - whole) ** 2))
     assert case["packing"]["psnr_db"] == pytest.approx(packing)
@@ -112,19 +112,19 @@ def test_size(tmp_path):
     assert read_png(tmp_path / "one.png").shape == (10, 20, 3)
 
 
-def changed(twin, place: tuple[int, int, int], by: int):
+def changed(golden, place: tuple[int, int, int], by: int):
     """A frame of the golden model with a colour changed."""
-    pixels = twin.pixels.copy()
+    pixels = golden.pixels.copy()
     pixels[place] ^= by
-    return replace(twin, raster=replace(twin.raster, pixels=pixels))
+    return replace(golden, raster=replace(golden.raster, pixels=pixels))
 
 
 def test_a_wrong_picture(tmp_path, monkeypatch, quick, capsys):
     """All cases of more than a pixel fail; the command goes on to the last of them."""
 
     def wrong(config, model, camera):
-        twin = render(config, model, camera)
-        return changed(twin, (20, 30, 1), 128) if camera.height > 20 else twin
+        golden = render(config, model, camera)
+        return changed(golden, (20, 30, 1), 128) if camera.height > 20 else golden
 
     monkeypatch.setattr(hard_cases.pipeline, "render", wrong)
     facts = measured(tmp_path, "-o", str(tmp_path), status=1)

@@ -26,16 +26,16 @@ MORE_KEYS = ["timing", "halves", "frames"]
 
 
 @pytest.fixture(scope="module")
-def twin():
-    """The needles' job and what the golden model makes of it."""
+def golden():
+    """The needles' job and the golden model's frame."""
     model, _ = pack(generate("needles"), TINY)
     job = Job(model, generated_camera("needles").resized(64, 48))
     return job, render(TINY, *job)
 
 
 @pytest.fixture(scope="module")
-def rendered(twin) -> Run:
-    return Machine(TINY).run([twin[0]] * 3, LPDDR4)
+def rendered(golden) -> Run:
+    return Machine(TINY).run([golden[0]] * 3, LPDDR4)
 
 
 def changed(frame, **arrays):
@@ -72,9 +72,9 @@ def test_compare(capsys):
 
 
 @pytest.mark.slow
-def test_the_stage_that_differs(rendered, twin):
-    """Faults of the twin are taken for the machine's, each one for what it is."""
-    _, frame = twin
+def test_the_stage_that_differs(rendered, golden):
+    """Faults of the golden model are taken for the machine's, each one for what it is."""
+    _, frame = golden
     assert all(diagnose(TINY, rendered, k, frame) is None for k in range(3))
     pixels = frame.raster.pixels.copy()
     pixels[20, 33, 1] ^= 4
@@ -102,9 +102,9 @@ def test_the_stage_that_differs(rendered, twin):
     assert found.stage.startswith(f"binning: slot 2 of burst {lists.address[5]}")
 
 
-def test_splats_of_a_tile(twin):
+def test_splats_of_a_tile(golden):
     """Those of the tile only, by depth."""
-    _, frame = twin
+    _, frame = golden
     found = tile_splats(TINY, frame, (1, 2))
     depth = frame.binned.entries["key"][[
         np.flatnonzero(frame.binned.entries["splat"] == splat)[0] for splat in found
@@ -117,7 +117,7 @@ def test_splats_of_a_tile(twin):
 
 
 def test_orbit():
-    """What the camera looks at stays in the middle, at the same distance."""
+    """The target of the camera stays in the middle, at the same distance."""
     camera = look_at(np.array([1.0, -2, -5]), np.zeros(3), 64, 48, 60.0)
     points = np.random.default_rng(0).normal(0, 0.1, (501, 3))
     path = orbit(camera, points, 4)
@@ -145,8 +145,8 @@ def test_bench_scenes(tmp_path, monkeypatch, capsys):
     assert ideal["identical"] and ideal["psnr_db"] > 45
     assert ideal["cycles"]["frame"] < slow["cycles"]["frame"]
     model, _ = pack(generate("needles"), TINY)
-    twin = render(TINY, model, generated_camera("needles").resized(64, 48))
-    assert ideal["model_cycles"]["raster"] == frame_cycles(TINY, twin).raster
+    golden = render(TINY, model, generated_camera("needles").resized(64, 48))
+    assert ideal["model_cycles"]["raster"] == frame_cycles(TINY, golden).raster
     table = (tmp_path / "scenes.md").read_text()
     assert table.count("| needles ") == 6 and table in capsys.readouterr().out
     assert len((tmp_path / "scenes.csv").read_text().splitlines()) == 3

@@ -1,7 +1,6 @@
 """Campaigns: results are kept, failures named, lost workers lose nothing; sweep, ablation, work."""
 
 import json
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -26,32 +25,19 @@ from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
+from tb.helpers.campaign_tasks import die, double
 from tb.helpers.scenes import needs_scenes, scene_path
 
 SIZE = "96x80"
 GARDEN = View("garden", "", SIZE)
 
 
-def double(number: int, log: str) -> dict:
-    """A measurement that tells how often it was made."""
-    with open(log, "a") as file:
-        file.write(f"{number}\n")
-    if number < 0:
-        raise ValueError(f"{number} is negative")
-    return {"value": 2 * number}
-
-
-def die(number: int, log: str) -> dict:
-    """A measurement that takes its process with it."""
-    os._exit(1)
-
-
 def task(number: int, log, function=double) -> Task:
     return Task(f"number {number}", str(number), function, (number, str(log)))
 
 
-def run(tasks: list[Task], folder) -> dict:
-    return {task.name: found for task, found in results(tasks, folder, None, "test")}
+def run(tasks: list[Task], folder, scheduler=None) -> dict:
+    return {task.name: found for task, found in results(tasks, folder, scheduler, "test")}
 
 
 @pytest.mark.slow
@@ -71,35 +57,18 @@ def test_results_are_kept(tmp_path):
 
 
 @pytest.mark.slow
-def test_failure_is_named(tmp_path):
-    """One measurement that fails leaves the others in place."""
-    found = run([task(n, tmp_path / "log") for n in (1, -1, 2)], tmp_path / "parts")
-    assert found.pop("number -1") == Failure("number -1", "ValueError: -1 is negative")
-    assert {f["value"] for f in found.values()} == {2, 4}
-
-
-@pytest.mark.slow
-def test_lost_process_loses_nothing(tmp_path):
-    """The task that takes its process with it is named, and all others have their results."""
-    tasks = [task(n, tmp_path / "log") for n in range(4)]
-    tasks.insert(1, task(9, tmp_path / "log", die))
-    found = run(tasks, tmp_path / "parts")
-    assert isinstance(found.pop("number 9"), Failure)
-    assert {name: f["value"] for name, f in found.items()} == {
-        f"number {n}": 2 * n for n in range(4)
-    }
-
-
-@pytest.mark.slow
-def test_cluster(tmp_path):
-    """Workers of a Dask scheduler do the same, and one that is lost is made up for."""
+@pytest.mark.parametrize("cluster", [False, True], ids=["processes", "cluster"])
+def test_failures_are_named_and_lose_nothing(tmp_path, cluster):
+    """A task that fails, and one that takes its process with it; all others have their results."""
     tasks = [task(n, tmp_path / "log") for n in (0, 1, -1, 2)]
     tasks.insert(3, task(9, tmp_path / "log", die))
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        found = dict(results(tasks, tmp_path / "parts", cluster.scheduler_address, "test"))
-    found = {task.name: result for task, result in found.items()}
+    if cluster:  # workers of a Dask scheduler
+        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
+            found = run(tasks, tmp_path / "parts", workers.scheduler_address)
+    else:
+        found = run(tasks, tmp_path / "parts")
     assert isinstance(found.pop("number 9"), Failure)
-    assert found.pop("number -1").why == "ValueError: -1 is negative"
+    assert found.pop("number -1") == Failure("number -1", "ValueError: -1 is negative")
     assert {name: f["value"] for name, f in found.items()} == {
         f"number {n}": 2 * n for n in range(3)
     }
@@ -126,16 +95,11 @@ def test_points_are_different():
 
 
 def test_front():
-    """What another point is as good as in everything, and better in something, is not on it."""
-    place = dict.fromkeys(("frame_cycles_max", "nand2", "psnr_db_mean"))
-    values = {
-        "a": (10, 5, 60),
-        "b": (10, 6, 60),
-        "c": (9, 7, 60),
-        "d": (11, 4, 50),
-        "e": (10, 5, 60),
-    }
-    found = {name: dict(zip(place, value, strict=True)) for name, value in values.items()}
+    """A point is not on it if another one is as good in everything and better in something."""
+    values = {"a": (10, 5, 60), "b": (10, 6, 60), "c": (9, 7, 60), "d": (11, 4, 50)}
+    values["e"] = values["a"]
+    names = ("frame_cycles_max", "nand2", "psnr_db_mean")
+    found = {name: dict(zip(names, value, strict=True)) for name, value in values.items()}
     assert front(found) == ["a", "c", "d", "e"]
 
 

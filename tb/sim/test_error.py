@@ -38,7 +38,7 @@ def exact() -> Reference:
 
 @pytest.fixture(scope="module")
 def good(exact) -> dict:
-    """What a wide machine makes of it."""
+    """The errors of a wide machine."""
     return measure(WIDE, exact, exact)
 
 
