@@ -4,16 +4,19 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SPLATCORE := $(BIN)/splatcore
-SIZE ?= 640x360
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-compress check clean
+.PHONY: help install demo pictures test test-compress verify check report results clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
 	@echo "make test   install, then run every test"
 	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
-	@echo "make check  lint, the import rule and the quick tests: two minutes"
+	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
+	@echo "make check  lint, the rules of the house and the quick tests: 90 seconds"
+	@echo "make pictures   the pictures in docs/, from those of the demo"
+	@echo "make report what out/report/results lacks (hours for all scenes), then the page of all results"
 	@echo "make clean  remove what the others made"
 
 install: .venv/installed
@@ -30,19 +33,26 @@ demo: install
 	$(SPLATCORE) scene garden -o out/garden.ply --cameras out/garden.json
 	$(SPLATCORE) info out/garden.ply
 	$(SPLATCORE) pack out/garden.ply -o out/garden.splatcore --camera out/garden.json
-	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(SIZE) \
+	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(or $(SIZE),640x360) \
 		-o out/reference.png --heat-map out/tiles.png
-	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(SIZE) \
+	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(or $(SIZE),640x360) \
 		--engine rtl -o out/rtl.png --error-map out/error.png --json out/rtl.json
 	$(SPLATCORE) registers -o docs
+
+pictures: demo
+	cp out/rtl.png docs/pictures/garden.png
+	cp out/tiles.png docs/pictures/garden-tiles.png
 
 test: install demo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile  # a thread for each process
+	$(PYTEST) -m "not verify"
 
 test-compress: .venv/compress
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m compress
+	$(PYTEST) -m compress
+
+verify: install
+	$(PYTEST) -m verify
 
 .venv/compress: pyproject.toml .venv/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,compress]'
@@ -51,7 +61,53 @@ test-compress: .venv/compress
 check: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest -m "not slow and not scenes"
+	$(PYTEST) -m "not slow and not scenes and not verify"
+
+# The report and its results. A result is measured if it is missing or older than its scene files.
+# SCENES: files and generated scenes. Default: all in the folder SPLATCORE_SCENES, without that the
+# garden at 640x360. SIZE, PRESET: WxH, and NAME or FILE. SCENE, CAMERA: the view of `power`.
+REPORT ?= out/report
+RESULTS ?= $(REPORT)/results
+SPLATCORE_SCENES ?= ../shared/scenes
+found := $(sort $(wildcard $(addprefix $(SPLATCORE_SCENES)/*,.ply .spz .splat .sog)))
+ifeq ($(SCENES)$(found),)
+SCENES := garden
+SIZE ?= 640x360
+endif
+SCENE ?= $(firstword $(SCENES) $(found))
+CAMERA ?= $(firstword $(wildcard $(addsuffix .cameras.json,$(basename $(SCENE) $(basename $(SCENE))))))
+
+size = $(addprefix --size ,$(SIZE))
+preset = $(addprefix --preset ,$(PRESET))
+measure = mkdir -p $(@D) && $(SPLATCORE)
+
+campaigns := scenes/scenes.csv sweep/sweep.json ablation/ablation.json work/work.json power.json
+others := $(addsuffix .json,hard/hard hard-rtl/hard hard-paper/hard programs programs-paper synth \
+	memories fpga-tiny fpga)
+
+report: install
+	-$(MAKE) --no-print-directory --keep-going results
+	$(SPLATCORE) report -o $(REPORT) --results $(RESULTS) $(addprefix --scene ,$(SCENES)) $(size) $(preset)
+
+results: $(addprefix $(RESULTS)/,$(campaigns) $(others))
+
+$(addprefix $(RESULTS)/,$(campaigns) $(others)): | .venv/installed
+$(addprefix $(RESULTS)/,$(campaigns)): $(wildcard $(SCENES))
+
+$(RESULTS)/scenes/scenes.csv: ; $(measure) bench scenes --out $(@D) $(SCENES) $(size) $(preset)
+$(RESULTS)/sweep/sweep.json: ; $(measure) bench sweep --out $(@D) $(SCENES) $(size)
+$(RESULTS)/ablation/ablation.json: ; $(measure) bench ablation --out $(@D) $(SCENES) $(size) $(preset)
+$(RESULTS)/work/work.json: ; $(measure) bench work --out $(@D) $(SCENES) $(size) $(preset)
+$(RESULTS)/power.json: ; $(measure) power --json $@ $(SCENE) $(addprefix --camera ,$(CAMERA)) $(size) $(preset)
+$(RESULTS)/hard/hard.json: ; $(measure) hard --engine golden -o $(@D) --json $@ $(preset)
+$(RESULTS)/hard-rtl/hard.json: ; $(measure) hard --engine rtl --preset TINY -o $(@D) --json $@
+$(RESULTS)/hard-paper/hard.json: ; $(measure) hard --engine golden --preset PAPER -o $(@D) --json $@
+$(RESULTS)/programs.json: ; $(measure) programs --json $@ $(preset)
+$(RESULTS)/programs-paper.json: ; $(measure) programs --preset PAPER --json $@
+$(RESULTS)/synth.json: ; $(measure) synth --stage top --json $@ $(preset)
+$(RESULTS)/memories.json: ; $(measure) memories --json $@ $(preset)
+$(RESULTS)/fpga-tiny.json: ; $(measure) fpga --preset TINY --json $@
+$(RESULTS)/fpga.json: ; $(measure) fpga --json $@ $(preset)
 
 clean:
 	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore.h

@@ -1,4 +1,4 @@
-"""Arithmetic on codes of floats, each operation rounded once: the twin of the hardware's.
+"""Arithmetic on codes of floats, each operation rounded once: golden model of the hardware's.
 
 Codes come in arrays of any shapes that broadcast, and go out in the format's smallest dtype.
 
@@ -23,14 +23,14 @@ def _checked(format: Float) -> None:
 
 
 def multiply(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a · b."""
+    """Codes of a · b, rounded once."""
     _checked(format)
     with np.errstate(invalid="ignore", over="ignore"):  # ∞ · 0; past float64's end is past ours
         return format.encode(format.decode(a) * format.decode(b))
 
 
 def add(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a + b."""
+    """Codes of a + b, rounded once."""
     _checked(format)
     with np.errstate(invalid="ignore"):  # ∞ − ∞
         return format.encode(format.decode(a) + format.decode(b))
@@ -42,7 +42,7 @@ def multiply_add(format: Float, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> 
 
 
 def compare(format: Float, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether a < b, and whether a = b, as codes of one bit. Both are 0 if either is NaN."""
+    """a < b and a = b, as codes of one bit. Both are 0 if either is NaN."""
     a, b = format.decode(a), format.decode(b)
     return (a < b).astype(np.uint8), (a == b).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""Binning's twin: projected splats to features, to entries of groups, and to lists in memory."""
+"""Golden model of binning: splats to features, to entries of groups, and to lists in memory."""
 
 from dataclasses import dataclass
 
@@ -18,15 +18,13 @@ from splatcore.spec.group import (
 )
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
-
-Codes = dict[str, np.ndarray]
-
-CHANNELS = ("red", "green", "blue")
+from splatcore.spec.raster import COLOURS as CHANNELS
+from splatcore.spec.record import Codes
 
 
 @dataclass(frozen=True, eq=False)
 class Binned:
-    """What binning makes of a frame's splats.
+    """The result of binning a frame's splats.
 
     kept [K]: the splats that touch a tile, in their order, numbered from 0 from here on; features
     [K]: codes of `feature_record`; group [E] and entries [E], codes of `entry_record`, in the order

@@ -1,4 +1,4 @@
-"""The twin of stage 0's front: what all points of a chunk share, and which chunks are skipped."""
+"""Golden model of stage 0's front: values that a chunk's points share, and chunks to skip."""
 
 import numpy as np
 

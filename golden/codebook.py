@@ -1,4 +1,4 @@
-"""The codebooks' twin: from Gaussians' indices to colours and harmonics."""
+"""Golden model of the codebooks: from Gaussians' indices to colours and harmonics."""
 
 import numpy as np
 

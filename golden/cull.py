@@ -1,4 +1,4 @@
-"""Stage 0's twin: the depth of the points of all chunks that are kept, culled at the near plane."""
+"""Golden model of stage 0: depth of the points of all kept chunks, culled at the near plane."""
 
 import numpy as np
 

@@ -1,6 +1,4 @@
-"""Features and sorted entries from the reference's splats: what stage 3 gets if no stage before it
-makes an error.
-"""
+"""Exact inputs of stage 3: features and sorted entries from the float64 reference's splats."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -35,7 +33,7 @@ class Entries:
 
 
 def as_packed(gaussians: Gaussians) -> Gaussians:
-    """What a model keeps, with opacities that it can hold."""
+    """The Gaussians that a packed model keeps, with opacities that it can hold."""
     codes = OPACITY.encode(-np.log2(np.clip(np.nan_to_num(gaussians.opacity), 1e-9, 1)))
     kept = np.nan_to_num(gaussians.opacity) >= ALPHA_MIN
     rounded = replace(gaussians, opacity=2.0 ** -OPACITY.decode(codes))

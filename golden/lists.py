@@ -1,4 +1,4 @@
-"""Binning's twin, second half: entries of groups to bursts of linked lists in memory."""
+"""Golden model of binning, second half: entries of groups to bursts of linked lists in memory."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ PAGE_MAX = (1 << PAGE_BITS) - 1
 
 @dataclass(frozen=True, eq=False)
 class Lists:
-    """What goes to list memory in a frame.
+    """The list memory of a frame.
 
     address [B] (in bursts) and slots [B, burst] of the bursts in their order; page [G] (first one
     of each group that has entries, else 0) and count [G] of all groups; needed: pages.
@@ -40,33 +40,33 @@ def write_lists(config: Config, group: np.ndarray, slot: np.ndarray, groups: int
 
 @njit(cache=True)
 def _write(group, slot, per_page, pages, address, slots, first, count):
-    """Fill bursts, first pages and counts; how many bursts were written, pages needed."""
+    """Fill bursts, first pages and counts; returns the bursts written and the pages needed."""
     burst = slots.shape[1]
-    present, place = np.zeros_like(count), np.zeros_like(count)
+    page, position = np.zeros_like(count), np.zeros_like(count)  # of the next entry
     buffer = np.zeros((len(count), burst), np.uint64)
     written = needed = 0
     for entry in range(len(group)):
         g = group[entry]
-        full = place[g] == per_page * burst - 1
-        whole = place[g] % burst == burst - 1
-        buffer[g, place[g] % burst] = np.uint64(needed) if full else slot[entry]
+        full = position[g] == per_page * burst - 1
+        whole = position[g] % burst == burst - 1
+        buffer[g, position[g] % burst] = np.uint64(needed) if full else slot[entry]
         if whole:
-            if present[g] < pages:
-                address[written] = present[g] * per_page + place[g] // burst
+            if page[g] < pages:
+                address[written] = page[g] * per_page + position[g] // burst
                 slots[written] = buffer[g]
                 written += 1
             buffer[g] = 0
         if full or count[g] == 0:
-            present[g], place[g] = needed, 0
+            page[g], position[g] = needed, 0
             buffer[g, 0] = slot[entry]
             if count[g] == 0:
                 first[g] = needed
             needed = min(needed + 1, PAGE_MAX)
-        place[g] += 1
+        position[g] += 1
         count[g] += 1
     for g in range(len(count)):
-        if place[g] % burst and present[g] < pages:
-            address[written] = present[g] * per_page + place[g] // burst
+        if position[g] % burst and page[g] < pages:
+            address[written] = page[g] * per_page + position[g] // burst
             slots[written] = buffer[g]
             written += 1
     return written, needed

@@ -1,4 +1,4 @@
-"""The machine's twin as a whole: packed model and camera to 8-bit pixels, in the stages' order."""
+"""Golden model of the whole machine: packed model and camera to 8-bit pixels, stage by stage."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from splatcore.spec.packed import PackedModel
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame and what each stage made of it."""
+    """A rendered frame, and the result of each stage."""
 
     points: Points
     binned: Binned

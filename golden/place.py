@@ -1,4 +1,4 @@
-"""The twin of stage 1's front: x and y of the points that stage 0 kept, and the guard band."""
+"""Golden model of stage 1's front: x and y of the points that stage 0 kept, and the guard band."""
 
 import numpy as np
 

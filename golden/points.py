@@ -1,4 +1,4 @@
-"""The point half of the machine, composed: packed model and camera to projected Gaussians."""
+"""Golden model of stages 0 and 1 together: packed model and camera to projected Gaussians."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
 
 SHARED = ("margin_x", "margin_y", "chunk_reach")
-"""What a chunk's points take from its values."""
+"""Values of a chunk that its points share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """What stages 0 and 1 make of a model's Gaussians, in stored order."""
+    """A model's Gaussians after each step of stages 0 and 1, in stored order."""
 
     frame: FrameConstants
     chunks: Values  # [C] of the chunk program

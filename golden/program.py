@@ -1,4 +1,4 @@
-"""The twin of the arrays of stages 0 and 1: a microprogram, step by step, on all items at once."""
+"""Golden model of the PE arrays: a microprogram, step by step, on all items at once."""
 
 import numpy as np
 

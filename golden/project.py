@@ -1,4 +1,4 @@
-"""Stage 1's twin: points in the guard band and their attributes, projected to splats."""
+"""Golden model of stage 1: points in the guard band and their attributes, projected to splats."""
 
 from dataclasses import replace
 

@@ -1,7 +1,7 @@
-"""The twin of stage 3: sorted entries of groups to 8-bit pixels, in the integers of `spec.raster`.
+"""Golden model of stage 3: sorted entries of groups to 8-bit pixels, all in integers.
 
-Compiled by numba, parallel over groups; all are integers, so nothing depends on the order of work
-but the order of a pixel's splats.
+Compiled by numba, parallel over groups. Numbers are those of `spec.raster`, so nothing depends on
+the order of work but the order of a pixel's splats.
 """
 
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ from splatcore.spec.raster import (
 EXTENT_FRACTION, EXTENT_LARGEST = EXTENT.fraction, (1 << EXTENT.width) - 1
 
 WORK = ("marked", "visited", "contributing", "contributions", "ended")
-"""What is counted by group and rasterizer: blocks that marking could not leave out; those of them
+"""Counts by group and rasterizer: blocks that marking could not leave out; those of them
 with a pixel of alpha ≥ 1/255; those with one that was still live; blended pixels; ended pixels."""
 
 PAIRS = ("entries", "pairs", "far", "empty")
-"""What is counted by group: entries until the group's last pixel had ended; pairs of one of them
+"""Counts by group: entries until the group's last pixel had ended; pairs of one of them
 and a tile with live pixels; those that setup found too far away, those without a marked block."""
 
 
@@ -88,7 +88,7 @@ def rasterize(
 
 
 def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
-    """What the loops below need to know of a machine."""
+    """Constants of a machine for the loops below."""
     pixel = config.pixel_fraction
     return (
         -(1 << 62) if mark_all else 2 * mark_min(config), exponent_min(pixel),
@@ -135,8 +135,8 @@ def _rasterize_groups(
                     continue
                 blocks[pair] = 0
                 pairs[group, 1] += 1
-                there = column + tile % tiles, row + tile // tiles
-                if not quadratic(prepared, there[0], there[1], setup, coefficients):
+                at = column + tile % tiles, row + tile // tiles
+                if not quadratic(prepared, at[0], at[1], setup, coefficients):
                     pairs[group, 2] += 1
                     continue
                 area = state[y * BLOCK : y * BLOCK + TILE, x * BLOCK : x * BLOCK + TILE]
@@ -154,8 +154,8 @@ def _rasterize_groups(
 
 @njit(inline="always")
 def _near(distance, steps, half):
-    """Whether a splat of a half extent (`EXTENT`) reaches a block 2·steps pixels from the centre of
-    a tile that is `distance` away.
+    """True if a splat of a half extent (`EXTENT`) reaches the block 2·steps pixels from the centre
+    of a tile that is `distance` away.
     """
     if half == EXTENT_LARGEST:
         return True
@@ -205,8 +205,9 @@ def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work)
 
 @njit(cache=True)
 def _blend_block(exponents, colour, block, blending, table, work):
-    """Blend a splat into a block's pixels [4, 4, 5]: whether one of them has alpha ≥ 1/255, and how
-    many ended.
+    """Blend a splat into a block's pixels [4, 4, 5].
+
+    Returns 1 if one of them has alpha ≥ 1/255, and the number of those that ended.
     """
     base, along_x, along_y, xx, xy, yy = exponents
     lowest = blending[1]

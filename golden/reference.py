@@ -130,9 +130,7 @@ def project(
     opacity = gaussians.opacity[index]
     with np.errstate(divide="ignore"):
         reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
-    splats = Splats(
-        index, centre, depth, covariance, conic, opacity, reach, np.zeros_like(point)
-    )  # fmt: skip
+    splats = Splats(index, centre, depth, covariance, conic, opacity, reach, np.zeros_like(point))
     sound = np.isfinite(splats.centre).all(1) & np.isfinite(conic).all(1)
     counts["not_finite"] += int(len(splats) - sound.sum())
     splats = splats[sound]

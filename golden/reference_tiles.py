@@ -90,9 +90,7 @@ def rasterize(lists, splats, width, height, convention, progress=None):
     columns, rows = -(-width // TILE), -(-height // TILE)
     image, transmittance = np.zeros((height, width, 3)), np.ones((height, width))
     work = np.zeros((columns * rows, 4), np.int64)
-    limits = np.array(
-        [convention.alpha_min, convention.alpha_max, convention.transmittance_min]
-    )  # fmt: skip
+    limits = np.array([convention.alpha_min, convention.alpha_max, convention.transmittance_min])
     for row in range(rows):
         _blend_tile_row(
             row, columns, lists.start, lists.splat, splats.centre,

@@ -1,4 +1,4 @@
-"""The twin of stage 3's first steps: what E is around a tile, in the integers of `spec.raster`."""
+"""Golden model of stage 3's first steps: E = log2(alpha) around a tile, in integers."""
 
 import numpy as np
 from numba import njit
@@ -111,14 +111,14 @@ def shift(value, right):
 
 @njit(inline="always")
 def outside(value, integer, fraction):
-    """Whether a signed number leaves its range."""
+    """True if a signed number leaves its range."""
     limit = 1 << (integer + fraction)
     return not -limit <= value < limit
 
 
 @njit(cache=True)
 def quadratic(splat, column, row, constants, coefficients):
-    """What E is around the tile at (column, row) of the image; False if it is too far away.
+    """E's coefficients around the tile at (column, row) of the image; False if it is too far away.
 
     splat: a row of `prepare`. coefficients [8]: e, gx, gy, cxx, cxy, cyy, and the way from the
     splat's centre to the tile's in steps of `POSITION`.

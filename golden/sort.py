@@ -1,4 +1,4 @@
-"""Stage 2's twin: what each of its streams carries, from `spec.sort`'s words."""
+"""Golden model of stage 2, sorting: the contents of each of its streams, by `spec.sort`."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -42,12 +42,12 @@ def sort(config: Config, counts: np.ndarray, entries: Codes) -> Sorted:
             runs += merge.written
             pieces += _pieces(config, merge)
     spilled = np.concatenate([np.zeros(0, int), *(run.order for run in runs)])
-    places = [address(run.area, run.start) + np.arange(len(run.order)) for run in runs]
+    addresses = [address(run.area, run.start) + np.arange(len(run.order)) for run in runs]
     back = np.concatenate([np.zeros(0, int), *(piece.order for piece in pieces)])
     return Sorted(
         given,
         {
-            "address": np.concatenate([np.zeros(0, np.uint32), *places]).astype(np.uint32),
+            "address": np.concatenate([np.zeros(0, np.uint32), *addresses]).astype(np.uint32),
             "entry": {field: entries[field][spilled] for field in FIELDS},
         },
         {
@@ -93,16 +93,16 @@ def _merges(config: Config, keys: np.ndarray, first: int) -> Iterator[Merged]:
         merged = []
         for k in range(0, len(runs), ways):
             read = runs[k : k + ways]
-            there = np.concatenate([run.order for run in read])
-            order = np.argsort(keys[there - first], kind="stable")
+            joined = np.concatenate([run.order for run in read])
+            order = np.argsort(keys[joined - first], kind="stable")
             yield Merged(written, read, order)
-            written = [] if done else [Run(1 - read[0].area, read[0].start, there[order])]
+            written = [] if done else [Run(1 - read[0].area, read[0].start, joined[order])]
             merged += written
         runs = merged
 
 
 def _pieces(config: Config, merge: Merged) -> list[Run]:
-    """What a merge reads, in the order in which it asks."""
+    """The pieces of runs that a merge reads, in the order of its requests."""
     size, room = read_entries(config), config.sub_sorter_entries // read_entries(config)
     pieces = [
         [
@@ -114,9 +114,9 @@ def _pieces(config: Config, merge: Merged) -> list[Run]:
     asked = [run[k] for k in range(room) for run in pieces if k < len(run)]
     lengths = [len(run.order) for run in merge.read]
     way = np.repeat(np.arange(len(lengths)), lengths)[merge.order]
-    place = np.concatenate([np.arange(length) for length in lengths])[merge.order]
-    for k in np.flatnonzero(place % size == size - 1):
-        following = place[k] // size + room
+    position = np.concatenate([np.arange(length) for length in lengths])[merge.order]
+    for k in np.flatnonzero(position % size == size - 1):
+        following = position[k] // size + room
         if following < len(pieces[way[k]]):
             asked.append(pieces[way[k]][following])
     return asked

@@ -1,4 +1,4 @@
-"""The twin of a sub-sorter: a stable sort."""
+"""Golden model of a sub-sorter: a stable sort."""
 
 from collections.abc import Sequence
 

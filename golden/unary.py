@@ -1,4 +1,4 @@
-"""Twin of the unary functions: the integers of `spec.unary`, on arrays.
+"""Golden model of reciprocal and reciprocal square root: the integers of `spec.unary`, on arrays.
 
 `codes` [...] of a `Float` in, codes [...] of the same format out, in its unsigned dtype.
 """
@@ -54,7 +54,7 @@ def _normalised(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _interpolated(path: Datapath, fraction: np.ndarray, parity: np.ndarray) -> np.ndarray:
-    """The sum of the three terms for the significand of a fraction and, for the root, a parity."""
+    """The sum of the three terms for the significand of a fraction and, for rsqrt, a parity."""
     table = coefficients(path)
     address = fraction >> path.rest
     if path.function == "rsqrt":
@@ -92,7 +92,7 @@ def _packed(format: Float, path: Datapath, total: np.ndarray, exponent: np.ndarr
 def _with_special(
     function: Function, format: Float, codes: np.ndarray, magnitude: np.ndarray
 ) -> np.ndarray:
-    """Codes with sign: zeros, negative inputs of the root, infinities and NaN put right."""
+    """Codes with sign: zeros, negative inputs of rsqrt, infinities and NaN put right."""
     saturate = format.overflow == "saturate"
     sign_bit = format.width - 1
     unsigned = codes & (1 << format.exponent + format.fraction) - 1

@@ -1,20 +1,16 @@
-"""Frames: both halves at work on neighbouring ones, and what happens when something goes wrong."""
+"""Frame control: starts both halves on neighbouring frames, and recovers from errors."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import data, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import frame_layout
-from splatcore.hdl.points.preprocess import AREA, ERROR
+from splatcore.hdl.lib.record import AREA, ERROR, frame_layout
+from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES
 from splatcore.hdl.raster.render import job_layout
-from splatcore.spec.axi import BEAT_BITS, ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
+from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
 from splatcore.spec.raster import COLOURS
 from splatcore.spec.registers import FRAME_BITS, ErrorCode
-
-HALVES = (PREPROCESSING, RENDERING)
-
-FAULT = data.StructLayout({"now": 1, "client": ID_BITS})
 
 
 class Frame(wiring.Component):
@@ -25,14 +21,14 @@ class Frame(wiring.Component):
 
     Members
         frame: the host's registers. start, abort: its commands.
-        ready, working: what STATUS says: START is taken; each half is at work.
+        ready, working: bits of STATUS: START is taken; each half is at work.
         ready_event, frame_event: `ready` has come; a frame is complete.
-        error: what goes wrong. started, finished: frames so far.
-        begin, done, fails: each half's start, its end, what it says is wrong. taken: the first
+        error: an error of the frame or the bus. started, finished: frames so far.
+        begin, done, fails: each half's start, its end, its error. taken: the first
             half's work area has been handed over.
-        area, job: what they are told.
+        area, job: their parameters.
         read_error, write_error: from the bus. idle: nothing of a half is under way there.
-        failing: a half is to begin nothing more. reset: a half is to forget all.
+        failing: a half is to begin nothing more. reset: resets a half.
 
     **Timing**: two cycles from one half to the other.
     """
@@ -58,8 +54,8 @@ class Frame(wiring.Component):
                 "fails": In(ERROR).array(halves),
                 "area": Out(AREA),
                 "job": Out(job_layout(config)),
-                "read_error": In(FAULT),
-                "write_error": In(FAULT),
+                "read_error": In(CLIENT_ERROR),
+                "write_error": In(CLIENT_ERROR),
                 "idle": In(halves),
                 "failing": Out(halves),
                 "reset": Out(halves),
@@ -118,8 +114,8 @@ class Frame(wiring.Component):
             m.d.sync += failing.eq(1)
 
     def _errors(self, m: Module) -> list[Value]:
-        """The one error that is told, and whether a half has one."""
-        faults = [self.abort | self.fails[half].now for half in HALVES]
+        """Reports one error; returns a bit for each half that says that it has one."""
+        faults = [self.abort | self.fails[half].valid for half in HALVES]
         for error, clients, code in (
             (self.read_error, READERS, ErrorCode.READ),
             (self.write_error, WRITERS, ErrorCode.WRITE),
@@ -128,19 +124,19 @@ class Frame(wiring.Component):
                 Cat(error.client == k for k, of in enumerate(clients.values()) if of == half).any()
                 for half in HALVES
             ]
-            told = Cat(mine[half] & ~self.failing[half] for half in HALVES).any()
+            reported = Cat(mine[half] & ~self.failing[half] for half in HALVES).any()
             for half in HALVES:
-                faults[half] = faults[half] | (error.now & mine[half])
-            with m.If(error.now & told):
-                m.d.comb += [self.error.now.eq(1), self.error.code.eq(code)]
+                faults[half] = faults[half] | (error.valid & mine[half])
+            with m.If(error.valid & reported):
+                m.d.comb += [self.error.valid.eq(1), self.error.code.eq(code)]
                 m.d.comb += self.error.detail.eq(error.client)
         for half in HALVES:
-            with m.If(self.fails[half].now & ~self.failing[half]):
+            with m.If(self.fails[half].valid & ~self.failing[half]):
                 m.d.comb += self.error.eq(self.fails[half])
         return faults
 
     def _areas(self, m: Module):
-        """Frames take the work areas in turn; what the second half is told stays for its frame."""
+        """Frames take the work areas in turn; the second half's parameters stay for its frame."""
         frame, area, job, second = self.frame, self.area, self.job, Signal()
         for part in ("groups", "lists", "features"):
             behind = Mux(second, frame.work_area, 0)

@@ -5,12 +5,14 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.counters import counters_layout
+from splatcore.hdl.lib.record import ERROR as ERROR_EVENT
 from splatcore.hdl.lib.record import frame_layout
 from splatcore.hdl.memory.bus import axi_lite
 from splatcore.spec.axi import LITE_ADDRESS_BITS, LITE_DATA_BITS, OKAY, SLAVE_ERROR
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
-from splatcore.spec.counters import COUNTER_BITS, counters
+from splatcore.spec.counters import counters
 from splatcore.spec.registers import (
     ABORT,
     CODE_BITS,
@@ -32,17 +34,7 @@ WORD_BITS = exact_log2(WORD)
 FIRST = FRAME_START // WORD
 
 ERROR = data.StructLayout({"code": CODE_BITS, "detail": DETAIL_BITS})
-"""What ERROR reads as."""
-
-
-def counters_layout(config: Config) -> data.StructLayout:
-    """All counters by stage and name."""
-    return data.StructLayout(
-        {
-            stage: data.StructLayout(dict.fromkeys(names, COUNTER_BITS))
-            for stage, names in counters(config).items()
-        }
-    )
+"""The value of the register ERROR."""
 
 
 class Registers(wiring.Component):
@@ -63,8 +55,8 @@ class Registers(wiring.Component):
             cycle and the next one, not longer.
         status: the bits of STATUS.
         ready_event, frame_event: high for a cycle: bits of INTERRUPT.
-        error: `now` high for a cycle: code and detail go to ERROR unless there is one already.
-        started, finished, needed, counters: what is read as such (`counters_layout`).
+        error: `valid` high for a cycle: code and detail go to ERROR unless there is one already.
+        started, finished, needed, counters: values of these registers; counters by stage and name.
 
     **Timing**: a write is done in the cycle after its address and data have come; a read is
     answered 2 cycles after its address; one of each every 2 cycles. No path from an input of the
@@ -75,6 +67,7 @@ class Registers(wiring.Component):
         self.config = config
         self.map: dict[int, Register] = register_map(config)
         self.address = {register.name: address for address, register in self.map.items()}
+        stages = {stage: counters_layout(names) for stage, names in counters(config).items()}
         super().__init__(
             {
                 "s_axi": In(axi_lite()),
@@ -86,11 +79,11 @@ class Registers(wiring.Component):
                 "status": In(self.map[self.address["STATUS"]].width),
                 "ready_event": In(1),
                 "frame_event": In(1),
-                "error": In(data.StructLayout({"now": 1} | ERROR.members)),
+                "error": In(ERROR_EVENT),
                 "started": In(self.map[self.address["STARTED"]].width),
                 "finished": In(self.map[self.address["FINISHED"]].width),
                 "needed": In(PAGE_BITS),
-                "counters": In(counters_layout(config)),
+                "counters": In(data.StructLayout(stages)),
             }
         )
         # A write that is being done: of which word, what, and whether it is taken.
@@ -111,11 +104,11 @@ class Registers(wiring.Component):
         return m
 
     def _at(self, name: str) -> Value:
-        """Whether a register is being written."""
+        """High if a register is being written."""
         return self.taken & (self.word == self.address[name] // WORD)
 
     def _take(self, m: Module) -> Value:
-        """Writes; whether one of a locked register is refused."""
+        """Writes; returns a bit that says that one of a locked register is refused."""
         s_axi = self.s_axi
         addressed, given, whole = Signal(), Signal(), Signal()
         with m.If(s_axi.awready):
@@ -155,7 +148,7 @@ class Registers(wiring.Component):
         return self.write & whole & of_frame & self.locked
 
     def _commands(self, m: Module) -> Value:
-        """START and ABORT; whether START comes where it must not."""
+        """START and ABORT; returns a bit that says that START is refused."""
         start, abort, ready = Signal(), Signal(), Signal()
         control = self._at("CONTROL")
         m.d.comb += [
@@ -169,21 +162,21 @@ class Registers(wiring.Component):
 
     def _errors(self, m: Module, start_refused: Value, lock_broken: Value):
         """The first error, and interrupts. An error from outside goes before one of the host's."""
-        new, now = Signal(ERROR), Signal()
+        new, valid = Signal(ERROR), Signal()
         m.d.comb += [
-            now.eq(self.error.now | start_refused | lock_broken),
+            valid.eq(self.error.valid | start_refused | lock_broken),
             new.code.eq(Mux(lock_broken, ErrorCode.LOCKED, ErrorCode.START)),
             new.detail.eq(Mux(lock_broken, self.word - FIRST, 0)),
         ]
-        with m.If(self.error.now):
+        with m.If(self.error.valid):
             m.d.comb += [new.code.eq(self.error.code), new.detail.eq(self.error.detail)]
         clears = self._at("ERROR")
         with m.If(clears | (self.first_error.code == ErrorCode.NONE)):
-            m.d.sync += self.first_error.eq(Mux(now, new, 0))
+            m.d.sync += self.first_error.eq(Mux(valid, new, 0))
         events = {
             INTERRUPT_READY: self.ready_event,
             INTERRUPT_FRAME: self.frame_event,
-            INTERRUPT_ERROR: now,
+            INTERRUPT_ERROR: valid,
         }
         cleared = Mux(self._at("INTERRUPT"), self.value, 0)
         for bit, event in events.items():
@@ -200,7 +193,7 @@ class Registers(wiring.Component):
                 m.d.sync += self.frame[register.name.lower()].eq(self.value)
 
     def _values(self) -> dict[str, Value]:
-        """What registers read as by their names, but those that never change or read as 0."""
+        """Values of registers by name, but those that never change or read as 0."""
         values = {
             "STATUS": self.status,
             "INTERRUPT": self.events,

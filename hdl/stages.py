@@ -41,6 +41,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.microprogram import projection
 from splatcore.spec.raster import block_count
 from splatcore.spec.schedule import latencies
+from splatcore.spec.stages import BLOCKS
 
 Build = Callable[[Config], wiring.Component]
 
@@ -54,8 +55,7 @@ STAGES: dict[str, Build] = {
     "sort": Sort,
     "raster": Raster,
 }
-"""Stage 0 is chunk and cull, stage 1 place and project; points is both stages together. Stage 2 is
-sort, stage 3 raster."""
+"""Those of `spec.stages`, and points: all that work on points, together."""
 
 CONTROL: dict[str, Build] = {
     "axi": Axi,
@@ -72,9 +72,9 @@ CONTROL: dict[str, Build] = {
 """Memory access and the host's side; with points, bin, sort and raster they are all of `Top`."""
 
 WHOLE: dict[str, tuple[Build, ...]] = {
-    name: (STAGES[name],) for name in ("points", "bin", "sort", "raster")
+    block: (STAGES[block],) for blocks in BLOCKS.values() for block in blocks
 } | {"control": tuple(CONTROL.values())}
-"""What together is all of the machine."""
+"""Blocks and control: together all of the machine."""
 
 LARGE = ("sort", "raster")
 """Stages that take minutes to synthesise; `PRIMITIVES` has their parts."""
@@ -99,13 +99,3 @@ PRIMITIVES: dict[str, Build] = {
     "rasterizer": lambda config: Rasterizer(config, 0),
 }
 """Parts that stages are made of, on their own."""
-
-PAPER_GATES = {"cull": 12_900, "project": 71_600, "sort": 761_400, "raster": 88_900}
-"""NAND2-equivalents of the paper's stages 0 to 3 (its table of gate counts)."""
-
-PAPER_CONTROL, PAPER_ALL = 208_900, 1_143_800
-"""Those of its control, and of all of it (as printed there: 100 more than the sum)."""
-
-PAPER_MEMORIES = {"sort": 56, "feature": 32, "view": 12, "process": 12, "codebook": 8}
-"""Kilobytes of the paper's memories; `sort` is four key and four value buffers of 4 KB each and
-12 + 12 KB that they share."""

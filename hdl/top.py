@@ -1,4 +1,4 @@
-"""The whole machine: registers, both halves, and the memory port."""
+"""The top module: registers, frame control, both halves of the machine, and the memory port."""
 
 from amaranth.hdl import Cat, Module, ResetInserter
 from amaranth.lib import wiring
@@ -22,7 +22,7 @@ class Top(wiring.Component):
     Members
         s_axi: AXI4-Lite slave: the registers of `spec.registers`.
         m_axi: AXI4 master: memory.
-        interrupt: something has happened that the host wants to know.
+        interrupt: an enabled event has happened.
 
     **Timing**: a frame's points are made while the tiles of the one before are rendered; each half
     takes as long as its slowest stage.
@@ -69,14 +69,14 @@ class Top(wiring.Component):
         return m
 
     def _connect(self, m: Module, part: Preprocess | Render, half: int):
-        """A half's readers and writers to their places at the memory port."""
+        """A half's readers and writers to their streams at the memory port."""
         readers = [k for k, of in enumerate(READERS.values()) if of == half]
         writers = [k for k, of in enumerate(WRITERS.values()) if of == half]
-        for number, place in enumerate(readers):
-            connect(m, part.reads[number], self.axi.reads[place])
-            connect(m, self.axi.data[place], part.data[number])
-        for number, place in enumerate(writers):
-            connect(m, part.writes[number], self.axi.writes[place])
+        for number, port in enumerate(readers):
+            connect(m, part.reads[number], self.axi.reads[port])
+            connect(m, self.axi.data[port], part.data[number])
+        for number, port in enumerate(writers):
+            connect(m, part.writes[number], self.axi.writes[port])
 
     def _count(self, m: Module, name: str, half: int):
         """A half's cycles and traffic."""
@@ -87,10 +87,10 @@ class Top(wiring.Component):
             ("read", READERS, self.axi.beats_read),
             ("write", WRITERS, self.axi.beats_written),
         ):
-            for place, (client, of) in enumerate(clients.items()):
+            for port, (client, of) in enumerate(clients.items()):
                 if of == half:
-                    events[f"{way}_{client}"] = passed[place]
-        m.d.comb += [counters.event[event].eq(now) for event, now in events.items()]
+                    events[f"{way}_{client}"] = passed[port]
+        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
         m.d.comb += counters.clear.eq(self.frame.begin[half])
         stage = ("preprocessing", "rendering")[half]
         m.d.comb += self.registers.counters[stage].eq(counters.value)
@@ -108,11 +108,14 @@ class Top(wiring.Component):
             self.interrupt.eq(registers.interrupt),
             frame.idle.eq(self.axi.idle),
             self.axi.failing.eq(frame.failing),
+            registers.ready_event.eq(frame.ready_event),
+            registers.frame_event.eq(frame.frame_event),
+            registers.error.eq(frame.error),
+            registers.started.eq(frame.started),
+            registers.finished.eq(frame.finished),
+            frame.read_error.eq(self.axi.read_error),
+            frame.write_error.eq(self.axi.write_error),
         ]
-        for name in ("ready_event", "frame_event", "error", "started", "finished"):
-            m.d.comb += getattr(registers, name).eq(getattr(frame, name))
-        for name in ("read_error", "write_error"):
-            m.d.comb += getattr(frame, name).eq(getattr(self.axi, name))
         for part in (self.preprocess, self.render):
             for stage in part.counters.shape().members:
                 m.d.comb += registers.counters[stage].eq(part.counters[stage])

@@ -1,4 +1,4 @@
-"""Binning in integers: what hardware and twin compute alike, and why no tile is missing.
+"""Binning in integers, as hardware and golden model compute it, and why no tile is missing.
 
 A splat's outline is the ellipse dx = shear·dy ± slope·√(height² − dy²) around its centre (u, v),
 |dy| ≤ height, |dx| ≤ width, rightmost at dy = lean, leftmost at −lean (`spec.programs`). It meets

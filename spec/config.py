@@ -1,12 +1,13 @@
 """`Config`: every size and number format of one machine, and the presets.
 
-A sized hardware module takes a `Config` as its only constructor argument; twins, packing and
-reports take the same object. Whatever can be computed from other fields is a property here or a
-function of `spec.memory`, never a second field.
+A sized hardware module takes a `Config` as its only constructor argument; golden models, packing
+and reports take the same object. Whatever can be computed from other fields is a property here or a
+function of `spec.memory`, never a second field. What belongs to a field (its limits, values to try)
+is its metadata.
 """
 
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
 
 from splatcore.spec.energy import ENERGY, Energy
 from splatcore.spec.error import InputError
@@ -21,18 +22,59 @@ CLOCK_HZ = 800_000_000
 
 
 @dataclass(frozen=True)
+class Size:
+    """Least and largest value of a size; power: powers of two only."""
+
+    low: int
+    high: int | None = None
+    power: bool = False
+
+
+@dataclass(frozen=True)
+class Format:
+    """A number format of stage 3, of so many bits.
+
+    limits: fewest and most bits with which it is built. tried: values beside DEFAULT's for a sweep;
+    coarse, fine: those of machines all of whose formats are narrower, or wider. parts: of the
+    hardware that take more gates with each bit. bounds, beyond: fields whose bits together are the
+    most that it may have, and so many more. in_features: splats in memory have it, too. in_work:
+    pixels end later or sooner with it.
+    """
+
+    limits: tuple[int, int]
+    tried: tuple[int, ...]
+    coarse: int
+    fine: int
+    parts: tuple[str, ...] = ("lane",)
+    bounds: tuple[str, ...] = ()
+    beyond: int = 0
+    in_features: bool = False
+    in_work: bool = False
+
+
+def size(default: int, low: int, high: int | None = None, power: bool = False) -> Any:
+    """A field that has a `Size`."""
+    return field(default=default, metadata={"about": Size(low, high, power)})
+
+
+def bits(default: int, **about) -> Any:
+    """A field that has a `Format`, of these values."""
+    return field(default=default, metadata={"about": Format(**about)})
+
+
+@dataclass(frozen=True)
 class Config:
     """One machine. Raises InputError, naming the field, for values that cannot be built."""
 
     name: str = "DEFAULT"
 
     # What the image may be at most (pixels).
-    width_max: int = 1920
-    height_max: int = 1080
+    width_max: int = size(1920, 1, 4096)
+    height_max: int = size(1080, 1, 4096)
 
     # The packed model. `sh_degree` is the highest that the colour program evaluates; index bits
     # are those of each codebook stage, for models of degree 0 and 1 in turn (see `spec.memory`).
-    sh_degree: int = 1
+    sh_degree: int = size(1, 0, 1)
     position: Literal["chunk", "absolute"] = "chunk"
     colour_index: tuple[tuple[int, ...], ...] = ((9, 9), (7, 6))
     sh_index: tuple[tuple[int, ...], ...] = ((), (7, 7))
@@ -42,38 +84,59 @@ class Config:
     depth: Float = Float(7, 16, signed=False, subnormal=False)
     screen_exponent: int = 0  # stages 0 and 1 measure the screen in units of 2^this pixels
     screen_fraction: int = 5  # bits of a screen coordinate below one pixel
-    pe_arrays: int = 1
-    pes: int = 6
+    pe_arrays: int = size(1, 1, 4)
+    pes: int = size(6, 1, 12)
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
     culling: Literal["none", "near", "all"] = "all"  # at the near plane; and at the guard band
     skip_zeros: bool = True  # leave out the products with zeros of the Jacobian
     multiply_latency: int = 2  # clock cycles of the units of stages 0 and 1
     add_latency: int = 3
     unary_latency: int = 4  # reciprocal and reciprocal root
-    projection_slots: int = 32  # points that wait for their attributes or are being projected
+    # Points that wait for their attributes or are being projected.
+    projection_slots: int = size(32, 8, power=True)
 
     # Binning: tiles of a splat, entries of groups of tiles, lists in memory.
     tile_test: Literal["exact", "3sigma"] = "exact"
-    group: int = 4  # tiles along the side of a group
-    burst: int = 4  # list entries written at a time
-    page: int = 64  # list entries for which memory is taken at a time
+    group: int = size(4, 1, 4, power=True)  # tiles along the side of a group
+    burst: int = size(4, 2, 16, power=True)  # list entries written at a time
+    page: int = size(64, 4, power=True)  # list entries for which memory is taken at a time
 
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
-    sub_sorters: int = 2
-    sub_sorter_entries: int = 128
+    sub_sorters: int = size(2, 1, 16)
+    sub_sorter_entries: int = size(128, 2, 512, power=True)
     sort_digits: tuple[int, ...] = (1,) * 23  # bits of a key, most significant group first
-    merge_ways: int = 16
+    merge_ways: int = size(16, 2, 16, power=True)
 
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
-    rasterizers: int = 4  # each has 16 lanes, a block's pixels
-    exponent_fraction: int = 14  # bits of E's coefficients below the point
-    pixel_fraction: int = 12  # bits of E within a block below the point
-    power_fraction: int = 6  # bits of E below the point that index the table of 2^x
-    power_mantissa: int = 8  # bits of an entry of that table
-    transmittance: int = 16  # bits of T, all below the point
-    weight: int = 11  # bits of T·alpha, all below the point
-    colour_fraction: int = 9  # bits of a splat's colour below the point
-    sum_fraction: int = 13  # bits of a pixel's colour below the point
+    rasterizers: int = size(4, 1, 16, power=True)  # each has 16 lanes, a block's pixels
+    exponent_fraction: int = bits(  # of E's coefficients below the point
+        14, limits=(10, 18), tried=(11, 12, 13, 16), coarse=12, fine=16,
+        parts=("evaluate", "mark"),
+    )  # fmt: skip
+    pixel_fraction: int = bits(  # of E within a block below the point
+        12, limits=(6, 16), tried=(8, 10, 14), coarse=10, fine=14,
+        parts=("evaluate",), bounds=("exponent_fraction",), beyond=2,
+    )  # fmt: skip
+    power_fraction: int = bits(  # of E below the point that index the table of 2^x
+        6, limits=(3, 8), tried=(4, 5, 7), coarse=5, fine=7,
+        parts=("lane", "evaluate"), bounds=("pixel_fraction",),
+    )  # fmt: skip
+    power_mantissa: int = bits(  # of an entry of that table
+        8, limits=(4, 12), tried=(6, 7, 10), coarse=7, fine=10, in_work=True
+    )
+    transmittance: int = bits(  # of T, all below the point
+        16, limits=(10, 20), tried=(12, 14, 18), coarse=14, fine=18, in_work=True
+    )
+    weight: int = bits(  # of T·alpha, all below the point
+        11, limits=(7, 16), tried=(9, 10, 13), coarse=10, fine=13, bounds=("transmittance",)
+    )
+    colour_fraction: int = bits(  # of a splat's colour below the point
+        9, limits=(6, 12), tried=(7, 8, 10), coarse=8, fine=10, in_features=True
+    )
+    sum_fraction: int = bits(  # of a pixel's colour below the point
+        13, limits=(9, 16), tried=(10, 12, 15), coarse=12, fine=15,
+        bounds=("colour_fraction", "weight"), beyond=-1,
+    )  # fmt: skip
     early_termination: bool = True  # pixels end once too little of T is left
 
     # Other on-chip memories (bytes).
@@ -83,25 +146,15 @@ class Config:
     energy: Energy = ENERGY
 
     def __post_init__(self):
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name, value in vars(self).items():
             if type(value) is int and value < 0:
-                raise self._error(field.name, "is negative")
-        for name, low, high in (
-            ("width_max", 1, 4096), ("height_max", 1, 4096), ("sh_degree", 0, 1),
-            ("pe_arrays", 1, 4), ("pes", 1, 12), ("sub_sorters", 1, 16),
-            ("sub_sorter_entries", 2, 512), ("rasterizers", 1, 16),
-            ("group", 1, 4), ("burst", 2, 16), ("merge_ways", 2, 16),
-        ):  # fmt: skip
-            if not low <= getattr(self, name) <= high:
-                raise self._error(name, f"is not in {low} … {high}")
-        for name, least in (
-            ("projection_slots", 8), ("sub_sorter_entries", 2), ("merge_ways", 2), ("group", 1),
-            ("rasterizers", 1), ("page", 4), ("burst", 2),
-        ):  # fmt: skip
+                raise self._error(name, "is negative")
+        for name, about in SIZES.items():
             value = getattr(self, name)
-            if value < least or value & (value - 1):
-                raise self._error(name, f"is not a power of two from {least} on")
+            if about.high and not about.low <= value <= about.high:
+                raise self._error(name, f"is not in {about.low} … {about.high}")
+            if about.power and (value < about.low or value & (value - 1)):
+                raise self._error(name, f"is not a power of two from {about.low} on")
         if not 8 <= self.sort_key_bits <= 24:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
         for name in ("colour_index", "sh_index"):
@@ -116,6 +169,16 @@ class Config:
         """Width of a sub-sorter's key."""
         return sum(self.sort_digits)
 
+
+def _about(kind: type) -> dict:
+    """Fields of `Config` by name, as far as their metadata is of a kind."""
+    found = {field.name: field.metadata.get("about") for field in fields(Config)}
+    return {name: about for name, about in found.items() if isinstance(about, kind)}
+
+
+SIZES: dict[str, Size] = _about(Size)
+
+FORMATS: dict[str, Format] = _about(Format)
 
 DEFAULT = Config()
 """The machine that `docs/` describes."""

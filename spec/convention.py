@@ -73,7 +73,7 @@ class Convention:
 
 
 SPLATCORE = Convention()
-"""What the machine renders."""
+"""The machine's conventions."""
 
 ORIGINAL = Convention(footprint="3sigma")
-"""What the original CUDA renderer renders."""
+"""The original CUDA renderer's."""

@@ -1,11 +1,12 @@
-"""What the machine counts: names of performance counters, by stage.
+"""Performance counters: their names and what each counts, by block.
 
 Those of a half begin at 0 with each of its frames and stand still when the frame is through; each
 stops near its largest value instead of beginning again.
 """
 
-from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
+from splatcore.spec.axi import READERS, WRITERS
 from splatcore.spec.config import Config
+from splatcore.spec.stages import BLOCKS
 
 COUNTER_BITS = 32
 
@@ -74,12 +75,9 @@ def beats(half: int) -> dict[str, str]:
 
 
 def counters(config: Config) -> dict[str, dict[str, str]]:
-    """All of them: by stage, name → what it counts."""
-    return {
-        "preprocessing": HALF | beats(PREPROCESSING),
-        "points": POINTS,
-        "bin": BIN,
-        "rendering": HALF | beats(RENDERING),
-        "sort": SORT,
-        "raster": raster(config),
-    }
+    """All of them: by half and block, name → what it counts."""
+    of_block = {"points": POINTS, "bin": BIN, "sort": SORT, "raster": raster(config)}
+    found = {}
+    for number, (half, blocks) in enumerate(BLOCKS.items()):
+        found |= {half: HALF | beats(number)} | {block: of_block[block] for block in blocks}
+    return found

@@ -1,4 +1,4 @@
-"""What switching, clocking and memory accesses cost: constants of `splatcore power`'s ESTIMATE.
+"""Energy of switching, clocking and memory accesses: constants of `splatcore power`'s ESTIMATE.
 
 They are of a 28 nm process at 0.9 V, from books and published tables as far as there are any, else
 assumptions, and say so; none is fitted to a design whose power is known. A factor of two either way

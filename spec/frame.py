@@ -1,7 +1,7 @@
-"""What a machine is told about a frame: the camera's registers, as values of `Config.arithmetic`.
+"""A frame's constants: the camera's registers, as values of `Config.arithmetic`.
 
-The host computes them once a frame in float64 and rounds them once; hardware and twin start from
-the same codes.
+The host computes them once a frame in float64 and rounds them once; hardware and golden model start
+from the same codes.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What passes between binning, sorting and rasterizing: a group's entries, and splats' features.
+"""Records between binning, sorting and rasterizing: a group's entries, and splats' features.
 
 A group is a square of `Config.group` × `Config.group` tiles, the unit of lists, sorting and pixel
 memory. Groups are numbered row by row, and so are the tiles of a group: bit k of an entry's mask
@@ -20,7 +20,7 @@ SPLAT_BITS = 24
 """Width of a splat's number in its frame."""
 
 ENTRY_BITS = 64
-"""What an entry takes in memory."""
+"""Bits of an entry in memory."""
 
 COUNT_BITS = 24
 """Width of a count of entries."""
@@ -110,7 +110,7 @@ def extent_codes(config: Config, codes: np.ndarray) -> np.ndarray:
 
 
 def feature_record(config: Config) -> Record:
-    """What the rasterizer knows of a splat, lengths in units of 2^`Config.screen_exponent` pixels.
+    """A splat as the rasterizer gets it, lengths in units of 2^`Config.screen_exponent` pixels.
 
     across and along are the conic's factors times `spec.frame.POWER_SCALE`, so that
     E = −opacity − (dx − shear·dy)²·across − dy²·along; opacity is −log2 of it. Colours are in units

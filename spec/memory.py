@@ -74,7 +74,7 @@ EXPONENT_MAX = 255
 """Exponents of the header are at most this, up and down."""
 
 POSITION_FORMATS = ("chunk", "absolute")
-"""What the header's `position` field counts."""
+"""Values of the header's `position` field, by their index."""
 
 HEADER = Record(
     "header",
@@ -128,7 +128,7 @@ in the least significant bits. Both codebooks are copied there as they lie in DR
 
 @dataclass(frozen=True)
 class ModelFormat:
-    """What the parts of a model look like: everything but the number of Gaussians.
+    """Formats of a model's parts: everything but the number of Gaussians.
 
     `colour_index` and `sh_index` hold the index bits of each codebook stage.
     """
@@ -179,7 +179,7 @@ class ModelFormat:
 
     @property
     def codebook_words(self) -> dict[str, int]:
-        """Where in the codebook memory each stage begins, counted in words: colour0 …, sh0 …."""
+        """First word of each stage in the codebook memory: colour0 …, sh0 …."""
         layout, words = self.layout(0), {}
         for part, start, entry, stages in (
             ("colour", layout.colours, COLOUR_ENTRY, self.colour_index),
@@ -191,7 +191,7 @@ class ModelFormat:
         return words
 
     def layout(self, count: int) -> "Layout":
-        """Where the parts of a model of `count` Gaussians lie."""
+        """Byte offsets of the parts of a model of `count` Gaussians."""
         chunks, rest = divmod(count, CHUNK)
         sizes = (
             HEADER.size,

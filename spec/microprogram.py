@@ -26,7 +26,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.programs import CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
 
 UNITS = ("pe", "reciprocal", "rsqrt", "clamp", "maximum")
-"""What a step runs on."""
+"""Units that steps run on."""
 
 PATTERNS = (
     (r"(?P<a>\w+) \* (?P<b>\w+)", "pe", False),
@@ -108,7 +108,7 @@ class Program:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """What no step makes, in the order of its first use."""
+        """Operands that no step makes, in the order of their first use."""
         read = [operand for step in self.steps for operand in step.operands]
         return tuple(
             dict.fromkeys(name for name in (*read, *self.outputs) if name not in self.made)

@@ -133,7 +133,7 @@ class Fixed:
         return codes.astype(code_dtype(self.width))
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
-        """What codes stand for, float64."""
+        """Values of codes, float64."""
         steps = checked_codes(codes, self.width, str(self)).astype(np.int64)
         if self.signed:
             sign = 1 << (self.width - 1)
@@ -254,7 +254,7 @@ class Float:
         return np.minimum(codes, self._code_max + (self.overflow == "infinity"))
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
-        """What codes stand for, float64, exact."""
+        """Values of codes, float64, exact."""
         codes = checked_codes(codes, self.width, str(self)).astype(np.uint64)
         hidden = 1 << self.fraction
         fraction = codes & (hidden - 1)

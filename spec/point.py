@@ -1,4 +1,4 @@
-"""What passes between the parts of stages 0 and 1, as records.
+"""Records between the parts of stages 0 and 1.
 
 A chunk's values go to all parts that handle its points; its last point is passed on even if it is
 dropped (`kept` 0), so that each part knows when it is through with the chunk.
@@ -36,7 +36,7 @@ def values(config: Config, names: str) -> dict[str, Format]:
 
 
 def culling_record(config: Config) -> Record:
-    """What stage 0 needs of a chunk."""
+    """A chunk's fields that stage 0 needs."""
     fields: dict[str, Format] = {"count": Bits(PLACE_BITS + 1)}
     if config.position == "chunk":
         fields |= {name: CHUNK_HEADER[name] for name in ("origin", "shift", "octant_end")}
@@ -45,12 +45,12 @@ def culling_record(config: Config) -> Record:
 
 
 def placing_record(config: Config) -> Record:
-    """What the guard band needs of a chunk."""
+    """A chunk's fields that the guard band needs."""
     return Record("placing", values(config, "margin_x margin_y"))
 
 
 def projecting_record() -> Record:
-    """What stage 1 needs of a chunk."""
+    """A chunk's fields that stage 1 needs."""
     return Record("projecting", {"number": Bits(NUMBER_BITS)})
 
 

@@ -16,7 +16,7 @@ from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
 
-from splatcore.spec.config import DEFAULT, PRESETS, Config, preset
+from splatcore.spec.config import DEFAULT, FORMATS, PRESETS, Config, preset
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
 from splatcore.spec.number import FP16, FP24, Float
@@ -26,15 +26,8 @@ SUFFIX = ".toml"
 FLOATS = {"FP16": FP16, "FP24": FP24}
 """Formats that a file may name."""
 
-BITS = {
-    "exponent_fraction": (10, 18), "pixel_fraction": (6, 16), "power_fraction": (3, 8),
-    "power_mantissa": (4, 12), "transmittance": (10, 20), "weight": (7, 16),
-    "colour_fraction": (6, 12), "sum_fraction": (9, 16),
-}  # fmt: skip
-"""Formats of stage 3, and the fewest and most bits with which it is built."""
-
 EXPONENT_BITS, FRACTION_BITS = (5, 8), (8, 17)
-"""The same of `Config.arithmetic`'s exponent and fraction."""
+"""Fewest and most bits of `Config.arithmetic`'s exponent and fraction."""
 
 PES_MIN = 2
 """With fewer PEs colours would be wanted before they can be looked up."""
@@ -88,20 +81,18 @@ def check_buildable(config: Config):
         raise InputError(f"preset {config.name}: {field} {why}")
 
     arithmetic = config.arithmetic
-    found = {f"arithmetic's {name}": getattr(arithmetic, name) for name in ("exponent", "fraction")}
-    limits = dict(zip(found, (EXPONENT_BITS, FRACTION_BITS), strict=True))
-    found |= {name: getattr(config, name) for name in BITS}
-    for name, (low, high) in (limits | BITS).items():
-        if not low <= found[name] <= high:
-            refuse(name, f"{found[name]} is not in {low} … {high}")
-    for small, large, room in (
-        ("pixel_fraction", "exponent_fraction", 2), ("power_fraction", "pixel_fraction", 0),
-        ("weight", "transmittance", 0), ("sum_fraction", "colour_fraction", config.weight - 1),
-        ("burst", "page", 0),
-    ):  # fmt: skip
-        most = getattr(config, large) + room
-        if getattr(config, small) > most:
-            refuse(small, f"{getattr(config, small)} is above {most}, which follows from {large}")
+    bits = {
+        "arithmetic's exponent": (arithmetic.exponent, EXPONENT_BITS),
+        "arithmetic's fraction": (arithmetic.fraction, FRACTION_BITS),
+    } | {name: (getattr(config, name), about.limits) for name, about in FORMATS.items()}
+    for name, (value, (low, high)) in bits.items():
+        if not low <= value <= high:
+            refuse(name, f"{value} is not in {low} … {high}")
+    bounds = {name: (about.bounds, about.beyond) for name, about in FORMATS.items() if about.bounds}
+    for name, (large, beyond) in (bounds | {"burst": (("page",), 0)}).items():
+        most = sum(getattr(config, field) for field in large) + beyond
+        if (value := getattr(config, name)) > most:
+            refuse(name, f"{value} is above {most}, which follows from {large[0]}")
     if not arithmetic.signed:
         refuse("arithmetic", "has no sign")
     if config.pes * config.pe_arrays < PES_MIN:
@@ -135,7 +126,7 @@ def _check_name(path: str | Path, name: str):
 
 
 def _value(hint, value, where: str):
-    """What TOML has, as what a field wants; InputError, naming the field, for anything else."""
+    """A value of TOML as a field of that type; InputError, naming the field, for anything else."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Literal:
         if not isinstance(value, str) or value not in arguments:

@@ -163,7 +163,7 @@ def colours(config: Config) -> dict[str, Fixed]:
 
 
 def featured_record(config: Config) -> Record:
-    """What comes to stage 3: a splat and the tiles of the group that it reaches; or (end 1) the end
+    """The input of stage 3: a splat and the tiles of the group that it reaches; or (end 1) the end
     of the group.
     """
     mask = Bits(config.group**2)
@@ -176,20 +176,20 @@ def readied_record(config: Config) -> Record:
     return Record("readied", {"splat": prepared_record(config), "mask": mask, "end": Bits(1)})
 
 
-def place_record(config: Config) -> Record:
-    """A group's place in the image, in groups."""
+def position_record(config: Config) -> Record:
+    """A group's position in the image, in groups."""
     side = TILE * config.group
     widths = [
         max(((size - 1) // side).bit_length(), 1) for size in (config.width_max, config.height_max)
     ]
-    return Record("place", {"column": Bits(widths[0]), "row": Bits(widths[1])})
+    return Record("position", {"column": Bits(widths[0]), "row": Bits(widths[1])})
 
 
 def written_record(config: Config) -> Record:
     """A group to be written to memory. empty: no splat touches it, so that stages 2 and 3 know
     nothing of it: all its pixels are `background_code`.
     """
-    return Record("written", {"place": place_record(config), "empty": Bits(1)})
+    return Record("written", {"position": position_record(config), "empty": Bits(1)})
 
 
 def background_code(config: Config, colour):

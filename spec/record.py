@@ -46,7 +46,7 @@ class Array:
         return self.format.encode(values)
 
     def decode(self, codes):
-        """What codes [N, length] stand for."""
+        """Values of codes [N, length]."""
         return self.format.decode(codes)
 
 
@@ -106,7 +106,7 @@ class Record:
         return {field: format.encode(values[field]) for field, format in self.fields}
 
     def decode(self, codes: Codes) -> dict:
-        """What the codes of each field stand for."""
+        """Values of the codes of each field."""
         _check_names(codes, self, self.name)
         return {field: format.decode(codes[field]) for field, format in self.fields}
 
@@ -139,7 +139,7 @@ class Record:
 
 
 Format = Bits | Fixed | Float | Array | Record
-"""What a field may be."""
+"""Formats that a field may have."""
 
 
 def pack_bits(codes: np.ndarray, width: int) -> np.ndarray:

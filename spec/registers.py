@@ -41,7 +41,7 @@ INTERRUPT_READY, INTERRUPT_FRAME, INTERRUPT_ERROR = 1 << 0, 1 << 1, 1 << 2
 
 
 class ErrorCode(IntEnum):
-    """What went wrong, in the lowest 8 bits of ERROR; the first error stays until it is cleared."""
+    """An error, in the lowest 8 bits of ERROR; the first error stays until it is cleared."""
 
     NONE = 0
     START = 1  # START while not READY: nothing was begun
@@ -92,7 +92,7 @@ def variable_constants(config: Config) -> list[str]:
 
 
 def control_registers(config: Config) -> list[Register]:
-    """What every driver needs."""
+    """Registers of every machine."""
     size = config.width_max | config.height_max << 16
     return [
         Register("ID", 32, "read", "says 'SPLT'", MAGIC),
@@ -110,7 +110,7 @@ def control_registers(config: Config) -> list[Register]:
 
 
 def frame_registers(config: Config) -> list[Register]:
-    """What a frame is."""
+    """Registers of a frame."""
 
     def address(name: str, about: str) -> Register:
         about = f"{about}, a multiple of {ALIGNED[name]}"
@@ -187,7 +187,7 @@ def addresses(config: Config) -> dict[str, int]:
 
 
 def camera_values(config: Config, frame: FrameConstants) -> dict[str, int]:
-    """What the registers of a camera are set to."""
+    """Values of a camera's registers."""
     mask = (1 << LITE_DATA_BITS) - 1
     found = {"NEAR_PLANE": int(config.arithmetic.encode(frame.near_plane))}
     for axis, value in zip("XYZ", frame.camera, strict=True):

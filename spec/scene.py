@@ -77,7 +77,7 @@ class Scene:
         return replace(self, sh=self.sh[:, : sh_count(degree)])
 
     def gaussians(self) -> Gaussians:
-        """What a renderer sees: factor = rotation matrix · diag(scale)."""
+        """As a renderer needs them: factor = rotation matrix · diag(scale)."""
         rotation = rotation_matrix(self.quaternion)  # [N, 3, 3]
         return Gaussians(self.position, rotation * self.scale[:, None, :], self.opacity, self.sh)
 

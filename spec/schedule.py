@@ -1,4 +1,4 @@
-"""When each step of a microprogram runs, and where its value waits: modulo scheduling.
+"""Modulo scheduling: when each step of a microprogram runs, and where its value waits.
 
 A new Gaussian enters every `interval` cycles and several are in flight, so a step that runs at
 time t of its own Gaussian occupies its unit in phase t mod interval of every round. Steps do not

@@ -31,7 +31,7 @@ ADDRESS_BITS = COUNT_BITS + 1
 """Width of an address in scratch memory, in entries: the area above the position in the list."""
 
 CYCLE_DEPTH = 39
-"""What the digits of a cycle and what follows may cost, in `phases`' estimate of gates."""
+"""Most gates of a cycle's digits and what follows them, by the estimate of `phases`."""
 
 
 def index_bits(config: Config) -> int:
@@ -55,7 +55,7 @@ def read_entries(config: Config) -> int:
 
 
 def address(area: int, position: int) -> int:
-    """Where an entry lies in scratch memory."""
+    """Address of an entry in scratch memory."""
     return area << COUNT_BITS | position
 
 

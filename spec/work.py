@@ -1,4 +1,4 @@
-"""What a frame's first half leaves in memory for its second half, and where it lies.
+"""A work area: memory in which a frame's first half leaves what its second half reads.
 
 The host gives two work areas, `WORK_AREA` bytes apart, which frames take in turn. Each has
 

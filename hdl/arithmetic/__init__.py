@@ -1,4 +1,4 @@
-"""Floating-point units of any width, bit for bit those of `spec.number` and `spec.unary`.
+"""Floating-point units of any width, bit for bit as `spec.number` and `spec.unary` say.
 
 May import: spec, hdl.lib.
 """

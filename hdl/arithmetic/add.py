@@ -1,6 +1,4 @@
-"""Sum of two floats."""
-
-from collections.abc import Mapping
+"""Addition of two floats."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
@@ -34,8 +32,7 @@ class Add(wiring.Component):
             operand(format).exponents, format.fraction + 2 + BELOW, operand(format).special
         )
         self.zeros = self._zeros(format)
-        placed = isinstance(latency, Mapping)
-        self.registers = latency if placed else spread(latency, self.cuts(format))
+        self.registers = spread(latency, self.cuts(format))
         code = format.width
         super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
 
@@ -48,8 +45,8 @@ class Add(wiring.Component):
 
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
-        """Where registers can stand: summands in order of magnitude, the smaller one aligned to
-        the larger one, sum made, and in `Round`."""
+        """Cuts for registers: summands in order of magnitude, the smaller one aligned to the larger
+        one, sum made, and in `Round`."""
         rounding = Round.cuts(format, Add._zeros(format))
         return {"order": 14, "align": 18, "sum": 12} | rounding
 

@@ -1,11 +1,18 @@
-"""Order of two floats."""
+"""Comparison of two floats."""
 
-from amaranth.hdl import Module, Mux, Value
+from amaranth.hdl import Module, Mux, Value, ValueLike
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.latency import Pipeline, spread
 from splatcore.spec.number import Float
+
+
+def compared(m: Module, name: str, format: Float, a: ValueLike, b: ValueLike) -> "Compare":
+    """A comparison in the same cycle, added to a module as `name`."""
+    m.submodules[name] = compare = Compare(format, 0)
+    m.d.comb += [compare.a.eq(a), compare.b.eq(b), compare.enable.eq(1)]
+    return compare
 
 
 class Compare(wiring.Component):

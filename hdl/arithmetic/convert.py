@@ -1,4 +1,4 @@
-"""From one number format to another."""
+"""Conversion between float formats, and between floats and fixed point."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""Floating point taken apart and put together: what all operations of `spec.number.Float` share.
+"""Unpacking, rounding and packing of floats: shared by all operations of `spec.number.Float`.
 
 An operation unpacks its operands, computes on significands and exponents as integers, and leaves
 the result, exact or with a sticky bit for what is missing below, to the one rounder `Round`.
@@ -40,7 +40,7 @@ class Number(data.View):
     """A number in the layout `Unpacked`."""
 
     def __getattr__(self, name: str) -> Value | data.View:
-        """A field. A flag that is not there reads as zero, so that what depends on it vanishes."""
+        """A field. An absent flag reads as zero, so that what depends on it vanishes."""
         if name in FLAGS and not self.shape().special:
             return Const(0)
         return super().__getattr__(name)
@@ -63,7 +63,7 @@ def operand(format: Float) -> Unpacked:
 
 
 class Unpack(wiring.Component):
-    """Takes a code apart.
+    """Splits a float's code into sign, exponent and significand.
 
     `clear`: whether to clear the fraction of a zero whose code has one, as it can have in a format
     without subnormal values. If not, the integer bit alone tells that it is zero.
@@ -101,8 +101,8 @@ class Unpack(wiring.Component):
 class Round(wiring.Component):
     """Normalises and rounds to nearest, ties to even; handles underflow and overflow; packs.
 
-    `layout` and `zeros` tell what can arrive, and only what that needs is built: a significand
-    with more than `zeros` leading zeros is zero, or so small that it need not be normalised.
+    `layout` and `zeros` say which numbers can arrive, and only logic for these is built: a
+    significand with more than `zeros` leading zeros is zero, or too small to be normalised.
 
     Members
         i: the number, with two bits of the significand before the binary point. The lowest bit
@@ -122,7 +122,7 @@ class Round(wiring.Component):
 
     @staticmethod
     def cuts(format: Float, zeros: int) -> dict[str, int]:
-        """Where registers can stand: leading zeros counted, significand shifted, code made."""
+        """Cuts for registers: leading zeros counted, significand shifted, code made."""
         shift = {"shift": 10} if zeros > 1 or format.subnormal else {}
         return ({"count": 10} if zeros > 1 else {}) | shift | {"round": 13}
 
@@ -141,7 +141,7 @@ class Round(wiring.Component):
         return m
 
     def _leading_zeros(self, m: Module) -> Value:
-        """By how many bits to shift to the left."""
+        """The number of bits to shift to the left."""
         top = Signal(self.zeros)
         m.d.comb += top.eq(self.i.significand[-self.zeros :])
         if self.format.subnormal:

@@ -1,4 +1,4 @@
-"""Choices between floats by comparing codes: a clamp and a maximum."""
+"""Clamp and maximum of floats, by comparing codes as integers."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring

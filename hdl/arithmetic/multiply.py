@@ -1,6 +1,4 @@
-"""Product of two floats."""
-
-from collections.abc import Mapping
+"""Multiplication of two floats."""
 
 from amaranth.hdl import Cat, Const, Module, Signal, Value
 from amaranth.lib import wiring
@@ -27,8 +25,7 @@ class Multiply(wiring.Component):
     def __init__(self, format: Float, latency: int | Registers):
         self.format = format
         self.zeros = self._zeros(format)
-        placed = isinstance(latency, Mapping)
-        self.registers = latency if placed else spread(latency, self.cuts(format))
+        self.registers = spread(latency, self.cuts(format))
         code = format.width
         super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
 
@@ -41,7 +38,7 @@ class Multiply(wiring.Component):
 
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
-        """Where registers can stand: operands taken apart, product made, and in `Round`."""
+        """Cuts for registers: operands unpacked, product made, and in `Round`."""
         # An operand may come through a multiplexer of a dozen sources.
         return {"operand": 6, "product": 30} | Round.cuts(format, Multiply._zeros(format))
 

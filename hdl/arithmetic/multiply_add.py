@@ -1,4 +1,4 @@
-"""Product and sum of floats, each rounded."""
+"""The PE of the arrays: multiplication and addition of floats, each rounded."""
 
 from amaranth.hdl import Module
 from amaranth.lib import wiring

@@ -13,7 +13,7 @@ from splatcore.spec.number import Float
 from splatcore.spec.unary import Datapath, Function, coefficients, datapath, places_out
 
 REGISTERS = ("packed", "looked_up", "summed", "unpacked", "multiplied")
-"""Where the first, second … cycle of latency goes; any further ones to the output, "packed"."""
+"""Cuts that get the first, second … register; any further ones go to the output, "packed"."""
 
 
 class Lookup(wiring.Component):
@@ -37,7 +37,7 @@ class Lookup(wiring.Component):
         )
 
     def factors(self) -> tuple[Value, ...]:
-        """What multiplies what: slope, below, curve, square, as far as the degree has them."""
+        """Factors of the products: slope, below, curve, square, as far as the degree has them."""
         return tuple(getattr(self, name) for name in self.terms)
 
     def elaborate(self, platform):
@@ -60,7 +60,7 @@ class Lookup(wiring.Component):
 
 
 class Unary(wiring.Component):
-    """Either function: `Reciprocal` is 1/x, `Rsqrt` is 1/√x.
+    """1/x or 1/√x of a float: `Reciprocal` or `Rsqrt`.
 
     Members: `a`, a code of the format; `o`, the code of the result, `latency` cycles later;
     `enable`, low to hold every register.
@@ -70,7 +70,7 @@ class Unary(wiring.Component):
     and further ones follow the output, for a tool that retimes.
 
     NAND2-equivalents without registers: Float(7, 16) 2.4 k, without subnormal values 2.3 k;
-    binary16 0.7 k. The root's: 2.7 k, 2.4 k, 0.8 k.
+    binary16 0.7 k. Those of 1/√x: 2.7 k, 2.4 k, 0.8 k.
     """
 
     def __init__(self, function: Function, format: Float, latency: int):

@@ -1,6 +1,4 @@
-"""What stands before and after the polynomial of the unary functions: floats taken apart and
-put together.
-"""
+"""Unpacking and packing of floats for reciprocal and reciprocal square root."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, enum, wiring
@@ -11,7 +9,7 @@ from splatcore.spec.unary import Function, exponent_max, places_in, places_out, 
 
 
 class Fraction(enum.Enum, shape=2):
-    """Where a result's fraction comes from."""
+    """The source of a result's fraction."""
 
     COMPUTED = 0
     ZEROS = 1
@@ -19,7 +17,7 @@ class Fraction(enum.Enum, shape=2):
 
 
 def result_layout(function: Function, format: Float) -> data.StructLayout:
-    """What is known of a result before its fraction is computed."""
+    """Layout of a result before its fraction is computed."""
     layout = {
         "sign": 1,
         "exponent": format.exponent,  # 0 if subnormal
@@ -34,7 +32,7 @@ class Unpack(wiring.Component):
     """Takes a float apart, normalises it, and finds the exponent or special value of the result.
 
     Members: `a`, a code; `significand`, the fraction below the leading one, under the lowest bit
-    of the exponent for the root; `result`.
+    of the exponent for 1/√x; `result`.
 
     **Timing**: no registers, no multipliers.
     """
@@ -75,7 +73,7 @@ class Unpack(wiring.Component):
         return m
 
     def _normalised(self, significand: Value) -> tuple[Value, Value, Value]:
-        """Significand with its leading one on top, places shifted, and whether that failed.
+        """Significand with its leading one on top, places shifted, and a bit: this failed.
 
         It fails for a zero, or one so small that its result overflows like a zero's.
         """
@@ -179,7 +177,7 @@ class Pack(wiring.Component):
         return m
 
     def _may_carry_out(self) -> bool:
-        """Whether some input's result may round up past the highest exponent."""
+        """True if some input's result may round up past the highest exponent."""
         least = 1 - places_in(self.function, self.format)
         highest = result_exponent(self.function, self.format, least)
         return highest >= exponent_max(self.format)

@@ -1,4 +1,4 @@
-"""From splats to the tiles they touch, the lists of tile groups and the features in memory.
+"""Binning: finds the tiles that each splat touches; writes its features and the groups' lists.
 
 May import: spec, hdl.arithmetic, hdl.lib, hdl.memory.
 """

@@ -1,4 +1,4 @@
-"""Binning: splats to features, and to the lists of the groups of tiles that they touch."""
+"""Binning: splats to features in order, and to lists of the groups of tiles that they touch."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -10,13 +10,13 @@ from splatcore.hdl.binning.gather import Gather
 from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.hdl.binning.outline import Outline
 from splatcore.hdl.binning.rows import Rows
-from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
-from splatcore.spec.counters import BIN, COUNTER_BITS
+from splatcore.spec.counters import BIN
 from splatcore.spec.group import (
     EXTENT_FRACTION,
     SPLAT_BITS,
@@ -27,8 +27,7 @@ from splatcore.spec.group import (
 )
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
-
-COLOURS = ("red", "green", "blue")
+from splatcore.spec.raster import COLOURS
 
 COUNTED = tuple(BIN)
 
@@ -46,7 +45,7 @@ class Bin(wiring.Component):
         i: stream of `splat_record`.
         width, height: of the image, pixels; near_code: the near plane as a code of the arithmetic;
             pages: pages of list memory; registers of the frame, which stand two cycles before it.
-        finish: the frame's last splat has been taken. When all is through, groups are told; then
+        finish: the frame's last splat has been taken. When all is through, `groups` follow; then
             `done` stays high until finish is low, which begins the next frame.
         features: stream of `feature_record`, in the order of the numbers.
         bursts: stream of `burst_record`.
@@ -78,20 +77,20 @@ class Bin(wiring.Component):
                 "needed": Out(PAGE_BITS),
                 "done": Out(1),
                 "clear": In(1),
-                "counters": Out(data.StructLayout(dict.fromkeys(COUNTED, COUNTER_BITS))),
+                "counters": Out(counters_layout(COUNTED)),
             }
         )
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("outline", "rows", "gather", "lists"):
-            m.submodules[name] = getattr(self, name)
+        m.submodules.outline, m.submodules.rows = self.outline, self.rows
+        m.submodules.gather, m.submodules.lists = self.gather, self.lists
         connect(m, self.outline.o, self.rows.i)
         connect(m, self.rows.o, self.gather.i)
         m.submodules.parts = self.parts = Register(self.gather.o.payload.shape())
         connect(m, self.gather.o, self.parts.i)
-        for name in ("bursts", "groups"):
-            connect(m, getattr(flipped(self), name), getattr(self.lists, name))
+        connect(m, flipped(self).bursts, self.lists.bursts)
+        connect(m, flipped(self).groups, self.lists.groups)
         m.d.comb += [
             self.outline.width.eq(self.width),
             self.outline.height.eq(self.height),
@@ -108,7 +107,7 @@ class Bin(wiring.Component):
         return m
 
     def _splats(self, m: Module) -> stream.Interface:
-        """What waits until a splat's tiles are known: features and depth key."""
+        """Features and depth keys, which wait until their splats' tiles are known."""
         format, splat = self.config.arithmetic, self.i.payload
         colour = unscaled_colour_format(self.config)
         shape = data.StructLayout(
@@ -162,7 +161,7 @@ class Bin(wiring.Component):
     def _join(self, m: Module, splat: stream.Interface, group: Value) -> Value:
         """Parts of splats become entries, and with the last one a splat its features.
 
-        Either goes when it is taken; whether the splat is kept.
+        Either goes when it is taken. Returns a bit that says that a kept splat is through.
         """
         part, entry, number = self.parts.o, self.lists.i, Signal(SPLAT_BITS)
         touched, had_entry, had_feature = Signal(), Signal(), Signal()
@@ -203,7 +202,6 @@ class Bin(wiring.Component):
         return through & kept
 
     def _count(self, m: Module, kept: Value):
-        m.submodules.counters = counters = Counters(COUNTED)
         entry, outputs = self.lists.i, (self.features, self.bursts, self.groups)
         events = {
             "splats": self.i.valid & self.i.ready,
@@ -213,5 +211,4 @@ class Bin(wiring.Component):
             "bursts": self.bursts.valid & self.bursts.ready,
             "blocked": Cat(o.valid & ~o.ready for o in outputs).any(),
         }
-        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
-        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]
+        count_events(m, self, events)

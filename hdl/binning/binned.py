@@ -1,4 +1,4 @@
-"""What binning makes, on its way to memory: features, list pages, and the groups' table."""
+"""Writes the results of binning to memory: features, list pages, and the table of groups."""
 
 from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import stream, wiring
@@ -14,7 +14,7 @@ from splatcore.spec.group import SPLAT_BITS, feature_record
 from splatcore.spec.work import FEATURE, SLOT
 
 WRITING = ("features", "lists", "groups")
-"""Its writers of `spec.axi.WRITERS`, in their order."""
+"""Names of its writers in `spec.axi.WRITERS`, in that order."""
 
 
 class Binned(wiring.Component):
@@ -23,7 +23,7 @@ class Binned(wiring.Component):
     Members
         clear: a frame begins.
         features, bursts, groups: the streams of `hdl.binning.bin`.
-        features_at, lists_at, groups_at: where the parts of the work area begin, in beats.
+        features_at, lists_at, groups_at: addresses of the parts of the work area, in beats.
         features_max: features for which there is room; exceeded: there were more, which were
             dropped.
         finish: nothing more comes. empty: nothing is inside.

@@ -1,4 +1,4 @@
-"""Binning: rows of tiles to the groups that they lie in, with the mask of each group's tiles."""
+"""Binning, third step: a splat's rows of tiles to the groups they lie in, each with a mask."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring

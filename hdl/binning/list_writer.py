@@ -1,4 +1,4 @@
-"""Binning: entries of groups to bursts of linked lists in memory."""
+"""Binning, last step: writes the groups' entries to linked lists in memory, in bursts."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, enum, stream, wiring
@@ -20,11 +20,11 @@ from splatcore.spec.group import COUNT_BITS, entry_record
 
 
 class State(enum.Enum):
-    """What the lists are at."""
+    """The lists' phases: clearing the table, taking entries, flushing groups, done."""
 
     CLEAR = 0  # after reset: the table's rows become those of groups without entries
     TAKE = 1  # entries come
-    FLUSH = 2  # each group's last burst is written and its list told
+    FLUSH = 2  # each group's last burst and its list are given out
     DONE = 3  # all groups are through
 
 
@@ -40,12 +40,12 @@ class ListWriter(wiring.Component):
     Members
         i: stream of `bin_entry_record`.
         groups_count: groups of the image; pages: pages of list memory.
-        finish: no more entries come: all groups are flushed and told in order; the next frame
+        finish: no more entries come: all groups are flushed and given out in order; the next frame
             begins when it is low again.
         bursts: stream of `burst_record`; those that lie in pages beyond the last are left out.
         groups: stream of `group_record`.
         needed: pages taken so far in the frame, until the next one begins.
-        empty: no entry is inside. taking: entries are taken. done: all groups were told.
+        empty: no entry is inside. taking: entries are taken. done: all groups were given out.
 
     **Timing**: an entry a cycle whatever its group, latency 1; a group a cycle when flushed. After
     reset as many cycles as there are groups. An entry that follows another one of its group reads
@@ -56,11 +56,11 @@ class ListWriter(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.count = config, max(2, groups_max(config))  # addresses have bits
         self.burst = config.burst
-        self.place_bits = exact_log2(bursts_per_page(config) * config.burst)
+        self.position_bits = exact_log2(bursts_per_page(config) * config.burst)
         self.row = data.StructLayout(
             {
                 "page": PAGE_BITS,
-                "place": self.place_bits,
+                "position": self.position_bits,
                 "first": PAGE_BITS,
                 "count": COUNT_BITS,
             }
@@ -85,23 +85,23 @@ class ListWriter(wiring.Component):
         state, group = Signal(State), Signal(range(self.count))
         # An entry, or a group to flush, is being handled; it is through in this cycle.
         full, through = Signal(), Signal()
-        here = Signal(layout(bin_entry_record(self.config)), reset_less=True)
+        held = Signal(layout(bin_entry_record(self.config)), reset_less=True)
         free = ~full | through
         take, flush = Signal(), Signal()
         last = group + 1 == self.groups_count
-        told = Signal()  # the last group to flush has been asked for
+        flushed = Signal()  # the last group to flush has been asked for
         m.d.comb += [
             self.taking.eq(state == State.TAKE),
             self.done.eq(state == State.DONE),
             self.empty.eq(~full),
             self.i.ready.eq(self.taking & free),
             take.eq(self.i.valid & self.i.ready),
-            flush.eq((state == State.FLUSH) & free & ~told),
+            flush.eq((state == State.FLUSH) & free & ~flushed),
         ]
         with m.If(free):
-            m.d.sync += [full.eq(take | flush), here.eq(self.i.payload)]
+            m.d.sync += [full.eq(take | flush), held.eq(self.i.payload)]
         with m.If(flush):
-            m.d.sync += [here.group.eq(group), group.eq(group + 1), told.eq(last)]
+            m.d.sync += [held.group.eq(group), group.eq(group + 1), flushed.eq(last)]
         with m.Switch(state):
             with m.Case(State.CLEAR):
                 m.d.sync += group.eq(group + 1)
@@ -109,64 +109,64 @@ class ListWriter(wiring.Component):
                     m.d.sync += [state.eq(State.TAKE), group.eq(0)]
             with m.Case(State.TAKE), m.If(self.finish & free & ~self.i.valid):
                 m.d.sync += state.eq(State.FLUSH)
-            with m.Case(State.FLUSH), m.If(told & through):
+            with m.Case(State.FLUSH), m.If(flushed & through):
                 m.d.sync += state.eq(State.DONE)
             with m.Case(State.DONE):
-                m.d.sync += [told.eq(0), group.eq(0)]
+                m.d.sync += [flushed.eq(0), group.eq(0)]
                 with m.If(~self.finish):
                     m.d.sync += [state.eq(State.TAKE), self.needed.eq(0)]
 
         asked = Mux(state == State.FLUSH, group, self.i.payload.group)
         flushing = state == State.FLUSH
-        table, buffers, put_row, put_entry = self._memories(m, asked, take | flush, here.group)
-        row, slots = self._present(m, table, buffers, here, free, through, take)
-        self._handle(m, row, slots, here.entry, full, through, flushing, put_row, put_entry)
+        table, buffers, write_row, write_entry = self._memories(m, asked, take | flush, held.group)
+        row, slots = self._present(m, table, buffers, held, free, through, take)
+        self._handle(m, row, slots, held.entry, full, through, flushing, write_row, write_entry)
         with m.If(state == State.CLEAR):
-            m.d.comb += [put_row.en.eq(1), put_row.addr.eq(group)]
+            m.d.comb += [write_row.en.eq(1), write_row.addr.eq(group)]
         return m
 
     def _memories(self, m: Module, asked: Value, ask: Value, group: Value):
         """The table and the write buffers, one memory for each slot of a buffer."""
         m.submodules.table = memory = Memory(shape=self.row, depth=self.count, init=[])
-        put_row, get = memory.write_port(), memory.read_port()
-        m.d.comb += [get.en.eq(ask), get.addr.eq(asked), put_row.addr.eq(group)]
-        buffers, put_entry = [], []
+        write_row, read_row = memory.write_port(), memory.read_port()
+        m.d.comb += [read_row.en.eq(ask), read_row.addr.eq(asked), write_row.addr.eq(group)]
+        buffers, write_entry = [], []
         for k in range(self.burst - 1):
             memory = Memory(shape=entry_record(self.config).width, depth=self.count, init=[])
             m.submodules[f"buffer{k}"] = memory
             port, found = memory.write_port(), memory.read_port()
             m.d.comb += [found.en.eq(ask), found.addr.eq(asked), port.addr.eq(group)]
             buffers.append(found.data)
-            put_entry.append(port)
-        return get.data, buffers, put_row, put_entry
+            write_entry.append(port)
+        return read_row.data, buffers, write_row, write_entry
 
-    def _present(self, m: Module, table, buffers, here, free: Value, through: Value, take: Value):
+    def _present(self, m: Module, table, buffers, held, free: Value, through: Value, take: Value):
         """The group's row and buffer, as the entry just before has left them."""
         same, slot = Signal(), Signal(range(self.burst))
         entry = Signal(entry_record(self.config).width, reset_less=True)
         self.new, self.slot = Signal(self.row), Signal(range(self.burst))
         new = Signal(self.row, reset_less=True)
         with m.If(through):
-            m.d.sync += [new.eq(self.new), slot.eq(self.slot), entry.eq(here.entry)]
+            m.d.sync += [new.eq(self.new), slot.eq(self.slot), entry.eq(held.entry)]
         with m.If(free):
-            m.d.sync += same.eq(take & through & (here.group == self.i.payload.group))
+            m.d.sync += same.eq(take & through & (held.group == self.i.payload.group))
         row = Signal(self.row)
         m.d.comb += row.eq(Mux(same, new, table))
-        slots = [
-            Mux(same & (slot == k), entry, found) for k, found in enumerate(buffers)
-        ]  # fmt: skip
+        slots = [Mux(same & (slot == k), entry, found) for k, found in enumerate(buffers)]
         return row, slots
 
-    def _handle(self, m: Module, row, slots, entry, full, through, flushing, put_row, put_entry):
+    def _handle(
+        self, m: Module, row, slots, entry, full, through, flushing, write_row, write_entry
+    ):
         """An entry, or with `flushing` the end of a group."""
         burst_bits = exact_log2(self.burst)
-        offset, bursts, groups = row.place[:burst_bits], self.bursts, self.groups
-        page_full, fresh = row.place.all(), row.count == 0
+        offset, bursts, groups = row.position[:burst_bits], self.bursts, self.groups
+        page_full, fresh = row.position.all(), row.count == 0
         turn = page_full | fresh
         whole = Mux(flushing, offset != 0, offset.all())
         written = whole & (row.page < self.pages)
         m.d.comb += [
-            bursts.payload.address.eq(Cat(row.place[burst_bits:], row.page)),
+            bursts.payload.address.eq(Cat(row.position[burst_bits:], row.page)),
             groups.payload.page.eq(Mux(fresh, 0, row.first)),
             groups.payload.count.eq(row.count),
         ]
@@ -191,16 +191,16 @@ class ListWriter(wiring.Component):
         ]
         m.d.comb += [
             self.new.page.eq(Mux(turn, self.needed, row.page)),
-            self.new.place.eq(Mux(turn, 1, row.place + 1)),
+            self.new.position.eq(Mux(turn, 1, row.position + 1)),
             self.new.first.eq(Mux(fresh, self.needed, row.first)),
             self.new.count.eq(row.count + 1),
             self.slot.eq(Mux(turn, 0, offset)),
-            put_row.en.eq(through),
-            put_row.data.eq(Mux(self.taking, Value.cast(self.new), 0)),
+            write_row.en.eq(through),
+            write_row.data.eq(Mux(self.taking, Value.cast(self.new), 0)),
         ]
         with m.If(through & ~flushing & turn & ~self.needed.all()):
             m.d.sync += self.needed.eq(self.needed + 1)
-        for k, port in enumerate(put_entry):
+        for k, port in enumerate(write_entry):
             m.d.comb += [
                 port.data.eq(entry),
                 port.en.eq(through & ~flushing & (self.slot == k)),

@@ -1,4 +1,4 @@
-"""Binning: a splat's floats as the integers of `spec.binning`, and its tile rows."""
+"""Binning, first step: a splat's floats to the integers of its outline, and its tile rows."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
@@ -31,7 +31,7 @@ SHIFTERS = (
     ("half_height", "v", "shear"),
     (None, "lean", None),
 )
-"""What an outline is made of; what each shifter shifts of it, phase by phase."""
+"""Numbers that make an outline; of them those that each shifter shifts, phase by phase."""
 
 SQUARE_NUMBERS = ("radius", "u", "v")
 SQUARE_SHIFTERS = (("radius", "u", None), (None, "v", None))
@@ -47,11 +47,11 @@ def outline_layout(config: Config) -> data.StructLayout:
     between: it touches no pixels of any row. A square's rows all have its columns: they need no
     more than those.
     """
-    place, row = signed(position_bits(config) + 1), range(-(-config.height_max // TILE))
+    position, row = signed(position_bits(config) + 1), range(-(-config.height_max // TILE))
     fields = {"first": row, "last": row, "between": 1, "normalise": range(HALF_BITS)}
     for name in "xy":
         fields |= {
-            f"centre_{name}": place,
+            f"centre_{name}": position,
             f"half_{name}": HALF_BITS,
             f"limit_{name}": position_bits(config),
             f"shift_{name}": range(STEP_MAX + 1),  # log2 of a tile's units
@@ -79,8 +79,8 @@ class Outline(wiring.Component):
     Members
         i: stream of `splat_record`.
         width, height: of the image, pixels.
-        room: whether a splat may be taken.
-        seen: whether the splat that is being taken will have an outline.
+        room: a splat may be taken.
+        seen: the splat that is being taken will have an outline.
         o: stream of `outline_layout`.
 
     **Timing**: a splat every 3 cycles, latency 3; no multiplier. Three shifters for a splat's
@@ -130,8 +130,8 @@ class Outline(wiring.Component):
                 if not self.square:
                     self._length(m, "y", y.number, names[1][0])
             with m.If(phase[1]):
-                self._place(m, "x", x.number, "u", self.width)
-                self._place(m, "y", y.number, "v", self.height)
+                self._centre(m, "x", x.number, "u", self.width)
+                self._centre(m, "y", y.number, "v", self.height)
                 if not self.square:
                     self._normalise(m, lean.number)
             with m.If(phase[2]):
@@ -141,8 +141,8 @@ class Outline(wiring.Component):
         return m
 
     def _registers(self):
-        """Where the numbers of each axis are. A square has one length for both, and its rows want
-        nothing of y: what is left of that lies beside the outline.
+        """Registers of each axis' numbers. A square has one length for both, and its rows want
+        nothing of y: the rest lies beside the outline.
         """
         held, lengths = self.held, ("half", "shift", "vast")
         self.known = {name: held[name] for name in held.shape().members}
@@ -164,9 +164,9 @@ class Outline(wiring.Component):
     def _shifter(self, m: Module, phase: Signal, axis: str, names: tuple) -> data.View:
         """⌊value · 2^power⌋ of the number that is up in each phase, and whether it fits.
 
-        The power is that of the axis' unit for lengths and places, and brings a ratio to its own
-        normalised units. A place that its bits cannot hold gives 0, a lean or a ratio the largest
-        number.
+        The power is that of the axis' unit for lengths and positions, and brings a ratio to its
+        own normalised units. A position that its bits cannot hold gives 0, a lean or a ratio the
+        largest number.
         """
         format = self.format
         top = format.fraction + self.before
@@ -213,7 +213,7 @@ class Outline(wiring.Component):
             held[f"half_{axis}"].eq(Mux(vast, 0, number[:LENGTH_BITS]) + 1 + slack(self.config)),
         ]
 
-    def _place(self, m: Module, axis: str, number: Value, name: str, size: Value):
+    def _centre(self, m: Module, axis: str, number: Value, name: str, size: Value):
         """Numbers in a unit that is known: the centre, the image's last pixel, a tile."""
         held, step = self.known, self.step[axis]
         centre = Cat(number, Const(0, 1)).as_signed()
@@ -233,7 +233,7 @@ class Outline(wiring.Component):
         ]
 
     def _normalise(self, m: Module, lean: Value):
-        """How much finer than the horizontal unit that of a normalised height is."""
+        """Shift between the horizontal unit and the finer one of a normalised height."""
         normalise = leading_zeros(m, self.held.half_y)
         lean = Cat(lean[:HALF_BITS], Const(0, 1)).as_signed()
         m.d.sync += [
@@ -242,12 +242,12 @@ class Outline(wiring.Component):
             self.finer.eq(self.step["x"] + normalise - self.step["y"]),
         ]
 
-    def _box(self, m: Module, placed: Value, near: dict[str, Value], last: Value):
-        """Whether the box meets the image; and the rows of tiles that it covers."""
+    def _box(self, m: Module, centred: Value, near: dict[str, Value], last: Value):
+        """The rows of tiles that the box covers, and `seen` if it meets the image at all."""
         held, seen, ends = self.known, Const(1, 1), {}
         for axis in "xy":
             is_near = Signal(name=f"near_{axis}")
-            with m.If(placed):
+            with m.If(centred):
                 m.d.sync += is_near.eq(near[axis])
             half, centre = held[f"half_{axis}"], held[f"centre_{axis}"]
             low, high = centre - half, centre + half + 1

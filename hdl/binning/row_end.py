@@ -1,4 +1,4 @@
-"""Binning: how far an outline reaches to the right within a tile row."""
+"""Binning: the right end of an outline within a row of tiles."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import wiring
@@ -13,13 +13,13 @@ ROOT_BITS = 3
 ROOT_CYCLES = -(-HALF_BITS // ROOT_BITS)
 
 SLOPE_AT = 3 + ROOT_CYCLES
-"""Cycles after a band at which its slope is wanted."""
+"""Cycles after a band at which its slope is needed."""
 
 WIDTH_AT = SLOPE_AT + 2
-"""Cycles after a band at which its half width is wanted."""
+"""Cycles after a band at which its half width is needed."""
 
 LATENCY = WIDTH_AT + 1
-"""Cycles after a band at which its end is there."""
+"""Cycles after a band at which its end is valid."""
 
 END_BITS = HALF_BITS + 5
 """Bits of an end with its sign."""

@@ -1,4 +1,4 @@
-"""Binning: outlines to the columns of tiles that they meet in each of their rows of tiles."""
+"""Binning, second step: an outline to the columns of tiles that it meets in each row of tiles."""
 
 from amaranth.hdl import Module, Mux, Signal, Value, ValueLike, signed
 from amaranth.lib import data, stream, wiring
@@ -39,7 +39,7 @@ def columns_layout(config: Config) -> data.StructLayout:
 class Rows(wiring.Component):
     """Outlines in, each one's rows out.
 
-    The path never stalls: a row starts if it will find room in the queue behind it. What is wanted
+    The path never stalls: a row starts if it will find room in the queue behind it. What is needed
     late of an outline waits in two small memories.
 
     Members
@@ -57,6 +57,7 @@ class Rows(wiring.Component):
         self.config = config
         self.square = config.tile_test == "3sigma"
         self.latency = SQUARE_LATENCY if self.square else LATENCY
+        self.queue = Queue(columns_layout(config), ROWS_WAITING, memory=True)
         super().__init__(
             {
                 "i": In(stream.Signature(outline_layout(config))),
@@ -71,8 +72,7 @@ class Rows(wiring.Component):
         m = Module()
         held, full = Signal(outline_layout(self.config), reset_less=True), Signal()
         row, number = Signal.like(held.first), Signal(range(OUTLINES))
-        self.full = full
-        room = self._output(m)
+        room = self._output(m, full)
         last = row == held.last
         m.d.comb += [
             self.row.eq(full & room),
@@ -100,14 +100,14 @@ class Rows(wiring.Component):
     def _ends(
         self, m: Module, held: data.View, row: Value, number: Value
     ) -> tuple[data.View, dict[str, Value]]:
-        """What columns need of an outline, a cycle before its ends; and these."""
+        """The part of an outline that columns need, a cycle before its ends; and its ends."""
         ends = self._band(m, held, row)
         slope = self._memory(m, number, ("slope",), BAND_AT + SLOPE_AT)
         late = ("half_x", "centre_x", "limit_x", "shift_x", "vast_x", "between")
-        place = self._memory(m, number, late, BAND_AT + WIDTH_AT)
+        outline = self._memory(m, number, late, BAND_AT + WIDTH_AT)
         for end in ends.values():
-            m.d.comb += [end.slope.eq(slope.slope), end.half_width.eq(place.half_x)]
-        return place, {side: end.o for side, end in ends.items()}
+            m.d.comb += [end.slope.eq(slope.slope), end.half_width.eq(outline.half_x)]
+        return outline, {side: end.o for side, end in ends.items()}
 
     def _at(self, m: Module, name: str, value: ValueLike, cycles: int) -> Value:
         """A value `cycles` later."""
@@ -157,19 +157,19 @@ class Rows(wiring.Component):
         outline = self.i.payload
         shape = data.StructLayout({name: outline[name].shape() for name in names})
         m.submodules[f"late_{names[0]}"] = memory = Memory(shape=shape, depth=OUTLINES, init=[])
-        put, get = memory.write_port(), memory.read_port()
+        write, read = memory.write_port(), memory.read_port()
         # Written once; the first row asks for it cycles later, none while it is written.
-        m.d.comb += [put.en.eq(self.i.valid & self.i.ready), put.addr.eq(number + 1)]
-        m.d.comb += [put.data[name].eq(outline[name]) for name in names]
+        m.d.comb += [write.en.eq(self.i.valid & self.i.ready), write.addr.eq(number + 1)]
+        m.d.comb += [write.data[name].eq(outline[name]) for name in names]
         asked = self._at(m, f"number_{names[0]}", number, cycles - 1)
-        m.d.comb += [get.en.eq(1), get.addr.eq(asked)]
-        return get.data
+        m.d.comb += [read.en.eq(1), read.addr.eq(asked)]
+        return read.data
 
-    def _columns(self, m: Module, place: data.View, ends: dict[str, Value]):
+    def _columns(self, m: Module, outline: data.View, ends: dict[str, Value]):
         """Ends to columns of tiles."""
         since = self.latency - 2  # cycles from a row's start to its ends
         names = ("centre_x", "limit_x", "shift_x", "vast_x", "between")
-        late = {name: self._at(m, name, place[name], 1) for name in names}
+        late = {name: self._at(m, name, outline[name], 1) for name in names}
         one = pixel(late["shift_x"])
         left = late["centre_x"] - ends["left"]
         beyond = (left > late["limit_x"]) & ~late["vast_x"]
@@ -192,15 +192,13 @@ class Rows(wiring.Component):
         m.d.sync += valid.eq((valid << 1) | self.valid)
         m.d.comb += self.queue.i.valid.eq(valid[-1])
 
-    def _output(self, m: Module) -> Value:
-        """The queue of rows; whether it will have room for one more."""
-        m.submodules.queue = self.queue = queue = Queue(
-            columns_layout(self.config), ROWS_WAITING, memory=True
-        )
-        connect(m, flipped(self).o, queue.o)
+    def _output(self, m: Module, full: Value) -> Value:
+        """The queue of rows; returns a bit that says that it will have room for one more."""
+        m.submodules.queue = self.queue
+        connect(m, flipped(self).o, self.queue.o)
         owed = Signal(range(ROWS_WAITING + 1))
         gone = self.o.valid & self.o.ready
         with m.If(self.row != gone):
             m.d.sync += owed.eq(Mux(gone, owed - 1, owed + 1))
-        m.d.comb += self.busy.eq((owed != 0) | self.full)
+        m.d.comb += self.busy.eq((owed != 0) | full)
         return owed != ROWS_WAITING

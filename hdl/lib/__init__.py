@@ -1,4 +1,4 @@
-"""Parts without a place of their own: streams and queues, delays, shifters, records, counters.
+"""Building blocks of all stages: streams and queues, delays, shifters, records, counters.
 
 May import: spec.
 """

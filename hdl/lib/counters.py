@@ -1,6 +1,8 @@
-"""Performance counters."""
+"""Performance counters of the stages."""
 
-from amaranth.hdl import Cat, Module, Signal
+from collections.abc import Iterable, Mapping
+
+from amaranth.hdl import Cat, Module, Signal, ValueLike
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -8,6 +10,18 @@ from splatcore.spec.counters import COUNTER_BITS
 
 SPARE = 4
 """A counter stops within 2^SPARE of its largest value: events on their way may still be counted."""
+
+
+def counters_layout(names: Iterable[str]) -> data.StructLayout:
+    """The layout of counts by name."""
+    return data.StructLayout(dict.fromkeys(names, COUNTER_BITS))
+
+
+def count_events(m: Module, part: wiring.Component, events: Mapping[str, ValueLike]):
+    """Counters of events for a component with the members `clear` and `counters`."""
+    m.submodules.counters = counters = Counters(tuple(part.counters.shape().members))
+    m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
+    m.d.comb += [counters.clear.eq(part.clear), part.counters.eq(counters.value)]
 
 
 class Counters(wiring.Component):

@@ -1,4 +1,4 @@
-"""Registers of a pipeline: where they stand, and the freezing of all of them."""
+"""Pipeline registers: their distribution over a path, and one enable for all of them."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -6,17 +6,21 @@ from itertools import combinations
 from amaranth.hdl import Module, Signal, ValueLike
 
 Registers = Mapping[str, int]
-"""How many stand at each named cut of a path."""
+"""Number of registers at each named cut of a path."""
 
 
-def spread(latency: int, cuts: Mapping[str, int]) -> dict[str, int]:
+def spread(latency: int | Registers, cuts: Mapping[str, int]) -> Registers:
     """`latency` registers on a path, so that the longest stretch without one is the shortest.
+
+    Registers whose cuts are chosen already are returned as they are.
 
     `cuts` are the places where registers can stand, in the path's order, each named for what has
     been computed before it; with about how many gates deep the logic is between it and the cut
     before. The last is the output: it is where the only register stands at latency 1. More
     registers than cuts stand several to a cut, for a synthesis tool to move into the logic before.
     """
+    if isinstance(latency, Mapping):
+        return latency
     if latency < 0:
         raise ValueError(f"latency {latency} is negative")
     *inner, output = cuts
@@ -41,7 +45,7 @@ def stretches(cuts: Mapping[str, int], chosen: tuple[str, ...]) -> list[int]:
 
 
 class Pipeline:
-    """Puts registers into a module; all hold their values while `enable` is low.
+    """Adds pipeline registers to a module; all hold their values while `enable` is low.
 
     They have no reset: what comes out before the first input has come through means nothing.
     """

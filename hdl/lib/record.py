@@ -1,12 +1,19 @@
-"""The Amaranth layout of a record: what `spec.record` packs, wires carry."""
+"""Amaranth layouts of the records of `spec.record`, and layouts that several parts share."""
 
 from amaranth.hdl import Shape, unsigned
 from amaranth.lib import data
 
+from splatcore.spec.axi import BEAT_ADDRESS_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.number import Fixed
 from splatcore.spec.record import Array, Format, Record
-from splatcore.spec.registers import frame_registers
+from splatcore.spec.registers import CODE_BITS, DETAIL_BITS, frame_registers
+
+AREA = data.StructLayout(dict.fromkeys(("groups", "lists", "features"), BEAT_ADDRESS_BITS))
+"""Addresses of the parts of a work area, in beats."""
+
+ERROR = data.StructLayout({"valid": 1, "code": CODE_BITS, "detail": DETAIL_BITS})
+"""An error, valid in the cycle in which it is noticed."""
 
 
 def layout(record: Record) -> data.StructLayout:
@@ -19,7 +26,7 @@ def layout(record: Record) -> data.StructLayout:
 
 
 def _shape(format: Format) -> data.Layout | Shape:
-    """What one format is in hardware."""
+    """The layout or shape of one format."""
     if isinstance(format, Record):
         return layout(format)
     if isinstance(format, Array):
@@ -33,6 +40,6 @@ def signed_shape(fixed: Fixed) -> Shape:
 
 
 def frame_layout(config: Config) -> data.StructLayout:
-    """The registers of a frame."""
+    """The layout of a frame's registers."""
     registers = frame_registers(config)
     return data.StructLayout({register.name.lower(): register.width for register in registers})

@@ -1,4 +1,4 @@
-"""Shifts by a number of bits that is only known at run time, and the counting of leading zeros.
+"""Barrel shifters with a sticky bit, and counting of leading zeros.
 
 Each function adds what it needs to the module that it is given.
 """
@@ -18,7 +18,7 @@ def leading_zeros(m: Module, value: Value) -> Value:
 
 
 def _count_zeros(m: Module, value: Value) -> tuple[Value, Value]:
-    """Whether all of 2^n bits are zero; and if not, the number of leading zeros in n bits."""
+    """High if all of 2^n bits are zero; and if not, the number of leading zeros in n bits."""
     if len(value) == 2:
         return ~value.any(), ~value[1]
     middle = len(value) // 2

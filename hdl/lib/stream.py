@@ -1,4 +1,4 @@
-"""Stream primitives: what stands between stages and around their datapaths.
+"""Stream primitives between stages and around datapaths: register, queue, fork, pipe.
 
 Streams are Amaranth's (`lib.stream`): an item passes in a cycle in which valid and ready are both
 high, and whoever has raised valid keeps it and the payload until then. All of these keep to that
@@ -94,15 +94,15 @@ class Queue(wiring.Component):
         m.submodules.storage = storage = Memory(shape=self.shape, depth=self.rows, init=[])
         write = storage.write_port()
         read = storage.read_port(domain="sync" if self.memory else "comb")
-        put, take, fetch = Signal(), Signal(), Signal()
+        push, pop, fetch = Signal(), Signal(), Signal()
         leaving = self.o.ready if self.depth == 1 else 0
         m.d.comb += [
             self.i.ready.eq((self.level != self.depth) | leaving),
-            put.eq(self.i.valid & self.i.ready),
-            take.eq(self.o.valid & self.o.ready),
+            push.eq(self.i.valid & self.i.ready),
+            pop.eq(self.o.valid & self.o.ready),
             write.addr.eq(self.write),
             write.data.eq(self.i.payload),
-            write.en.eq(put),
+            write.en.eq(push),
             read.addr.eq(self.read),
             self.o.payload.eq(read.data),
         ]
@@ -113,16 +113,16 @@ class Queue(wiring.Component):
                 fetch.eq((self.level != self.o.valid) & (~self.o.valid | self.o.ready)),
                 read.en.eq(fetch),
             ]
-            with m.If(fetch | take):
+            with m.If(fetch | pop):
                 m.d.sync += self.o.valid.eq(fetch)
         else:
-            m.d.comb += [fetch.eq(take), self.o.valid.eq(self.level != 0)]
-        with m.If(put):
+            m.d.comb += [fetch.eq(pop), self.o.valid.eq(self.level != 0)]
+        with m.If(push):
             m.d.sync += self.write.eq(self._next(self.write))
         with m.If(fetch):
             m.d.sync += self.read.eq(self._next(self.read))
-        with m.If(put != take):
-            m.d.sync += self.level.eq(Mux(put, self.level + 1, self.level - 1))
+        with m.If(push != pop):
+            m.d.sync += self.level.eq(Mux(push, self.level + 1, self.level - 1))
         return m
 
     def _next(self, row: Value) -> Value:
@@ -131,7 +131,7 @@ class Queue(wiring.Component):
 
 
 class Fork(wiring.Component):
-    """Gives every item to each of `count` outputs, each of which takes it when it likes.
+    """Gives every item to each of `count` outputs; each takes it at its own pace.
 
     Members
     -------
@@ -185,7 +185,7 @@ class Pipe(wiring.Component):
     i : `HANDSHAKE`, in
     o : `HANDSHAKE`, out
     enable : out; the datapath's registers load at the end of this cycle
-    valid : `latency` bits, out; bit k: what k + 1 enabled cycles have made of an item is an item
+    valid : `latency` bits, out; bit k: an item is in the datapath's registers after k + 1 cycles
 
     **Timing**: latency `latency` enabled cycles, one item per cycle. A path from `o.ready` to
     `i.ready` and `enable`: a `Register` behind the pipe cuts it. No multiplier.

@@ -1,4 +1,4 @@
-"""The way to DRAM: AXI4 master, requests and data, bursts gathered and slots unpacked.
+"""Access to DRAM: the AXI4 master, readers of address ranges, writers that gather bursts.
 
 May import: spec, hdl.lib.
 """

@@ -1,4 +1,4 @@
-"""The AXI4 master: readers and writers take turns at the one memory port."""
+"""The AXI4 master: all readers and writers share the one memory port, in turns."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -28,14 +28,14 @@ OUTSTANDING_BITS = 8
 """Width of the count of bursts of a half's readers, or of a writer, that are not yet answered."""
 
 ERROR = 1
-"""The bit of a response that tells an error."""
+"""The bit of a response that signals an error."""
 
-CLIENT_ERROR = data.StructLayout({"now": 1, "client": ID_BITS})
+CLIENT_ERROR = data.StructLayout({"valid": 1, "client": ID_BITS})
 """A beat or burst of a client has been answered by an error."""
 
 
 def read_beat() -> data.StructLayout:
-    """A beat that was read. last: of its burst."""
+    """The layout of a beat that was read. last: of its burst."""
     return data.StructLayout({"beat": DATA_BITS, "last": 1})
 
 
@@ -45,7 +45,7 @@ def of_half(clients: dict[str, int], half: int) -> int:
 
 
 def number(chosen: Value) -> Value:
-    """The place of the one bit that is 1."""
+    """The index of the one bit that is 1."""
     return Cat(
         Cat(chosen[k] for k in range(len(chosen)) if k >> bit & 1).any() for bit in range(ID_BITS)
     )
@@ -61,7 +61,7 @@ def selected(chosen: Value, values: list) -> Value:
 
 
 class Turns(wiring.Component):
-    """Who of those that want to is next, in turns.
+    """A round-robin arbiter: chooses one of those that request.
 
     Members
         wants: a bit for each. chosen: at most one of them. served: the chosen one has had its turn.
@@ -86,17 +86,17 @@ class Turns(wiring.Component):
 
 
 class Axi(wiring.Component):
-    """The memory port.
+    """The memory port: an AXI4 master that serves all readers and writers of the machine.
 
     Every client is a stream and works for a half of the machine. Reads of one reader, and bursts
     of one writer, stay in order.
 
     Members
         m_axi: the port.
-        reads: by place in `READERS` a stream of `read_record`; data: the beats that come back,
+        reads: by index in `READERS` a stream of `read_record`; data: the beats that come back,
             streams of `read_beat`. A reader that does not take its beats keeps all others waiting.
-        writes: by place in `WRITERS` a stream of `write_record`; who has offered a burst's first
-            beat offers the others without waiting for anything else.
+        writes: by index in `WRITERS` a stream of `write_record`; after a burst's first beat
+            a writer offers the others without waiting for anything else.
         failing: a bit for each half. While it is high, nothing new is begun for the half, what
             comes back for it is dropped, and a burst that it has begun to write is brought to its
             end without writing anything. Its clients may be reset meanwhile; they are to be, as
@@ -180,26 +180,26 @@ class Axi(wiring.Component):
     def _return(self, m: Module) -> Value:
         """Beats that come back; a bit for each half: it has the last one of a burst.
 
-        They pass a register that holds one beat: the port's `rready` depends on the reader whose
-        beat is there, not on the port's inputs.
+        They pass a register that holds one beat: the port's `rready` depends on that beat's
+        reader, not on the port's inputs.
         """
         m_axi = self.m_axi
         full = Signal()
         beat = Signal(read_beat(), reset_less=True)
         client = Signal(ID_BITS, reset_less=True)
         error = Signal(reset_less=True)
-        here, taken = Signal(len(READERS)), Signal(len(READERS))
+        target, fire = Signal(len(READERS)), Signal(len(READERS))
         ready = Cat(o.ready for o in self.data) | self._failing(READERS)
         m.d.comb += [
-            here.eq(Mux(full, Const(1) << client, 0)),
-            taken.eq(here & ready),
-            m_axi.rready.eq(~full | taken.any()),
-            self.beats_read.eq(taken),
-            self.read_error.now.eq(taken.any() & error),
+            target.eq(Mux(full, Const(1) << client, 0)),
+            fire.eq(target & ready),
+            m_axi.rready.eq(~full | fire.any()),
+            self.beats_read.eq(fire),
+            self.read_error.valid.eq(fire.any() & error),
             self.read_error.client.eq(client),
         ]
         for k, (o, half) in enumerate(zip(self.data, READERS.values(), strict=True)):
-            m.d.comb += [o.payload.eq(beat), o.valid.eq(here[k] & ~self.failing[half])]
+            m.d.comb += [o.payload.eq(beat), o.valid.eq(target[k] & ~self.failing[half])]
         with m.If(m_axi.rready):
             m.d.sync += [
                 full.eq(m_axi.rvalid),
@@ -208,7 +208,7 @@ class Axi(wiring.Component):
                 client.eq(m_axi.rid),
                 error.eq(m_axi.rresp[ERROR]),
             ]
-        return Cat((taken & of_half(READERS, half)).any() & beat.last for half in HALVES)
+        return Cat((fire & of_half(READERS, half)).any() & beat.last for half in HALVES)
 
     def _ask(self, m: Module, returned: Value) -> Value:
         """Bursts to be read; a bit for each half: none of them is on its way."""
@@ -240,7 +240,7 @@ class Axi(wiring.Component):
         m.d.sync += [full.eq(m_axi.bvalid), client.eq(m_axi.bid), error.eq(m_axi.bresp[ERROR])]
         m.d.comb += [
             m_axi.bready.eq(1),
-            self.write_error.now.eq(full & error),
+            self.write_error.valid.eq(full & error),
             self.write_error.client.eq(client),
         ]
         return Cat(full & (client == k) for k in range(len(WRITERS)))
@@ -250,7 +250,7 @@ class Axi(wiring.Component):
         m.submodules.write_turns = turns = Turns(len(WRITERS))
         count = len(WRITERS)
         valid, failing = Cat(i.valid for i in self.writes), self._failing(WRITERS)
-        inside, left = Signal(), Signal(LENGTH_BITS)  # of a burst; beats of it that are to come
+        inside, left = Signal(), Signal(LENGTH_BITS)  # within a burst; its beats still to come
         owner, current, full, began = (
             Signal(count, name=name) for name in ("owner", "current", "full", "began")
         )

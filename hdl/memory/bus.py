@@ -1,4 +1,4 @@
-"""Wires of the machine's two AXI ports, as the master has them.
+"""Signatures of the machine's two AXI ports, as the master has them.
 
 A component's member `m_axi` of such a signature has the Verilog ports `m_axi__awid` … . Of AXI's
 signals those are left out that would always be 0 (lock, region, quality of service, user) and that
@@ -27,11 +27,11 @@ FIXED = {
     "cache": (4, 0b0011),  # a memory: bufferable, modifiable, in no cache
     "prot": (3, 0b010),  # data, not privileged, not secure
 }
-"""What never changes of an address: width and value, by the signal's name behind `ar` or `aw`."""
+"""Constant signals of an address channel: name behind `ar` or `aw` → width and value."""
 
 
 def axi() -> wiring.Signature:
-    """AXI4."""
+    """The signature of the AXI4 port."""
     wires = {}
     for channel in ("aw", "ar"):
         wires |= {
@@ -52,7 +52,7 @@ def axi() -> wiring.Signature:
 
 
 def axi_lite() -> wiring.Signature:
-    """AXI4-Lite."""
+    """The signature of the AXI4-Lite port."""
     wires = {}
     for channel in ("aw", "ar"):
         wires |= {f"{channel}addr": Out(LITE_ADDRESS_BITS)}

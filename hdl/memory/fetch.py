@@ -1,4 +1,4 @@
-"""Reads ranges of memory into a queue."""
+"""Reads ranges of memory beat by beat, through a queue."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -14,8 +14,8 @@ from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, LENGTH
 class Fetch(wiring.Component):
     """Ranges of beats in, the beats out, in order.
 
-    A burst is asked for when the queue has room for all of it besides what is there and on its
-    way, so that beats that come back never wait. Bursts end at multiples of `BURST_BEATS`.
+    A burst is asked for when the queue has room for all of it besides what it holds and what is on
+    its way, so that beats that come back never wait. Bursts end at multiples of `BURST_BEATS`.
 
     Members
         i: stream of ranges: first beat, count of beats (from 1 on).
@@ -48,24 +48,24 @@ class Fetch(wiring.Component):
         m.d.comb += [
             queue.i.valid.eq(self.data.valid),
             queue.i.payload.eq(self.data.payload.beat),
-            self.data.ready.eq(1),  # there is room
+            self.data.ready.eq(1),  # the queue has room
         ]
         # What is left of the range; the burst that is to be asked for.
         rest, more = Signal(self.range, reset_less=True), Signal()
         burst, sized = Signal(layout(read_record()), reset_less=True), Signal()
         beats = Signal(range(BURST_BEATS + 1), reset_less=True)
-        place = rest.beat[: exact_log2(BURST_BEATS)]
+        offset = rest.beat[: exact_log2(BURST_BEATS)]
         to_boundary = Signal.like(beats)
         ends = rest.count <= to_boundary
         m.d.comb += [
-            to_boundary.eq(BURST_BEATS - place),
+            to_boundary.eq(BURST_BEATS - offset),
             self.i.ready.eq(~more),
             self.reads.payload.eq(burst),
         ]
-        asked, taken = Signal(), Signal()
+        asked, fire = Signal(), Signal()
         m.d.comb += [
             asked.eq(self.reads.valid & self.reads.ready),
-            taken.eq(self.o.valid & self.o.ready),
+            fire.eq(self.o.valid & self.o.ready),
         ]
         with m.If(~more):
             m.d.sync += [rest.eq(self.i.payload), more.eq(self.i.valid)]
@@ -75,7 +75,7 @@ class Fetch(wiring.Component):
                 burst.beat.eq(rest.beat),
                 burst.length.eq((length - 1)[:LENGTH_BITS]),
                 beats.eq(length),
-                rest.beat.eq(Cat(Const(0, len(place)), rest.beat[len(place) :] + 1)),
+                rest.beat.eq(Cat(Const(0, len(offset)), rest.beat[len(offset) :] + 1)),
                 rest.count.eq(rest.count - to_boundary),
                 more.eq(~ends),
             ]
@@ -83,5 +83,5 @@ class Fetch(wiring.Component):
         # Beats in the queue or on their way to it.
         used = Signal(range(self.depth + 1))
         m.d.comb += self.reads.valid.eq(sized & (used + beats <= self.depth))
-        m.d.sync += used.eq(used + Mux(asked, beats, 0) - taken)
+        m.d.sync += used.eq(used + Mux(asked, beats, 0) - fire)
         return m

@@ -1,4 +1,4 @@
-"""Items of several beats to memory."""
+"""Writes items of several beats to memory, one burst for each."""
 
 from amaranth.hdl import Const, Module, Signal
 from amaranth.lib import data, stream, wiring

@@ -1,4 +1,4 @@
-"""Beats of memory to slots of 8 bytes."""
+"""Cuts beats of memory into slots of 8 bytes."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -62,7 +62,7 @@ class Unpack(wiring.Component):
 def unpacked(
     m: Module, reader: wiring.Component, depth: int, range_bits: int, count_bits: int
 ) -> tuple[Fetch, Unpack]:
-    """What reads ranges of slots for a component with the streams `reads` and `data`."""
+    """A reader of ranges of slots, for a component with the streams `reads` and `data`."""
     m.submodules.fetch = fetch = Fetch(depth, range_bits)
     m.submodules.unpack = unpack = Unpack(count_bits)
     connect(m, fetch.reads, flipped(reader.reads))

@@ -1,4 +1,4 @@
-"""Gathers what is written in small pieces to neighbouring addresses."""
+"""Gathers slots of 8 bytes that are written to neighbouring addresses into bursts."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -18,7 +18,7 @@ class WriteCombiner(wiring.Component):
 
     A slot is gathered with those before it if it is of their line and behind the last of them.
     The line goes out when its last slot has come, when a slot comes that cannot be gathered with
-    it, or when told to.
+    it, or when `flush` is high.
 
     Members
         i: stream of slots: address (in slots), data.
@@ -47,50 +47,48 @@ class WriteCombiner(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         slots = data.ArrayLayout(SLOT * 8, SLOTS)
-        gathered, there = Signal(slots, reset_less=True), Signal(SLOTS)
+        gathered, present = Signal(slots, reset_less=True), Signal(SLOTS)
         line, written = (
             Signal(self.line_bits, name=name, reset_less=True) for name in ("line", "written")
         )
         first, second = Signal(), Signal()  # the beat that is offered
-        place, address = (
-            self.i.payload.slot[: -self.line_bits],
-            self.i.payload.slot[-self.line_bits :],
-        )
-        # While the second beat is offered, its slots are of a line before.
-        here = Signal(SLOTS)
+        slot = self.i.payload.slot
+        position, address = slot[: -self.line_bits], slot[-self.line_bits :]
+        # While the second beat is offered, its slots belong to the line before.
+        of_line = Signal(SLOTS)
         behind, fits, room = Signal(), Signal(), Signal()
         m.d.comb += [
-            here.eq(Mux(second, there[:BEAT_SLOTS], there)),
-            behind.eq((here >> place) == 0),
-            fits.eq(~here.any() | ((address == line) & behind)),
-            room.eq(~first & ~(second & place[-1])),
+            of_line.eq(Mux(second, present[:BEAT_SLOTS], present)),
+            behind.eq((of_line >> position) == 0),
+            fits.eq(~of_line.any() | ((address == line) & behind)),
+            room.eq(~first & ~(second & position[-1])),
             self.i.ready.eq(fits & room),
-            self.empty.eq(~there.any() & ~second),
+            self.empty.eq(~present.any() & ~second),
         ]
-        self._offer(m, gathered, there, written, first, second)
+        self._offer(m, gathered, present, written, first, second)
         left = self.writes.valid & self.writes.ready
         with m.If(left & first):
-            m.d.sync += [first.eq(0), second.eq(1), there[:BEAT_SLOTS].eq(0)]
+            m.d.sync += [first.eq(0), second.eq(1), present[:BEAT_SLOTS].eq(0)]
         with m.If(left & second):
-            m.d.sync += [second.eq(0), there[BEAT_SLOTS:].eq(0)]
+            m.d.sync += [second.eq(0), present[BEAT_SLOTS:].eq(0)]
         takes = self.i.valid & self.i.ready
         with m.If(takes):
             m.d.sync += line.eq(address)
             for k in range(SLOTS):
-                with m.If(place == k):
-                    m.d.sync += [gathered[k].eq(self.i.payload.data), there[k].eq(1)]
-        whole = takes & place.all()
+                with m.If(position == k):
+                    m.d.sync += [gathered[k].eq(self.i.payload.data), present[k].eq(1)]
+        whole = takes & position.all()
         with m.If(
-            ~first & ~second & (whole | (there.any() & (self.flush | (self.i.valid & ~fits))))
+            ~first & ~second & (whole | (present.any() & (self.flush | (self.i.valid & ~fits))))
         ):
             m.d.sync += [first.eq(1), written.eq(Mux(whole, address, line))]
         return m
 
-    def _offer(self, m: Module, gathered, there, written, first: Value, second: Value):
+    def _offer(self, m: Module, gathered, present, written, first: Value, second: Value):
         """A beat of the line."""
         half = SLOT * 8 * BEAT_SLOTS
         beat = Signal(half)
-        strobes = Cat(bit.replicate(SLOT) for bit in there)
+        strobes = Cat(bit.replicate(SLOT) for bit in present)
         m.d.comb += [
             beat.eq(Mux(second, Value.cast(gathered)[half:], Value.cast(gathered)[:half])),
             self.writes.valid.eq(first | second),

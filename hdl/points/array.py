@@ -1,7 +1,7 @@
 """An array of processing elements that runs a microprogram on several items at once.
 
-Which step runs where and when, and which register holds which value, is `spec.schedule`'s; this
-file turns the plan into units, operand multiplexers, registers and the sequencer.
+`spec.schedule` decides on which unit and when each step runs and which register holds each value;
+this file turns its plan into units, operand multiplexers, registers and the sequencer.
 """
 
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ class Array(wiring.Component):
 
     Parameters
         late: field → the round at whose beginning it enters.
-        carried: shape of what goes with each item unchanged.
+        carried: shape of the data that accompanies each item unchanged.
         held: `i.payload` stays while an item is inside, and so only one is inside at a time; then
             it is read from there.
         stalls: whether `o` may be not ready. An array that never stalls needs no enables.
@@ -57,7 +57,7 @@ class Array(wiring.Component):
         constants: the program's constants; may change while no item is inside.
         o: stream of {outputs, carried}, in the same order.
         phase: one bit for each cycle of a round, that of the present one set.
-        rounds: what is in each round: {valid, carried}.
+        rounds: the item in each round: {valid, carried}.
 
     **Timing**: an item every `plan.interval` cycles, taken in the last phase of a round; its
     outputs come `plan.length` + 1 cycles later. While `o` is not taken everything stands still.
@@ -136,17 +136,17 @@ class Array(wiring.Component):
 
     def _fields(self, m: Module):
         """Registers of the fields, for each from the round in which it enters to its last use."""
-        self.places: dict[tuple[str, int], Value] = {}
+        self.field_at: dict[tuple[str, int], Value] = {}
         last_use = {name: self.plan.length for name in self.program.outputs}
-        for place in self.plan.places:
-            for name in place.step.operands:
-                last_use[name] = max(last_use.get(name, 0), place.time)
+        for slot in self.plan.places:
+            for name in slot.step.operands:
+                last_use[name] = max(last_use.get(name, 0), slot.time)
         for name, entry in self.entry.items():
             source = self.late[name] if entry else self.i.payload.fields[name]
             for number in range(entry, last_use[name] // self.plan.interval + 1):
                 if not self.held:
                     source = self._moved(m, f"{name}_{number}", source)
-                self.places[name, number] = source
+                self.field_at[name, number] = source
 
     def _moved(self, m: Module, name: str, source: Value) -> Signal:
         """A field's register in a round."""
@@ -188,42 +188,42 @@ class Array(wiring.Component):
             self.banks[key] = Signal(self.config.arithmetic.width, name=name, reset_less=True)
         for key, waits in takes.items():
             sources = {p: self._source(wait.value, wait.begin) for p, wait in waits.items()}
-            now = Cat(self.phase[p] for p in waits).any()
-            with m.If(self.enable & now):
+            loads = Cat(self.phase[p] for p in waits).any()
+            with m.If(self.enable & loads):
                 m.d.sync += self.banks[key].eq(select(self.phase, sources))
 
     def _operands(self, m: Module):
         """The units' operands: one source for each phase."""
         operands: dict[tuple, dict[str, dict[int, Value]]] = {}
-        for place in self.plan.places:
-            key = (place.step.unit, place.number)
-            for port, source in self._sources(place).items():
+        for slot in self.plan.places:
+            key = (slot.step.unit, slot.number)
+            for port, source in self._sources(slot).items():
                 ports = operands.setdefault(key, {}).setdefault(port, {})
-                ports[place.time % self.plan.interval] = source
+                ports[slot.time % self.plan.interval] = source
         for key, ports in operands.items():
             for port, sources in ports.items():
                 m.d.comb += getattr(self.units[key], port).eq(select(self.phase, sources))
 
-    def _sources(self, place: Place) -> dict[str, Value]:
+    def _sources(self, slot: Place) -> dict[str, Value]:
         """A step's operands by port; an absent factor is 1, an absent summand a zero."""
-        step = place.step
-        a = self._source(step.a, place.time)
+        step = slot.step
+        a = self._source(step.a, slot.time)
         sources = {"a": a ^ (1 << (len(a) - 1)) if step.negate else a}
         if step.b:
-            sources["b"] = self._source(step.b, place.time)
+            sources["b"] = self._source(step.b, slot.time)
         if step.unit == "pe":
             sources.setdefault("b", self.one)
-            sources["c"] = self._source(step.c, place.time) if step.c else self.nothing
+            sources["c"] = self._source(step.c, slot.time) if step.c else self.nothing
         return sources
 
     def _source(self, name: str, time: int) -> Value:
-        """Where a value is to be read at a time of its item."""
+        """A value at a time of its item: a constant, a field, a unit's output or a register."""
         if name in self.program.constants:
             return self.known[name]
         if name in self.program.fields:
-            return self.places[name, time // self.plan.interval]
-        place = next(place for place in self.plan.places if place.step.name == name)
-        if time == place.time + dict(self.plan.latencies)[place.step.unit]:
-            return self.units[place.step.unit, place.number].o
+            return self.field_at[name, time // self.plan.interval]
+        slot = next(slot for slot in self.plan.places if slot.step.name == name)
+        if time == slot.time + dict(self.plan.latencies)[slot.step.unit]:
+            return self.units[slot.step.unit, slot.number].o
         wait = next(w for w in self.plan.waits if w.value == name and w.begin < time <= w.end)
         return self.banks[wait.bank, wait.register]

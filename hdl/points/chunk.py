@@ -1,10 +1,10 @@
-"""Stage 0's front: what all points of a chunk share, and whether any of them can matter."""
+"""Stage 0's front: values that a chunk's points share, and skipping of chunks out of view."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
 from splatcore.hdl.lib.record import layout, signed_shape
 from splatcore.hdl.points.array import Array, codes
@@ -34,7 +34,7 @@ class Chunk(wiring.Component):
             next header is taken for that of chunk 0.
         camera, position_exponent, near_plane, constants: registers of the frame.
         o: stream of `chunk_record`.
-        taken: a header is through, kept or skipped.
+        taken: a header is through, kept or skipped; high for a cycle.
 
     **Timing**: one PE; a header every `plan.length` + 15 cycles (38 in `DEFAULT`, while the points
     of a full chunk take 1024). One at a time, so its numbers need not be carried along.
@@ -65,7 +65,7 @@ class Chunk(wiring.Component):
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
         """The chunk's two ends along each world axis as floats, one after the other through one
-        converter; and whether they are there.
+        converter; and a bit that says that all are converted.
         """
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
@@ -73,22 +73,19 @@ class Chunk(wiring.Component):
         way = Signal(signed_shape(AWAY))
         step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
         converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
-        origin, camera, span = (
-            Signal(signed_shape(AWAY)),
-            Signal(signed_shape(AWAY)),
-            Signal(AWAY.width),
-        )
+        origin, eye = Signal(signed_shape(AWAY)), Signal(signed_shape(AWAY))
+        span = Signal(AWAY.width)
         with m.Switch(step):
             for k in range(2 * len(AXES)):
                 axis = k % len(AXES)
                 with m.Case(k):
                     m.d.comb += origin.eq(header.origin[axis].as_signed())
-                    m.d.comb += camera.eq(self.camera[axis])
+                    m.d.comb += eye.eq(self.camera[axis])
                     if k >= len(AXES):
                         # The largest offset with this extent is below the next one's smallest.
                         end = (header.extent[axis] + 1) << EXTENT_SHIFT
                         m.d.comb += span.eq(end << header.shift[axis])
-        m.d.sync += way.eq(origin + span - camera)
+        m.d.sync += way.eq(origin + span - eye)
         m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
         m.d.comb += convert.scale.eq(self.position_exponent)
         values = [
@@ -152,7 +149,7 @@ class Chunk(wiring.Component):
             m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
 
     def _kept(self, m: Module, found: data.View) -> Value:
-        """Whether a point within the bounds can be in front and in the guard band."""
+        """High if a point within the bounds can be in front and in the guard band."""
         if self.config.position != "chunk" or self.config.culling == "none":
             return Value.cast(1)
         pairs = {"front": (self.near_plane, found.z_high)}
@@ -162,7 +159,6 @@ class Chunk(wiring.Component):
             pairs[f"{axis}_high"] = (high ^ (1 << (len(high) - 1)), far)
         holds = []
         for name, (less, more) in pairs.items():
-            m.submodules[f"compare_{name}"] = compare = Compare(self.config.arithmetic, 0)
-            m.d.comb += [compare.a.eq(less), compare.b.eq(more), compare.enable.eq(1)]
+            compare = compared(m, f"compare_{name}", self.config.arithmetic, less, more)
             holds.append(compare.less if name == "front" else compare.less | compare.equal)
         return Cat(holds).all()

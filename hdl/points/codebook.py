@@ -1,4 +1,4 @@
-"""The codebooks on chip: what a Gaussian's indices stand for, summed and made floats."""
+"""The codebooks on chip: a Gaussian's indices to its colour and harmonics, as floats."""
 
 from collections.abc import Callable
 
@@ -30,8 +30,8 @@ LANES = len(COLOURS)
 
 ROWS = len(SLOPES) // LANES
 
-PLACE = exact_log2(CODEBOOK_WORD // COLOUR_ENTRY.size)
-"""Bits of a colour entry's place within its word."""
+LANE_BITS = exact_log2(CODEBOOK_WORD // COLOUR_ENTRY.size)
+"""Bits of a colour entry's index within its word."""
 
 FIRST_WORD = 2
 """Cycles from an item's start to its first word: one to take its indices, one to read."""
@@ -59,7 +59,7 @@ class Codebook(wiring.Component):
         index: its indices, taken in that cycle.
         sh: whether the model has harmonics; without them all of G is zero.
         colour_exponent, sh_exponent: those of the model's header. All three stay as they are from
-            an item's start until its values are there.
+            an item's start until its values come.
         o: the values as floats of `Config.arithmetic`, of an item for one cycle.
 
     A machine for models without harmonics has no `sh`, no `sh_exponent` and no G.
@@ -128,8 +128,8 @@ class Codebook(wiring.Component):
         for k in range(1, self._converted + 1):
             self.time.append(Signal(name=f"time{k}"))
             m.d.sync += self.time[k].eq(self.time[k - 1])
-        word, place = self._read(m)
-        numbers, exponent = self._colour(m, word, place), self.colour_exponent
+        word, lane = self._read(m)
+        numbers, exponent = self._colour(m, word, lane), self.colour_exponent
         if self.sh_stages:
             last, rows = self.time[self._converted], self._slopes(m, word)
             exponent = Mux(self.time[self._converted - 1], exponent, self.sh_exponent)
@@ -147,15 +147,15 @@ class Codebook(wiring.Component):
         return Mux(self.sh, *shaded, plain) if shaded else Const(plain)
 
     def _has(self, name: str) -> Value:
-        """Whether the model has a stage."""
+        """High if the model has a stage."""
         return self._of_model(lambda format: name in format.codebook_words)
 
     def _word_of(self, name: str) -> Value:
-        """`time` in which a stage's word is there."""
+        """`time` in which a stage's word has been read."""
         return self.time[FIRST_WORD + self.reads.index(name)]
 
     def _read(self, m: Module) -> tuple[Value, Value]:
-        """The memory: a word a cycle, and where in it the colour entry lies."""
+        """The memory: a word a cycle, and the index of the colour entry within it."""
         m.submodules.memory = memory = Memory(shape=CODEBOOK_WORD * 8, depth=self.words, init=[])
         write, read = memory.write_port(), memory.read_port()
         m.d.comb += [
@@ -165,26 +165,26 @@ class Codebook(wiring.Component):
             write.data.eq(self.write.payload.word),
         ]
         # Indices wait in line for the address, counted in colour entries.
-        entries = [Signal(range(self.words << PLACE), reset_less=True) for _ in self.reads]
+        entries = [Signal(range(self.words << LANE_BITS), reset_less=True) for _ in self.reads]
         for k, name in enumerate(self.reads):
             index = self.index[name]
-            entry = Cat(Const(0, PLACE), index) if name in self.sh_stages else index
+            entry = Cat(Const(0, LANE_BITS), index) if name in self.sh_stages else index
             behind = entries[k + 1] if k + 1 < len(entries) else entry
             m.d.sync += entries[k].eq(Mux(self.start, entry, behind))
-        place = Signal(PLACE, reset_less=True)
-        m.d.sync += place.eq(entries[0])
+        lane = Signal(LANE_BITS, reset_less=True)
+        m.d.sync += lane.eq(entries[0])
         base, enable = Const(0), Const(0)
         for k, name in enumerate(self.reads, 1):
             begin = self._of_model(lambda format, name=name: format.codebook_words.get(name, 0))
             base |= Mux(self.time[k], begin, 0)
             enable |= self.time[k] & self._has(name)
-        m.d.comb += [read.addr.eq(base + entries[0][PLACE:]), read.en.eq(enable)]
-        return read.data, place
+        m.d.comb += [read.addr.eq(base + entries[0][LANE_BITS:]), read.en.eq(enable)]
+        return read.data, lane
 
-    def _colour(self, m: Module, word: Value, place: Value) -> list[Value]:
+    def _colour(self, m: Module, word: Value, lane: Value) -> list[Value]:
         """The sums of the colour entries."""
         entries = data.ArrayLayout(layout(COLOUR_ENTRY), CODEBOOK_WORD // COLOUR_ENTRY.size)
-        rgb = data.View(entries, word)[place].rgb
+        rgb = data.View(entries, word)[lane].rgb
         first, *_ = self.colour_stages
         given = Const(0)
         for name in self.colour_stages:
@@ -242,7 +242,7 @@ class Codebook(wiring.Component):
         return floats
 
     def _gather(self, m: Module, values: list[Value]):
-        """Rows of G wait, one place on each cycle, until the colour follows them."""
+        """Rows of G are shifted along, a register each cycle, until the colour follows them."""
         for lane, value in enumerate(values):
             for row in reversed(range(ROWS)):
                 name = SLOPES[row * LANES + lane]

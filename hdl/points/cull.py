@@ -1,10 +1,10 @@
-"""Stage 0: the depth of each point, culled at the near plane."""
+"""Stage 0: computes each point's depth and culls it at the near plane."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.record import layout, signed_shape
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.position import AXES, BEAT, Position
@@ -22,7 +22,7 @@ class Cull(wiring.Component):
         positions: stream of memory beats (`hdl.points.position`).
         camera, position_exponent, near_plane, constants: registers of the frame.
         o: stream of `point_record` with z.
-        taken: a point has been read.
+        taken: a point has been read; high for a cycle.
 
     **Timing**: one PE, a point every 4 cycles, latency about 30.
     """
@@ -47,10 +47,9 @@ class Cull(wiring.Component):
         carried = data.StructLayout({"place": PLACE_BITS, "last": 1})
         m.submodules.position = position = Position(self.config)
         m.submodules.array = array = Array(self.config, self.program, carried=carried)
-        m.submodules.compare = compare = Compare(self.config.arithmetic, 0)
 
-        place, chunk = Signal(PLACE_BITS), self.chunks.payload
-        last = place + 1 == chunk.count
+        number, chunk = Signal(PLACE_BITS), self.chunks.payload
+        last = number + 1 == chunk.count
         m.d.comb += [
             position.i.valid.eq(self.positions.valid),
             position.i.payload.eq(self.positions.payload),
@@ -64,7 +63,7 @@ class Cull(wiring.Component):
             array.i.valid.eq(position.o.valid),
             position.o.ready.eq(array.i.ready),
             self.taken.eq(array.i.valid & array.i.ready),
-            array.i.payload.carried.place.eq(place),
+            array.i.payload.carried.place.eq(number),
             array.i.payload.carried.last.eq(last),
             array.constants.eq(self.constants),
         ]
@@ -72,15 +71,14 @@ class Cull(wiring.Component):
             source = position.o.payload if name in AXES else chunk
             m.d.comb += array.i.payload.fields[name].eq(source[name])
         with m.If(self.taken):
-            m.d.sync += place.eq(Mux(last, 0, place + 1))
+            m.d.sync += number.eq(Mux(last, 0, number + 1))
 
         found, through = array.o.payload.outputs, array.o.payload.carried
+        depth = found.farthest if self.config.depth_interval else found.z
+        compare = compared(m, "compare", self.config.arithmetic, self.near_plane, depth)
         kept = Const(1, 1) if self.config.culling == "none" else compare.less
         passes = kept | through.last
         m.d.comb += [
-            compare.enable.eq(1),
-            compare.a.eq(self.near_plane),
-            compare.b.eq(found.farthest if self.config.depth_interval else found.z),
             self.o.valid.eq(array.o.valid & passes),
             array.o.ready.eq(self.o.ready | ~passes),
             self.o.payload.kept.eq(kept),

@@ -1,10 +1,10 @@
-"""Stage 1's end where nothing was culled: splats in front of the near plane."""
+"""Stage 1's end in a machine without culling: drops splats behind the near plane."""
 
 from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.record import layout
 from splatcore.spec.config import Config
 from splatcore.spec.point import splat_record
@@ -31,11 +31,9 @@ class Front(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.compare = compare = Compare(self.config.arithmetic, 0)
+        format = self.config.arithmetic
+        compare = compared(m, "compare", format, self.near_plane, self.i.payload.z)
         m.d.comb += [
-            compare.a.eq(self.near_plane),
-            compare.b.eq(self.i.payload.z),
-            compare.enable.eq(1),
             self.o.payload.eq(self.i.payload),
             self.o.valid.eq(self.i.valid & compare.less),
             self.i.ready.eq(self.o.ready | ~compare.less),

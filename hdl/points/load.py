@@ -1,4 +1,4 @@
-"""A model's header and codebooks: read and checked before a frame's points."""
+"""Reads and checks a model's header and loads its codebooks, before a frame's points."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -23,7 +23,7 @@ from splatcore.spec.registers import CODE_BITS, ErrorCode
 EXPONENTS = ("position_exponent", "colour_exponent", "sh_exponent")
 
 RANGE_BITS = 10
-"""Width of how many beats are read at a time: a header, or all codebooks."""
+"""Width of the number of beats of a read: a header, or all codebooks."""
 
 
 class Load(wiring.Component):
@@ -35,7 +35,7 @@ class Load(wiring.Component):
         write: the codebook memory's words.
         gaussians, sh, position_exponent, colour_exponent, sh_exponent: what the header says.
         positions, attributes: addresses of these parts in beats.
-        loaded: all that is there, until the next start.
+        loaded: header and codebooks have been read, until the next start.
         error: `ErrorCode`, not NONE: the header does not fit; nothing more happens.
 
     **Timing**: a beat a cycle; a header of 4 beats and up to 512 of codebooks for each frame.
@@ -74,7 +74,7 @@ class Load(wiring.Component):
             self.write.payload.word.eq(self.beats.payload),
         ]
         colours = Signal(HEADER["colours"].width)
-        header, codebooks = Signal(), Signal()  # whose beats come
+        header, codebooks = Signal(), Signal()  # beats are of the one or the other
         wrong = self._header(m, number, colours, header)
         words = Array(self.words)[self.sh]
         ranges, asked = self.ranges.payload, self.ranges.valid & self.ranges.ready
@@ -105,7 +105,7 @@ class Load(wiring.Component):
             with m.State("CHECKED"):
                 m.d.comb += [
                     self.ranges.valid.eq(self.error == ErrorCode.NONE),
-                    ranges.beat.eq(self._place(colours)),
+                    ranges.beat.eq(self._address(colours)),
                     ranges.count.eq(words),
                 ]
                 with m.If(asked):
@@ -119,31 +119,31 @@ class Load(wiring.Component):
                     m.next = "IDLE"
         return m
 
-    def _place(self, part: Value) -> Value:
-        """Where a part of the model begins, in beats."""
+    def _address(self, part: Value) -> Value:
+        """The address in beats at which a part of the model begins."""
         return self.model + part * (ALIGNMENT // BEAT)
 
-    def _header(self, m: Module, number: Value, colours: Signal, now: Value) -> Value:
-        """Keep what is needed of the header's beat `number`; what is wrong with it, if anything."""
+    def _header(self, m: Module, number: Value, colours: Signal, header: Value) -> Value:
+        """Keep the fields in the header's beat `number`; the error in it, NONE if there is none."""
         offsets = HEADER.offsets
 
         def field(name: str) -> Value:
             return self.beats.payload[offsets[name] % DATA_BITS :][: HEADER[name].width]
 
-        def here(name: str) -> Value:
+        def in_beat(name: str) -> Value:
             return number == offsets[name] // DATA_BITS
 
         positions, attributes = Signal.like(colours), Signal.like(colours)
         kept = {"count": self.gaussians, "sh_degree": self.sh, "colours": colours}
         kept |= {"positions": positions, "attributes": attributes}
         kept |= {name: getattr(self, name) for name in EXPONENTS}
-        with m.If(now & self.beats.valid):
+        with m.If(header & self.beats.valid):
             for name, target in kept.items():
-                with m.If(here(name)):
+                with m.If(in_beat(name)):
                     m.d.sync += target.eq(field(name))
         m.d.comb += [
-            self.positions.eq(self._place(positions)),
-            self.attributes.eq(self._place(attributes)),
+            self.positions.eq(self._address(positions)),
+            self.attributes.eq(self._address(attributes)),
         ]
         fits = {
             "position": field("position") == POSITION_FORMATS.index(self.config.position),
@@ -157,12 +157,12 @@ class Load(wiring.Component):
             bits = [getattr(format, part) for format in self.formats]
             codes = [Cat(Const(k, 8) for k in b + (0,) * (stages - len(b))) for b in bits]
             fits[part] = field(part) == Mux(self.sh, codes[-1], codes[0])
-        unfit = Cat(here(name) & ~fit for name, fit in fits.items()).any()
+        unfit = Cat(in_beat(name) & ~fit for name, fit in fits.items()).any()
         return Mux(
-            here("magic") & (field("magic") != MAGIC),
+            in_beat("magic") & (field("magic") != MAGIC),
             ErrorCode.MAGIC,
             Mux(
-                here("version") & (field("version") != VERSION),
+                in_beat("version") & (field("version") != VERSION),
                 ErrorCode.VERSION,
                 Mux(unfit, ErrorCode.FORMAT, ErrorCode.NONE),
             ),

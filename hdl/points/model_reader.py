@@ -1,4 +1,4 @@
-"""The parts of a packed model in memory as the streams that stages 0 and 1 take."""
+"""Reads a packed model from memory: header, codebooks, chunk headers, positions, attributes."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -22,7 +22,7 @@ from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER, m
 from splatcore.spec.point import FETCH, GAUSSIAN_BITS, NUMBER_BITS
 
 READING = ("model", "positions", "attributes")
-"""Its readers of `spec.axi.READERS`, in their order."""
+"""Names of its readers in `spec.axi.READERS`, in that order."""
 
 BEATS_WAITING = 2 * BURST_BEATS
 """Beats of chunk headers and of positions that may wait: two bursts of each."""
@@ -30,11 +30,11 @@ BEATS_WAITING = 2 * BURST_BEATS
 HEADER_BEATS = CHUNK_HEADER.size // BEAT
 
 COUNT_BITS = NUMBER_BITS + 1 + (HEADER_BEATS - 1).bit_length()
-"""Width of how many beats all chunk headers have."""
+"""Width of the number of beats of all chunk headers."""
 
 
 class ModelReader(wiring.Component):
-    """Reads a model: header and codebooks, all chunk headers, and of the rest what is wanted.
+    """Reads a model: header and codebooks, all chunk headers, other parts on request.
 
     Members
         start, model, write, gaussians, sh, exponents, loaded, error: those of `hdl.points.load`.
@@ -51,9 +51,9 @@ class ModelReader(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.load = config, Load(config)
         load = self.load.signature.members
-        self.told = ("write", "gaussians", "sh", "loaded", "error", *EXPONENTS)
+        self.loads = ("write", "gaussians", "sh", "loaded", "error", *EXPONENTS)
         super().__init__(
-            {name: load[name] for name in ("start", "model", *self.told)}
+            {name: load[name] for name in ("start", "model", *self.loads)}
             | {
                 "run": In(1),
                 "headers": Out(stream.Signature(layout(CHUNK_HEADER))),
@@ -74,7 +74,7 @@ class ModelReader(wiring.Component):
         outside = flipped(self)
         m.d.comb += [load.start.eq(self.start), load.model.eq(self.model)]
         connect(m, outside.write, load.write)
-        m.d.comb += [getattr(self, k).eq(getattr(load, k)) for k in self.told if k != "write"]
+        m.d.comb += [getattr(self, k).eq(getattr(load, k)) for k in self.loads if k != "write"]
         m.d.sync += self.chunks.eq((self.gaussians + CHUNK - 1) >> CHUNK.bit_length() - 1)
         self._headers(m)
         self._positions(m)
@@ -82,7 +82,7 @@ class ModelReader(wiring.Component):
         return m
 
     def _reader(self, m: Module, name: str, count_bits: int) -> Fetch:
-        """What reads ranges for a reader."""
+        """The reader of ranges for one of `READING`."""
         number = READING.index(name)
         m.submodules[name] = fetch = Fetch(BEATS_WAITING, count_bits)
         connect(m, fetch.reads, flipped(self.reads[number]))
@@ -143,7 +143,7 @@ class ModelReader(wiring.Component):
     def _attributes(self, m: Module):
         """A beat for each Gaussian that is wanted; its slot has room for it."""
         number = READING.index("attributes")
-        read, came = self.reads[number], self.data[number]
+        read, back = self.reads[number], self.data[number]
         m.submodules.attributes = wanted = Register(layout(read_record()))
         m.d.comb += [
             wanted.i.valid.eq(self.wanted.valid),
@@ -151,8 +151,8 @@ class ModelReader(wiring.Component):
                 (self.load.attributes + self.wanted.payload)[:BEAT_ADDRESS_BITS]
             ),
             self.wanted.ready.eq(wanted.i.ready),
-            self.attributes.valid.eq(came.valid),
-            self.attributes.payload.eq(came.payload.beat),
-            came.ready.eq(self.attributes.ready),
+            self.attributes.valid.eq(back.valid),
+            self.attributes.payload.eq(back.payload.beat),
+            back.ready.eq(self.attributes.ready),
         ]
         connect(m, wanted.o, flipped(read))

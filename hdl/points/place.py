@@ -1,10 +1,10 @@
-"""Stage 1's front: x and y of the points that stage 0 kept, and the guard band."""
+"""Stage 1's front: computes x and y of the points that stage 0 kept, drops those out of view."""
 
 from amaranth.hdl import Const, Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.compare import Compare
+from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.position import AXES
@@ -67,7 +67,7 @@ class Place(wiring.Component):
         return m
 
     def _inside(self, m: Module, found: data.View):
-        """Whether the centre is in front, and |x| and |y| are within their bounds.
+        """High if the centre is in front, and |x| and |y| are within their bounds.
 
         With a depth interval stage 0 lets points pass whose centre is behind the near plane.
         """
@@ -75,15 +75,9 @@ class Place(wiring.Component):
             return Const(1, 1)
         format = self.config.arithmetic
         magnitude = (1 << (format.width - 1)) - 1
-        m.submodules.compare_z = compare = Compare(format, 0)
-        m.d.comb += [compare.a.eq(self.near_plane), compare.b.eq(found.z), compare.enable.eq(1)]
-        inside = compare.less
+        inside = compared(m, "compare_z", format, self.near_plane, found.z).less
         for axis in "xy" if self.config.culling == "all" else "":
-            m.submodules[f"compare_{axis}"] = compare = Compare(format, 0)
-            m.d.comb += [
-                compare.a.eq(found[axis] & magnitude),
-                compare.b.eq(found[f"bound_{axis}"]),
-                compare.enable.eq(1),
-            ]
+            size, bound = found[axis] & magnitude, found[f"bound_{axis}"]
+            compare = compared(m, f"compare_{axis}", format, size, bound)
             inside &= compare.less | compare.equal
         return inside

@@ -1,10 +1,10 @@
-"""The point half of the machine, composed: chunk headers to splats."""
+"""Stages 0 and 1 connected: chunk headers, positions and attributes to splats."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Queue
 from splatcore.hdl.points.array import codes
@@ -14,7 +14,7 @@ from splatcore.hdl.points.front import Front
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.project import Project
 from splatcore.spec.config import Config
-from splatcore.spec.counters import COUNTER_BITS, POINTS
+from splatcore.spec.counters import POINTS
 from splatcore.spec.microprogram import constants
 from splatcore.spec.point import FETCH, chunk_record
 
@@ -64,7 +64,7 @@ class Points(wiring.Component):
                 "splats": project["o"],
                 "idle": Out(1),
                 "clear": In(1),
-                "counters": Out(data.StructLayout(dict.fromkeys(COUNTED, COUNTER_BITS))),
+                "counters": Out(counters_layout(COUNTED)),
             }
             | {name: chunk[name] for name in ("gaussians", "camera", "position_exponent")}
             | {name: project[name] for name in self.project.tables}
@@ -72,8 +72,8 @@ class Points(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("chunk", "cull", "place", "project"):
-            m.submodules[name] = getattr(self, name)
+        m.submodules.chunk, m.submodules.cull = self.chunk, self.cull
+        m.submodules.place, m.submodules.project = self.place, self.project
         outside = flipped(self)
         connect(m, outside.headers, self.chunk.i)
         connect(m, outside.positions, self.cull.positions)
@@ -122,7 +122,7 @@ class Points(wiring.Component):
         connect(m, front.o, splats)
 
     def _registers(self, m: Module):
-        """Registers of the frame, to whom they concern."""
+        """Registers of the frame to the parts that use them."""
         for part in (self.chunk, self.cull, self.place, self.project):
             for name in part.constants.shape().members:
                 m.d.comb += part.constants[name].eq(self.constants[name])
@@ -156,7 +156,6 @@ class Points(wiring.Component):
         m.d.comb += self.idle.eq(~(chunks.any() | splats.any()))
 
     def _count(self, m: Module):
-        m.submodules.counters = counters = Counters(COUNTED)
         o, wanted = self.cull.o, self.project.wanted
         events = {
             "chunks": self.chunk.taken,
@@ -168,5 +167,4 @@ class Points(wiring.Component):
             "starved": self.project.starved,
             "blocked": self.project.blocked,
         }
-        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
-        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]
+        count_events(m, self, events)

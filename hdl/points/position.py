@@ -1,4 +1,4 @@
-"""Stored positions, as they lie in memory, to rays: ways from the camera in world axes."""
+"""Unpacks stored positions and makes rays of them: vectors from the camera, in world axes."""
 
 from amaranth.hdl import Array as Choice
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
@@ -74,7 +74,7 @@ class Position(wiring.Component):
         m = Module()
         m.submodules.pipe = self.pipe = Pipe(CONVERT_LATENCY + 1)
         self.axis = Signal(range(len(AXES)))
-        self.place, self.done = Signal(PLACE_BITS), Signal()
+        self.number, self.done = Signal(PLACE_BITS), Signal()
         self.ready = Signal()  # a coordinate may leave the gearbox
         coordinate = self._gearbox(m)
         if self.config.position == "chunk":
@@ -89,7 +89,7 @@ class Position(wiring.Component):
         return m
 
     def _gearbox(self, m: Module) -> Value:
-        """The next coordinate; `pipe.i` says when it is there and taken.
+        """The next coordinate; `pipe.i` says when it is valid and taken.
 
         A beat is taken as early as can be, but with the last point only when a coordinate lacks
         bits: none is read beyond a chunk's end.
@@ -97,7 +97,7 @@ class Position(wiring.Component):
         beat, words = Signal(BEAT, reset_less=True), Signal(range(BEAT // WORD + 1))
         bits, level = Signal(2 * WORD - 1), Signal(range(2 * WORD))
         active, left, rest = Signal(), Signal.like(level), Signal.like(bits)
-        enough, last = level >= self.width, self.place + 1 == self.chunk.count
+        enough, last = level >= self.width, self.number + 1 == self.chunk.count
         m.d.comb += [
             active.eq(self.chunk_valid & ~self.done),
             self.pipe.i.valid.eq(active & enough & self.ready),
@@ -126,7 +126,7 @@ class Position(wiring.Component):
     def _offset(self, m: Module, coordinate: Value) -> Value:
         """The coordinate on the model's grid: top bit by the octant, shifted, from the origin."""
         octant, ends = Signal(range(OCTANTS)), Choice(self.chunk.octant_end)
-        at_end = (octant != OCTANTS - 1) & (self.place == ends[octant]) & (self.axis == 0)
+        at_end = (octant != OCTANTS - 1) & (self.number == ends[octant]) & (self.axis == 0)
         m.d.comb += self.ready.eq(~at_end)
         with m.If(self.next_chunk):
             m.d.sync += octant.eq(0)
@@ -169,10 +169,10 @@ class Position(wiring.Component):
         with m.If(self.pipe.i.valid & self.pipe.i.ready):
             m.d.sync += self.axis.eq(self.axis + 1)
             with m.If(self.axis == len(AXES) - 1):
-                m.d.sync += [self.axis.eq(0), self.place.eq(self.place + 1)]
-                m.d.sync += self.done.eq(self.place + 1 == self.chunk.count)
+                m.d.sync += [self.axis.eq(0), self.number.eq(self.number + 1)]
+                m.d.sync += self.done.eq(self.number + 1 == self.chunk.count)
         with m.If(self.next_chunk):
-            m.d.sync += [self.place.eq(0), self.done.eq(0)]
+            m.d.sync += [self.number.eq(0), self.done.eq(0)]
 
     def _collect(self, m: Module):
         """Three floats make a ray: two wait for the third."""

@@ -1,4 +1,4 @@
-"""The machine's first half: a model in memory to features and groups' lists in memory."""
+"""First half of a frame: the model in memory to splats' features and groups' lists in memory."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Value
 from amaranth.lib import data, stream, wiring
@@ -7,22 +7,16 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import WRITING, Binned
-from splatcore.hdl.lib.record import frame_layout, layout
+from splatcore.hdl.lib.record import AREA, ERROR, frame_layout, layout
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.hdl.points.points import Points
-from splatcore.spec.axi import BEAT_ADDRESS_BITS, BEAT_BITS, read_record, write_record
+from splatcore.spec.axi import BEAT_BITS, read_record, write_record
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.frame import fixed_constants
-from splatcore.spec.registers import ALIGNED, CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
+from splatcore.spec.registers import ALIGNED, DETAIL_BITS, ErrorCode, frame_registers
 from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT
-
-AREA = data.StructLayout(dict.fromkeys(("groups", "lists", "features"), BEAT_ADDRESS_BITS))
-"""Where the parts of a work area begin, in beats."""
-
-ERROR = data.StructLayout({"now": 1, "code": CODE_BITS, "detail": DETAIL_BITS})
-"""What goes wrong, in the cycle in which it is noticed."""
 
 
 class Preprocess(wiring.Component):
@@ -72,9 +66,9 @@ class Preprocess(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("model", "points", "bin", "binned"):
-            m.submodules[name] = getattr(self, name)
         model, points, bin = self.model, self.points, self.bin
+        m.submodules.model, m.submodules.points = model, points
+        m.submodules.bin, m.submodules.binned = bin, self.binned
         for number in range(len(READING)):
             connect(m, model.reads[number], flipped(self.reads[number]))
             connect(m, flipped(self.data[number]), model.data[number])
@@ -98,7 +92,7 @@ class Preprocess(wiring.Component):
         return m
 
     def _registers(self, m: Module):
-        """Registers of the frame and of the model, to whom they concern."""
+        """Registers of the frame and of the model to the parts that use them."""
         frame, points, config = self.frame, self.points, self.config
         fixed = fixed_constants(config)
         for name in points.constants.shape().members:
@@ -122,7 +116,9 @@ class Preprocess(wiring.Component):
             self.bin.height.eq(frame.height),
             self.bin.pages.eq(frame.lists_pages),
             self.binned.features_max.eq(frame.features_max),
-            *(getattr(self.binned, f"{part}_at").eq(self.area[part]) for part in WRITING),
+            self.binned.features_at.eq(self.area.features),
+            self.binned.lists_at.eq(self.area.lists),
+            self.binned.groups_at.eq(self.area.groups),
             self.counters.points.eq(points.counters),
             self.counters.bin.eq(self.bin.counters),
         ]
@@ -175,12 +171,12 @@ class Preprocess(wiring.Component):
                 pass
 
     def _fail(self, m: Module, code, detail=0):
-        """Say what is wrong, and wait for the reset."""
-        m.d.comb += [self.error.now.eq(1), self.error.code.eq(code), self.error.detail.eq(detail)]
+        """Report an error, and wait for the reset."""
+        m.d.comb += [self.error.valid.eq(1), self.error.code.eq(code), self.error.detail.eq(detail)]
         m.next = "FAILED"
 
     def _unaligned(self) -> tuple[Value, Value]:
-        """Whether an address is not aligned, and its register: the last one that is not."""
+        """A bit that says that an address is not aligned, and its register: the last such one."""
         names = [register.name for register in frame_registers(self.config)]
         found, wrong = Const(0, DETAIL_BITS), Const(0, 1)
         for name, bytes_ in ALIGNED.items():
@@ -189,7 +185,7 @@ class Preprocess(wiring.Component):
         return wrong, found
 
     def _size(self) -> tuple[Value, Value]:
-        """Whether width, height or stride cannot be, and which of them: 0, 1, 2."""
+        """A bit that says that width, height or stride is impossible, and its number: 0, 1, 2."""
         frame, config = self.frame, self.config
         width = (frame.width == 0) | (frame.width > config.width_max)
         height = (frame.height == 0) | (frame.height > config.height_max)

@@ -1,4 +1,4 @@
-"""Stage 1: points in the guard band and their attributes, projected to splats."""
+"""Stage 1: projects points within the guard band to splats, with their attributes."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
@@ -90,8 +90,10 @@ class Project(wiring.Component):
         m = Module()
         m.submodules.slots, m.submodules.codebook = self.slots, self.look_up
         m.submodules.array = self.array
-        for name in ("i", "chunks", "wanted", "attributes"):
-            connect(m, getattr(flipped(self), name), getattr(self.slots, name))
+        connect(m, flipped(self).i, self.slots.i)
+        connect(m, flipped(self).chunks, self.slots.chunks)
+        connect(m, flipped(self).wanted, self.slots.wanted)
+        connect(m, flipped(self).attributes, self.slots.attributes)
         if "write" in self.tables:
             connect(m, flipped(self).write, self.look_up.write)
         for name in self.tables:
@@ -106,7 +108,7 @@ class Project(wiring.Component):
         return m
 
     def _output(self, m: Module) -> Value:
-        """The queue of splats; whether it will have room for one more."""
+        """The queue of splats; returns a bit that says that it will have room for one more."""
         depth = self.splats_inside
         m.submodules.splats = queue = Queue(layout(splat_record(self.config)), depth, memory=True)
         found, splat = self.array.o.payload.outputs, queue.i.payload
@@ -144,17 +146,17 @@ class Project(wiring.Component):
             if part != "colour":
                 before = self.round[part] - 1
                 slot = rounds[before].carried if before >= 0 else self.slots.ready.payload
-                m.d.comb += [read[part].slot.eq(slot), read[part].now.eq(phase[-2])]
+                m.d.comb += [read[part].slot.eq(slot), read[part].enable.eq(phase[-2])]
                 last_read = max(last_read, before)
         number, time = divmod(self.ask, self.plan.interval)
-        now = rounds[number].valid & phase[time]
-        m.d.comb += [read.index.slot.eq(rounds[number].carried), read.index.now.eq(now)]
-        m.d.sync += self.look_up.start.eq(now)
+        start = rounds[number].valid & phase[time]
+        m.d.comb += [read.index.slot.eq(rounds[number].carried), read.index.enable.eq(start)]
+        m.d.sync += self.look_up.start.eq(start)
         oldest = rounds[max(last_read, number)]
         m.d.comb += self.slots.release.eq(oldest.valid & phase[-1])
 
     def _field(self, name: str) -> Value:
-        """Where the array takes a field in."""
+        """The array's input for a field, early or late."""
         early = self.array.i.payload.fields
         return early[name] if name in early.shape().members else self.array.late[name]
 
@@ -177,21 +179,21 @@ class Project(wiring.Component):
             m.d.comb += [convert.i.eq(bits), convert.enable.eq(1), self._field(name).eq(convert.o)]
 
     def _look_up(self, m: Module):
-        """Indices to colours and slopes. What models without harmonics store lies elsewhere."""
+        """Indices to colours and slopes. Models without harmonics have theirs at other offsets."""
         bits, index = Value.cast(self.slots.found.index), self.look_up.index
         records = [
             model_format(self.config, degree).attribute_record
             for degree in range(self.config.sh_degree + 1)
         ]
         for name in index.shape().members:
-            places = [
+            fields = [
                 bits[record.offset(name) - FACTOR_BITS :][: record[name].width]
                 for record in records
                 if name in dict(record.fields)
             ]
-            if len(places) == 2:
-                m.d.comb += index[name].eq(Mux(self.sh, places[1], places[0]))
+            if len(fields) == 2:
+                m.d.comb += index[name].eq(Mux(self.sh, fields[1], fields[0]))
             else:
-                m.d.comb += index[name].eq(Cat(places))
+                m.d.comb += index[name].eq(Cat(fields))
         for name in self.groups["colour"]:
             m.d.comb += self._field(name).eq(self.look_up.o[name])

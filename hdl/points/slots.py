@@ -1,4 +1,4 @@
-"""Where points wait for their attributes: a ring of slots in small memories."""
+"""Slots in which points wait for their attributes: a ring in small memories."""
 
 from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import data, stream, wiring
@@ -18,7 +18,7 @@ FACTOR_BITS = model_format(Config(), 0).attribute_record.offset("colour0")
 
 
 def parts(config: Config) -> dict[str, data.Layout | int]:
-    """What a slot holds, each in a memory of its own: it is read at a time of its own."""
+    """The parts of a slot, each in a memory of its own, to be read at a time of its own."""
     found = {
         "point": codes(config, POINT),
         "factor": data.ArrayLayout(1, FACTOR_BITS),
@@ -46,7 +46,7 @@ class Slots(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.parts = config, parts(config)
         self.slot = range(config.projection_slots)
-        reading = data.StructLayout({"slot": self.slot, "now": 1})
+        reading = data.StructLayout({"slot": self.slot, "enable": 1})
         super().__init__(
             {
                 "i": In(stream.Signature(layout(point_record(config, "x y z")))),
@@ -63,7 +63,7 @@ class Slots(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         # Slots from `oldest` to `entering` are in the array, from there to `filled` complete, from
-        # there to `free` waiting. One bit more than a slot's number tells a full ring from none.
+        # there to `free` waiting. One more bit than a slot's number: a full ring is no empty one.
         count = range(2 * self.config.projection_slots)
         oldest, entering, filled, free = (
             Signal(count, name=name) for name in ("oldest", "entering", "filled", "free")
@@ -79,11 +79,11 @@ class Slots(wiring.Component):
             self.ready.valid.eq(entering != filled),
             self.ready.payload.eq(entering),
         ]
-        put, fill = Signal(), Signal()
-        m.d.comb += put.eq(self.wanted.valid & self.wanted.ready)
+        push, fill = Signal(), Signal()
+        m.d.comb += push.eq(self.wanted.valid & self.wanted.ready)
         m.d.comb += fill.eq(self.attributes.valid & self.attributes.ready)
         for pointer, steps in (
-            (free, put),
+            (free, push),
             (filled, fill),
             (entering, self.ready.valid & self.ready.ready),
             (oldest, self.release),
@@ -93,13 +93,13 @@ class Slots(wiring.Component):
 
         attributes = self.attributes.payload
         sources = {
-            "point": (put, free, Cat(point[name] for name in POINT)),
+            "point": (push, free, Cat(point[name] for name in POINT)),
             "factor": (fill, filled, attributes[:FACTOR_BITS]),
             "index": (fill, filled, attributes[FACTOR_BITS:]),
         }
         if "ray" in self.parts:
             ray = Cat(point[name] for name in RAY)
-            sources["ray"] = (put, free, ray)
+            sources["ray"] = (push, free, ray)
         for name, (write, slot, value) in sources.items():
             self._memory(m, name, write, slot, value)
         return m
@@ -108,12 +108,12 @@ class Slots(wiring.Component):
         """A part's memory: written in a slot, read as the outside says."""
         memory = Memory(shape=self.parts[name], depth=self.config.projection_slots, init=[])
         m.submodules[name] = memory
-        put, get = memory.write_port(), memory.read_port()
+        write_port, read_port = memory.write_port(), memory.read_port()
         m.d.comb += [
-            put.en.eq(write),
-            put.addr.eq(slot),
-            put.data.eq(value),
-            get.en.eq(self.read[name].now),
-            get.addr.eq(self.read[name].slot),
-            self.found[name].eq(get.data),
+            write_port.en.eq(write),
+            write_port.addr.eq(slot),
+            write_port.data.eq(value),
+            read_port.en.eq(self.read[name].enable),
+            read_port.addr.eq(self.read[name].slot),
+            self.found[name].eq(read_port.data),
         ]

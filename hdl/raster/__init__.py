@@ -1,4 +1,6 @@
-"""Stage 3 and the second half of a frame: from sorted lists to pixels in memory.
+"""Stage 3: blends sorted splats into tiles, and writes the image to memory.
 
-May import: spec, hdl.lib, hdl.memory, hdl.points, hdl.sorting.
+`render` is the second half of a frame: stages 2 and 3 with their memory access.
+
+May import: spec, hdl.lib, hdl.memory, hdl.sorting.
 """

@@ -1,12 +1,12 @@
-"""Stage 3, last step: the lanes that blend a splat into a block, and the memory of its pixels."""
+"""Stage 3, sixth step: the lanes that blend a splat into a block, and the memory of pixels."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
+from amaranth.lib.memory import Memory, ReadPort, WritePort
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.raster.evaluate import power_layout
+from splatcore.hdl.raster.evaluate import log2_alpha_layout
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.raster import (
@@ -35,7 +35,7 @@ class Blend(wiring.Component):
 
     Members
         valid, block: a block is to be blended: its number in the memory.
-        powers: alpha of its pixels. colour: the splat's.
+        log2_alphas: of its pixels. colour: the splat's.
         inside: pixels within the image; the others have ended from the start.
         rest: instead, all that is left of T is blended with the colour.
         give: instead, the block is given out and forgotten.
@@ -59,7 +59,7 @@ class Blend(wiring.Component):
             {
                 "valid": In(1),
                 "block": In(self.number),
-                "powers": In(data.ArrayLayout(power_layout(config), self.pixels)),
+                "log2_alphas": In(data.ArrayLayout(log2_alpha_layout(config), self.pixels)),
                 "colour": In(self.colour_shape),
                 "inside": In(self.pixels),
                 "rest": In(1),
@@ -75,71 +75,73 @@ class Blend(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         self.touched = Signal(self.blocks)
-        self._look_up(m)
-        self._multiply(m)
-        self._subtract(m)
-        self._add(m)
+        pixels = data.ArrayLayout(self.config.transmittance + 1, self.pixels)
+        m.submodules.transmittances = memory = Memory(shape=pixels, depth=self.blocks, init=[])
+        stored, kept = memory.read_port(), memory.write_port()
+        read = self._look_up(m, stored)
+        product = self._multiply(m, stored.data, *read)
+        taken = self._subtract(m, kept, *product)
+        same = [valid & (stage.block == self.block) for valid, stage in (read, product)]
+        m.d.comb += self.busy.eq(same[0] | same[1])
+        self._add(m, *product, *taken)
         return m
 
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
-        """Registers of a stage, some for each lane, and whether there is something in them."""
+        """Registers of a stage, some for each lane, and a bit that says that they are valid."""
         shared = {"block": self.number, "colour": self.colour_shape}
         shared |= {"fresh": 1, "rest": 1, "give": 1}
         lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
         stage = Signal(data.StructLayout({"lanes": lanes} | shared), name=name, reset_less=True)
-        there = Signal(name=f"{name}_valid")
-        m.d.sync += there.eq(valid)
+        stage_valid = Signal(name=f"{name}_valid")
+        m.d.sync += stage_valid.eq(valid)
         m.d.sync += [stage[field].eq(getattr(source, field)) for field in shared]
-        return there, stage
+        return stage_valid, stage
 
-    def _look_up(self, m: Module):
+    def _look_up(self, m: Module, stored: ReadPort) -> tuple[Signal, data.View]:
         """Read T; alpha's mantissas from the table."""
         config = self.config
-        pixels = data.ArrayLayout(config.transmittance + 1, self.pixels)
-        memory = Memory(shape=pixels, depth=self.blocks, init=[])
-        m.submodules.transmittances = memory
-        self.stored, self.kept = memory.read_port(), memory.write_port()
-        now = self.valid & ~self.busy
-        m.d.comb += [self.stored.en.eq(now), self.stored.addr.eq(self.block)]
+        fire = self.valid & ~self.busy
+        m.d.comb += [stored.en.eq(fire), stored.addr.eq(self.block)]
         self.fresh = ~self.touched.bit_select(self.block, 1)
         table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
         lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1, "inside": 1}
-        self.read = self._stage(m, "read", lane, now, self)
-        for pixel, lane in enumerate(self.read[1].lanes):
-            power = self.powers[pixel]
+        valid, read = self._stage(m, "read", lane, fire, self)
+        for pixel, lane in enumerate(read.lanes):
+            log2_alpha = self.log2_alphas[pixel]
             m.d.sync += [
-                lane.mantissa.eq(table[power.step]),
-                lane.halvings.eq(power.halvings),
-                lane.seen.eq(power.seen),
+                lane.mantissa.eq(table[log2_alpha.step]),
+                lane.halvings.eq(log2_alpha.halvings),
+                lane.seen.eq(log2_alpha.seen),
                 lane.inside.eq(self.inside[pixel]),
             ]
+        return valid, read
 
-    def _multiply(self, m: Module):
+    def _multiply(self, m: Module, stored: data.View, valid: Signal, read: data.View) -> tuple:
         """T · mantissa."""
-        config, (valid, read) = self.config, self.read
+        config = self.config
         with m.If(valid):
             m.d.sync += self.touched.bit_select(read.block, 1).eq(~read.give)
         lane = {"product": config.transmittance + config.power_mantissa, "halvings": HALVING_BITS}
         lane |= {"rest": config.transmittance, "ended": 1, "seen": 1}
-        self.product = self._stage(m, "product", lane, valid, read)
+        product_valid, product = self._stage(m, "product", lane, valid, read)
         full = (1 << config.transmittance) - 1
-        for pixel, (lane, to) in enumerate(zip(read.lanes, self.product[1].lanes, strict=True)):
-            stored = self.stored.data[pixel]
-            rest = Mux(read.fresh, full, stored[: config.transmittance])
+        for pixel, (lane, to) in enumerate(zip(read.lanes, product.lanes, strict=True)):
+            rest = Mux(read.fresh, full, stored[pixel][: config.transmittance])
             m.d.sync += [
                 to.product.eq(rest * lane.mantissa),
                 to.rest.eq(rest),
-                to.ended.eq(Mux(read.fresh, ~lane.inside, stored[-1])),
+                to.ended.eq(Mux(read.fresh, ~lane.inside, stored[pixel][-1])),
                 to.halvings.eq(lane.halvings),
                 to.seen.eq(lane.seen),
             ]
+        return product_valid, product
 
-    def _subtract(self, m: Module):
-        """T without what the splat takes; T is written back."""
-        config, (valid, before) = self.config, self.product
-        self.taken = self._stage(m, "taken", {"weight": config.weight}, valid, before)
+    def _subtract(self, m: Module, kept: WritePort, valid: Signal, before: data.View) -> tuple:
+        """T without the splat's share; T is written back."""
+        config = self.config
+        taken_valid, stage = self._stage(m, "taken", {"weight": config.weight}, valid, before)
         coarser, ended = config.transmittance - config.weight, Signal(self.pixels)
-        for pixel, (lane, to) in enumerate(zip(before.lanes, self.taken[1].lanes, strict=True)):
+        for pixel, (lane, to) in enumerate(zip(before.lanes, stage.lanes, strict=True)):
             taken = Signal(config.transmittance, name=f"taken_{pixel}")
             rest = Signal(config.transmittance + 1, name=f"rest_{pixel}")
             blends, after = Signal(name=f"blends_{pixel}"), Signal.like(lane.rest)
@@ -149,41 +151,38 @@ class Blend(wiring.Component):
                 blends.eq(lane.seen & ~lane.ended & (rest >= transmittance_min(config))),
                 ended[pixel].eq(lane.ended | (lane.seen & ~blends)),
                 after.eq(Mux(blends, rest[:-1], lane.rest)),
-                self.kept.data[pixel].eq(Cat(after, ended[pixel])),
+                kept.data[pixel].eq(Cat(after, ended[pixel])),
             ]
             less = Mux(before.rest, 0, after[coarser:])
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
         blended = valid & ~before.rest & ~before.give
         m.d.comb += [
-            self.kept.en.eq(blended),
-            self.kept.addr.eq(before.block),
+            kept.en.eq(blended),
+            kept.addr.eq(before.block),
             self.ended.eq(blended & ended.all()),
             self.ended_block.eq(before.block),
         ]
-        read_valid, read = self.read
-        m.d.comb += self.busy.eq(
-            (read_valid & (read.block == self.block)) | (valid & (before.block == self.block))
-        )
+        return taken_valid, stage
 
-    def _add(self, m: Module):
+    def _add(self, m: Module, entering: Signal, next_: data.View, valid: Signal, taken: data.View):
         """The sums with weight · colour, rounded to their steps; 8-bit colours out of them."""
-        config, (valid, now) = self.config, self.taken
+        config = self.config
         product = config.weight + config.colour_fraction - config.sum_fraction
         pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))
-        memory = Memory(shape=data.ArrayLayout(pixel_sums, self.pixels), depth=self.blocks, init=[])
-        m.submodules.sums = memory
+        pixels = data.ArrayLayout(pixel_sums, self.pixels)
+        m.submodules.sums = memory = Memory(shape=pixels, depth=self.blocks, init=[])
         sums, write = memory.read_port(), memory.write_port()
         m.d.comb += [
-            sums.en.eq(self.product[0]),
-            sums.addr.eq(self.product[1].block),
-            write.en.eq(valid & ~now.give),
-            write.addr.eq(now.block),
-            self.given.eq(valid & now.give),
+            sums.en.eq(entering),
+            sums.addr.eq(next_.block),
+            write.en.eq(valid & ~taken.give),
+            write.addr.eq(taken.block),
+            self.given.eq(valid & taken.give),
         ]
-        for pixel, lane in enumerate(now.lanes):
+        for pixel, lane in enumerate(taken.lanes):
             for channel, name in enumerate(COLOURS):
-                stored = Mux(now.fresh, 0, sums.data[pixel][channel])
-                part = (lane.weight * now.colour[name] + (1 << product - 1)) >> product
+                stored = Mux(taken.fresh, 0, sums.data[pixel][channel])
+                part = (lane.weight * taken.colour[name] + (1 << product - 1)) >> product
                 m.d.comb += write.data[pixel][channel].eq(stored + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 m.d.comb += self.o[pixel][channel].eq(Mux(byte[8:].any(), 255, byte[:8]))

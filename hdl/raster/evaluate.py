@@ -1,4 +1,4 @@
-"""Stage 3, fifth step: log2(alpha) of a block's pixels."""
+"""Stage 3, fifth step: evaluates log2(alpha) of a block's 16 pixels."""
 
 from itertools import islice, product
 
@@ -25,13 +25,13 @@ CUTS = ("multiples", "block", "lines", "exponents")
 """Registers stand behind what these names say."""
 
 
-def power_layout(config: Config) -> data.StructLayout:
-    """A pixel's alpha, 2^(−halvings − 1 + (step + 1/2) / steps): whether it is at least 1/255."""
+def log2_alpha_layout(config: Config) -> data.StructLayout:
+    """A pixel's alpha, 2^(−halvings − 1 + (step + 1/2) / steps). seen: it is at least 1/255."""
     return data.StructLayout({"step": config.power_fraction, "halvings": HALVING_BITS, "seen": 1})
 
 
 class Evaluate(wiring.Component):
-    """E at the 16 pixels of one of the blocks that a rasterizer owns.
+    """E = log2(alpha) at the 16 pixels of one of the blocks that a rasterizer owns.
 
     Parameters
         pixels: how many of them, from the first row on; fewer are good for measurements.
@@ -39,7 +39,7 @@ class Evaluate(wiring.Component):
     Members
         quadratic: E around the tile. number: which of the rasterizer's blocks of a tile, one bit.
         enable: the pipeline moves.
-        powers: `power_layout` of the pixels row by row, `LATENCY` enabled cycles later.
+        log2_alphas: `log2_alpha_layout` of the pixels row by row, `LATENCY` enabled cycles later.
 
     **Timing**: a block a cycle; no multiplier.
     """
@@ -53,7 +53,7 @@ class Evaluate(wiring.Component):
                 "quadratic": In(layout(quadratic_record(config))),
                 "number": In(len(self.blocks)),
                 "enable": In(1),
-                "powers": Out(data.ArrayLayout(power_layout(config), pixels)),
+                "log2_alphas": Out(data.ArrayLayout(log2_alpha_layout(config), pixels)),
             }
         )
 
@@ -81,12 +81,12 @@ class Evaluate(wiring.Component):
         columns, rows = ([line[:width].as_signed() for line in lines] for lines in (columns, rows))
         *lines, xy = pipeline.cut("lines", *columns, *rows, xy)
         columns, rows = lines[:BLOCK], lines[BLOCK:]
-        powers = []
-        places = product(zip(rows, STEPS, strict=True), zip(columns, STEPS, strict=True))
-        for (row, b), (column, a) in islice(places, self.pixels):
+        log2_alphas = []
+        positions = product(zip(rows, STEPS, strict=True), zip(columns, STEPS, strict=True))
+        for (row, b), (column, a) in islice(positions, self.pixels):
             exponent = (column + row + times(xy, a * b))[:width].as_signed()
-            powers.append(self._power(m, exponent))
-        m.d.comb += self.powers.eq(Cat(*pipeline.cut("exponents", *powers)))
+            log2_alphas.append(self._log2_alpha(m, exponent))
+        m.d.comb += self.log2_alphas.eq(Cat(*pipeline.cut("exponents", *log2_alphas)))
         return m
 
     def _multiples(self, e, gx, gy, cxx, cxy, cyy) -> list[Value]:
@@ -108,25 +108,23 @@ class Evaluate(wiring.Component):
         sizes = [abs(factor) for factor in factors]
         for size in (3, 9):
             if size in sizes:
-                now = Cat(self.number[k] for k, s in enumerate(sizes) if s == size).any()
-                chosen = Mux(now, times(value, size), chosen)
+                is_size = Cat(self.number[k] for k, s in enumerate(sizes) if s == size).any()
+                chosen = Mux(is_size, times(value, size), chosen)
         negative = [self.number[k] for k, factor in enumerate(factors) if factor < 0]
         return Mux(Cat(negative).any(), -chosen, chosen) if negative else chosen
 
-    def _power(self, m: Module, exponent: Value) -> Value:
-        """`power_layout` of E: what is 0 or more by rounding counts as just below."""
+    def _log2_alpha(self, m: Module, exponent: Value) -> Value:
+        """`log2_alpha_layout` of E: what is 0 or more by rounding counts as just below."""
         config = self.config
-        power = Signal(power_layout(config))
+        log2_alpha = Signal(log2_alpha_layout(config))
         step = config.pixel_fraction - config.power_fraction
         top = step + config.power_fraction
         positive = ~exponent[-1]
         below = Mux(positive, -1, exponent[step:])
         m.d.comb += [
-            power.step.eq(below[: config.power_fraction]),
-            power.halvings.eq(
-                ~below[config.power_fraction : config.power_fraction + len(power.halvings)]
-            ),
-            power.seen.eq(exponent >= exponent_min(config.pixel_fraction)),
+            log2_alpha.step.eq(below[: config.power_fraction]),
+            log2_alpha.halvings.eq(~below[config.power_fraction :][:HALVING_BITS]),
+            log2_alpha.seen.eq(exponent >= exponent_min(config.pixel_fraction)),
         ]
-        assert top + len(power.halvings) < len(exponent)
-        return power
+        assert top + HALVING_BITS < len(exponent)
+        return log2_alpha

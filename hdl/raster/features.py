@@ -1,4 +1,4 @@
-"""Features of sorted splats, from memory."""
+"""Reads the features of sorted splats from memory, ahead of rasterizing."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -28,9 +28,9 @@ class Features(wiring.Component):
 
     Members
         i: stream of `sorted_record`; o: stream of `featured_record`.
-        features_at: where the features lie, in beats.
+        features_at: address of the features, in beats.
         live: tiles of the group at `o` that have live pixels. stop: none of the group at `i`, which
-            is the same, has any; what comes of it is dropped.
+            is the same, has any; its further splats are dropped.
         reads, data: to and from memory.
 
     **Timing**: a splat in two cycles, `FEATURES_WAITING` on their way.
@@ -75,7 +75,7 @@ class Features(wiring.Component):
         return m
 
     def _ask(self, m: Module, order: stream.Interface, reserved: Signal) -> Signal:
-        """A splat's feature is asked for when there is room for it; whether one is."""
+        """Asks for a splat's feature when there is room for it; returns a bit: one is asked for."""
         m.submodules.reads = register = Register(layout(read_record()))
         connect(m, register.o, flipped(self.reads))
         i, read, taken = self.i, register.i, Signal()
@@ -106,7 +106,7 @@ class Features(wiring.Component):
             m.d.sync += low.eq(beat.beat)
 
     def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
-        """Splats with their features; whether one leaves."""
+        """Splats with their features; returns a bit: one leaves."""
         o, given = self.o, Signal()
         end = order.payload.end
         m.d.comb += [

@@ -1,4 +1,4 @@
-"""The groups of an image, one after the other: where they are, and where their lists begin."""
+"""Reads the table of groups, and hands each group's position and list to the parts behind."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -13,29 +13,29 @@ from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.group import COUNT_BITS
-from splatcore.spec.raster import place_record, written_record
+from splatcore.spec.raster import position_record, written_record
 from splatcore.spec.record import Record
 from splatcore.spec.sort import count_record, half_entries
 from splatcore.spec.work import SLOT
 
-TAKERS = {"counts": 2, "lists": 2, "places": 8, "pixels": 8}
-"""Parts that are told of groups → how many may wait before it: the later ones are behind."""
+TAKERS = {"counts": 2, "lists": 2, "positions": 8, "pixels": 8}
+"""Streams of groups → depth of each one's queue: sorting runs ahead of rasterizing and writing."""
 
 
 def known_record(config: Config) -> Record:
-    """What is known of a group."""
-    return Record("known", {"group": group_record(), "place": place_record(config)})
+    """A group: its list and its position in the image."""
+    return Record("known", {"group": group_record(), "position": position_record(config)})
 
 
 class Groups(wiring.Component):
-    """Reads the groups' table and tells each group to all parts that handle it.
+    """Reads the table of groups and gives each group to all parts that handle it.
 
     Members
-        start: a frame begins. width, height: of its image, pixels; groups_at: where its table is,
-            in beats; scratch_entries: how long a list may be that does not fit on chip.
+        start: a frame begins. width, height: of its image, pixels; groups_at: address of its
+            table, in beats; scratch_entries: the longest list that may be sorted off chip.
         counts: stream of `count_record` for sorting. lists: stream of `group_record` for reading
-            the entries. places: stream of `place_record` for rasterizing. These three only tell
-            of groups that have entries. pixels: stream of `written_record` for writing.
+            the entries. positions: stream of `position_record` for rasterizing. These three have
+            only the groups with entries. pixels: stream of `written_record` for writing.
         too_long: there is a list that is too long; its group does not come.
         reads, data: to and from memory.
 
@@ -53,7 +53,7 @@ class Groups(wiring.Component):
                 "scratch_entries": In(COUNT_BITS),
                 "counts": Out(stream.Signature(layout(count_record()))),
                 "lists": Out(stream.Signature(layout(group_record()))),
-                "places": Out(stream.Signature(layout(place_record(config)))),
+                "positions": Out(stream.Signature(layout(position_record(config)))),
                 "pixels": Out(stream.Signature(layout(written_record(config)))),
                 "too_long": Out(1),
                 "reads": Out(stream.Signature(layout(read_record()))),
@@ -71,8 +71,8 @@ class Groups(wiring.Component):
         group = fork.i.payload.group
         m.d.comb += [
             group.eq(slots.payload),
-            fork.i.payload.place.row.eq(row),
-            fork.i.payload.place.column.eq(column),
+            fork.i.payload.position.row.eq(row),
+            fork.i.payload.position.column.eq(column),
             self.too_long.eq(
                 slots.valid
                 & (group.count > half_entries(self.config))
@@ -105,17 +105,17 @@ class Groups(wiring.Component):
         bits = groups_max(self.config).bit_length()
         fetch, unpack = unpacked(m, self, BURST_BEATS, bits, bits)
         groups, waits = Signal(bits), Signal(3)
-        asks, tells = Signal(), Signal()
+        asks, counts = Signal(), Signal()
         m.d.sync += [groups.eq(count), waits.eq(Cat(self.start, waits))]
         a_beat = DATA_BITS // 8 // SLOT
         m.d.comb += [
             fetch.i.valid.eq(asks),
             fetch.i.payload.beat.eq(self.groups_at),
             fetch.i.payload.count.eq((groups + a_beat - 1) // a_beat),
-            unpack.counts.valid.eq(tells),
+            unpack.counts.valid.eq(counts),
             unpack.counts.payload.eq(groups),
         ]
-        for wish, taken in ((asks, fetch.i.ready), (tells, unpack.counts.ready)):
+        for wish, taken in ((asks, fetch.i.ready), (counts, unpack.counts.ready)):
             with m.If(waits[-1]):
                 m.d.sync += wish.eq(1)
             with m.Elif(taken):
@@ -123,11 +123,11 @@ class Groups(wiring.Component):
         return unpack.o
 
     def _give(self, m: Module, fork: Fork):
-        """To each part at its own pace."""
+        """Each group to each part, at the part's own pace."""
         for (name, depth), known in zip(TAKERS.items(), fork.o, strict=True):
             target = getattr(self, name)
             m.submodules[name] = queue = Queue(target.payload.shape(), depth)
-            group, place = known.payload.group, known.payload.place
+            group, position = known.payload.group, known.payload.position
             empty = ~group.count.any()
             skipped = empty & (name != "pixels")
             m.d.comb += [
@@ -137,8 +137,8 @@ class Groups(wiring.Component):
                     {
                         "counts": group.count,
                         "lists": group.as_value(),
-                        "places": place.as_value(),
-                        "pixels": Cat(place, empty),
+                        "positions": position.as_value(),
+                        "pixels": Cat(position, empty),
                     }[name]
                 ),
             ]

@@ -1,4 +1,4 @@
-"""The entries of each group, from the pages of its list in memory."""
+"""Reads the entries of each group from the pages of its list in memory."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -22,14 +22,14 @@ class ListReader(wiring.Component):
     """Follows the lists of groups from page to page.
 
     Members
-        lists_at: where the pages begin, in beats.
+        lists_at: address of the pages, in beats.
         i: stream of `group_record`.
         o: stream of `entry_record`, those of one group after those of the other.
         reads, data: to and from memory.
 
     **Timing**: an entry a cycle; from a page's last beat to the request for the next one 2 cycles.
-    The last slot of a page tells the next page; no more is read of a list's last page than has
-    entries.
+    The last slot of a page is the next page's number; of a list's last page only the beats with
+    entries are read.
     """
 
     def __init__(self, config: Config):
@@ -65,8 +65,8 @@ class ListReader(wiring.Component):
         count = Mux(goes_on, self.config.page - 1, left)
         slots_a_beat = BEAT // SLOT
         wanted = Mux(goes_on, beats, (left + slots_a_beat - 1) // slots_a_beat)
-        asked, told = Signal(), Signal()  # of the page at hand, one of them already
-        ahead = Signal(range(4 * fetch.depth))  # beats that have been asked for and not come
+        asked, counted = Signal(), Signal()  # the page's beats; its count has gone to `unpack`
+        ahead = Signal(range(4 * fetch.depth))  # beats on their way
         link = self.data.payload.beat[DATA_BITS - ENTRY_BITS :][:PAGE_BITS]
         comes = self.data.valid & self.data.ready
         through, begins = Signal(), Signal()
@@ -84,13 +84,13 @@ class ListReader(wiring.Component):
             with m.State("PAGE"):
                 m.d.comb += [
                     fetch.i.valid.eq(~asked & (ahead < 2 * fetch.depth)),
-                    unpack.counts.valid.eq(~told),
+                    unpack.counts.valid.eq(~counted),
                     begins.eq(fetch.i.valid & fetch.i.ready),
-                    through.eq((asked | begins) & (told | unpack.counts.ready)),
+                    through.eq((asked | begins) & (counted | unpack.counts.ready)),
                 ]
                 m.d.sync += [
                     asked.eq((asked | begins) & ~through),
-                    told.eq((told | unpack.counts.ready) & ~through),
+                    counted.eq((counted | unpack.counts.ready) & ~through),
                 ]
                 with m.If(through):
                     m.d.sync += left.eq(left - count)

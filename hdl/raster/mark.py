@@ -1,4 +1,4 @@
-"""Stage 3, fourth step: which blocks of a tile a splat may reach."""
+"""Stage 3, fourth step: marks the blocks of a tile that a splat may reach."""
 
 from amaranth.hdl import Cat, Module, Mux, Value
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""Finished blocks to the image in memory: rows of 8-bit red, green and blue."""
+"""Writes finished blocks to the image in memory: rows of 8-bit red, green and blue."""
 
 from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
@@ -31,10 +31,10 @@ class Pixels(wiring.Component):
     """Writes a group's blocks: those side by side of one row of blocks together.
 
     Members
-        start: a frame begins. width, height: of its image, pixels; pixels_at, stride_beats: where
-            it is in memory and from a row to the next, in beats.
+        start: a frame begins. width, height: of its image, pixels; pixels_at, stride_beats:
+            its address in memory and the distance of its rows, in beats.
         background: a colour (`spec.group.colour_format`).
-        places: stream of `written_record`, the groups in their order.
+        positions: stream of `written_record`, the groups in their order.
         i: streams of `pixels_record`, one for each rasterizer: the group's blocks within the image.
         through: the image's last block has been given.
         writes: to memory.
@@ -55,7 +55,7 @@ class Pixels(wiring.Component):
                 "pixels_at": In(BEAT_ADDRESS_BITS),
                 "stride_beats": In(STRIDE_BITS - BEAT_BITS),
                 "background": In(layout(Record("colour", colours(config)))),
-                "places": In(stream.Signature(layout(written_record(config)))),
+                "positions": In(stream.Signature(layout(written_record(config)))),
                 "i": pixels,
                 "through": Out(1),
                 "writes": Out(stream.Signature(layout(write_record()))),
@@ -67,32 +67,32 @@ class Pixels(wiring.Component):
         m.submodules.written = written = Register(layout(write_record()))
         connect(m, written.o, flipped(self.writes))
         self.write = written.i
-        # Where we are: the tile of the group, the row of its blocks, the first block of the span.
+        # Present position: tile of the group, row of its blocks, first block of the span.
         self.span_number = Signal(exact_log2(BLOCKS // self.span))
         self.block_row = Signal(exact_log2(BLOCKS))
         self.tile = Signal(2 * self.side)
         self.pixel_row, self.beat = Signal(exact_log2(BLOCK)), Signal(2)
-        first, within = self._place(m)
-        heads, here = self._heads(first)
+        first, within = self._position()
+        heads, present, takes = self._heads(first)
         end = self._beats(m, heads, first)
-        self._control(m, first, within, here, end)
+        self._control(m, first, within, present, end, takes)
         return m
 
-    def _place(self, m: Module) -> tuple[Value, Value]:
+    def _position(self) -> tuple[Value, Value]:
         """The span's first block's column in the image, and its row of pixels in the group."""
         tile_column = self.tile[: self.side]
         tile_row = self.tile[self.side :]
-        column = Cat(self.span_number, tile_column, self.places.payload.place.column)
+        column = Cat(self.span_number, tile_column, self.positions.payload.position.column)
         first = column << exact_log2(self.span)
         return first, Cat(0, 0, self.block_row, tile_row)
 
-    def _heads(self, first: Value) -> tuple[list[Value], Value]:
-        """The present row of the span's blocks, and whether all that lie within the image are
-        there."""
-        heads, there, empty = [], [], self.places.payload.empty
+    def _heads(self, first: Value) -> tuple[list[Value], Value, list[Value]]:
+        """The present row of the span's blocks; a bit: all within the image are present; and a bit
+        for each rasterizer: some of them are its own."""
+        heads, present, empty = [], [], self.positions.payload.empty
         plain = self._plain()
         rows = [i.payload.pixels.as_value().word_select(self.pixel_row, ROW_BITS) for i in self.i]
-        self.takes = [Value.cast(0)] * self.config.rasterizers
+        takes = [Value.cast(0)] * self.config.rasterizers
         spans = BLOCKS // self.span
         for k in range(self.span):
             owners = [
@@ -103,11 +103,11 @@ class Pixels(wiring.Component):
             number = Cat(self.span_number, self.block_row)
             inside = (first + k) * BLOCK < self.width
             heads.append(Mux(empty, plain, Array(rows[who] for who in owners)[number]))
-            there.append(Array(self.i[who].valid for who in owners)[number] | ~inside | empty)
+            present.append(Array(self.i[who].valid for who in owners)[number] | ~inside | empty)
             for who in set(owners):
                 mine = Cat(number == n for n, other in enumerate(owners) if other == who).any()
-                self.takes[who] = self.takes[who] | (mine & inside & ~empty)
-        return heads, Cat(there).all()
+                takes[who] = takes[who] | (mine & inside & ~empty)
+        return heads, Cat(present).all(), takes
 
     def _plain(self) -> Value:
         """A row of a block of nothing but background."""
@@ -130,50 +130,53 @@ class Pixels(wiring.Component):
         begin, size = skipped * WORD, pixels * PIXEL
         behind = begin + size
         write = self.write.payload
-        places = [Cat(self.beat << BEAT_BITS) + k for k in range(BEAT)]
+        bytes_ = [Cat(self.beat << BEAT_BITS) + k for k in range(BEAT)]
         words_of_beat = segment.word_select(self.beat, DATA_BITS)
         m.d.comb += [
             write.low.eq(words_of_beat[: DATA_BITS // 2]),
             write.high.eq(words_of_beat[DATA_BITS // 2 :]),
-            write.strobe.eq(Cat((place >= begin) & (place < behind) for place in places)),
+            write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_)),
         ]
         return (behind - 1) >> BEAT_BITS
 
-    def _control(self, m: Module, first: Value, within: Value, here: Value, end: Value):
+    def _control(
+        self, m: Module, first: Value, within: Value, present: Value, end: Value, takes: list
+    ):
         """Group after group, tile after tile, span after span."""
-        config, place, write = self.config, self.places.payload.place, self.write.payload
+        config, write = self.config, self.write.payload
+        position = self.positions.payload.position
         side = TILE * config.group
         group_at, line = Signal(BEAT_ADDRESS_BITS), Signal(BEAT_ADDRESS_BITS)
         within_image = (first * BLOCK < self.width) & (
-            (place.row * side + within)[: len(self.height) + 1] < self.height
+            (position.row * side + within)[: len(self.height) + 1] < self.height
         )
-        below = place.row * side + within + self.pixel_row + 1 >= self.height
+        below = position.row * side + within + self.pixel_row + 1 >= self.height
         steps = Cat(self.span_number, self.block_row, self.tile)
         last_span, moves = steps.all(), Signal()
-        last_group = ((place.column + 1) * side >= self.width) & (
-            (place.row + 1) * side >= self.height
+        last_group = ((position.column + 1) * side >= self.width) & (
+            (position.row + 1) * side >= self.height
         )
         page = exact_log2(BOUNDARY // BEAT)
         crosses = (line[:page] + end)[page]  # then each beat is a burst of its own
         m.d.comb += [
             write.beat.eq(line + Mux(crosses, self.beat, 0)),
             write.length.eq(Mux(crosses, 0, end)),
-            self.places.ready.eq(moves & last_span),
+            self.positions.ready.eq(moves & last_span),
             self.through.eq(moves & last_span & last_group),
         ]
         with m.If(moves):
             m.d.sync += steps.eq(steps + 1)
-            with m.If(last_span & (((place.column + 1) * side) >= self.width)):
+            with m.If(last_span & (((position.column + 1) * side) >= self.width)):
                 m.d.sync += group_at.eq(group_at + self.stride_beats * side)
         last_row = (self.pixel_row == BLOCK - 1) | below
         with m.FSM():
-            with m.State("PLACE"):
+            with m.State("POSITION"):
                 column = (first * (ROW_BITS // 8)) >> BEAT_BITS
                 m.d.sync += line.eq(group_at + within * self.stride_beats + column)
-                with m.If(self.places.valid):
+                with m.If(self.positions.valid):
                     with m.If(~within_image):
                         m.d.comb += moves.eq(1)
-                    with m.Elif(here):
+                    with m.Elif(present):
                         m.next = "ROWS"
             with m.State("ROWS"):
                 m.d.comb += self.write.valid.eq(1)
@@ -186,8 +189,8 @@ class Pixels(wiring.Component):
                             m.d.sync += self.pixel_row.eq(0)
                             m.d.comb += moves.eq(1)
                             m.d.comb += [
-                                i.ready.eq(take) for i, take in zip(self.i, self.takes, strict=True)
+                                i.ready.eq(take) for i, take in zip(self.i, takes, strict=True)
                             ]
-                            m.next = "PLACE"
+                            m.next = "POSITION"
         with m.If(self.start):
             m.d.sync += group_at.eq(self.pixels_at)

@@ -1,4 +1,4 @@
-"""Stage 3, first step: a splat's features as the integers that setup works with."""
+"""Stage 3, first step: a splat's features to the integers that setup works with."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Value
 from amaranth.lib import stream, wiring
@@ -69,7 +69,7 @@ class Prepare(wiring.Component):
 
     Members
         i: stream of `featured_record`: a splat with the tiles it reaches, or a group's end.
-        o: stream of `readied_record`, the same with what setup needs.
+        o: stream of `readied_record`, the same in the integers of setup.
 
     **Timing**: a splat a cycle, `len(CUTS)` cycles; two multipliers of about 18 × 19 bits.
     """

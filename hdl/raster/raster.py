@@ -1,10 +1,10 @@
-"""Stage 3: sorted splats of groups to 8-bit pixels."""
+"""Stage 3 connected: the sorted splats of each group to 8-bit pixels."""
 
 from amaranth.hdl import Cat, Module, Signal, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
 from splatcore.hdl.raster.expand import Expand
@@ -13,14 +13,14 @@ from splatcore.hdl.raster.prepare import Prepare
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec.config import Config
-from splatcore.spec.counters import COUNTER_BITS, RASTERIZER, raster
+from splatcore.spec.counters import RASTERIZER, raster
 from splatcore.spec.raster import (
     COLOURS,
     GROUP_BITS,
     colours,
     featured_record,
     pixels_record,
-    place_record,
+    position_record,
 )
 from splatcore.spec.record import Record
 
@@ -38,7 +38,7 @@ class Raster(wiring.Component):
 
     Members
         i: stream of `featured_record`: a group's splats front to back, then its end.
-        places: stream of `place_record`: where the groups are, in their order.
+        positions: stream of `position_record`: the groups' positions, in their order.
         width, height: of the image, pixels. background: a colour (`spec.group.colour_format`).
         live: tiles of the group at `i` that have live pixels; splats of others are not needed.
         o: streams of `pixels_record`, one for each rasterizer: blocks within the image, group after
@@ -55,19 +55,18 @@ class Raster(wiring.Component):
         self.dropped = Signal()
         self.splats = Queue(layout(featured_record(config)), SPLATS_WAITING, memory=True)
         self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
-        places = In(stream.Signature(layout(place_record(config))))
         pixels = Out(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
         super().__init__(
             {
                 "i": In(stream.Signature(layout(featured_record(config)))),
-                "places": places,
+                "positions": In(stream.Signature(layout(position_record(config)))),
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
                 "background": In(layout(Record("colour", colours(config)))),
                 "live": Out(config.group**2),
                 "o": pixels,
                 "clear": In(1),
-                "counters": Out(data.StructLayout(dict.fromkeys(counted(config), COUNTER_BITS))),
+                "counters": Out(counters_layout(counted(config))),
             }
         )
 
@@ -76,13 +75,14 @@ class Raster(wiring.Component):
         config = self.config
         m.submodules.prepare = self.prepare = Prepare(config)
         m.submodules.expand = self.expand = Expand(config)
-        m.submodules.places = places = Fork(layout(place_record(config)), config.rasterizers + 1)
+        fork = Fork(layout(position_record(config)), config.rasterizers + 1)
+        m.submodules.positions = fork
         connect(m, self.prepare.o, self.expand.i)
-        connect(m, flipped(self).places, places.i)
-        self._register(m, "expand_place", places.o[-1], self.expand.places)
+        connect(m, flipped(self).positions, fork.i)
+        self._register(m, "expand_position", fork.o[-1], self.expand.positions)
         for number, part in enumerate(self.rasterizers):
             m.submodules[f"rasterizer{number}"] = part
-            self._register(m, f"place{number}", places.o[number], part.places)
+            self._register(m, f"position{number}", fork.o[number], part.positions)
             m.d.comb += [
                 part.width.eq(self.width),
                 part.height.eq(self.height),
@@ -98,8 +98,8 @@ class Raster(wiring.Component):
         return m
 
     def _register(self, m: Module, name: str, source, target):
-        """A stream through a register, so that each taker of a group's place has its own pace."""
-        m.submodules[name] = register = Register(layout(place_record(self.config)))
+        """A group's position through a register, so that each taker has its own pace."""
+        m.submodules[name] = register = Register(layout(position_record(self.config)))
         connect(m, source, register.i)
         connect(m, register.o, target)
 
@@ -138,7 +138,7 @@ class Raster(wiring.Component):
             m.d.comb += part.i.valid.eq(pipe.o.valid & pipe.o.ready & wants)
 
     def _at(self, part: Rasterizer, group: Signal):
-        """Whether a rasterizer is at a group, so that its live blocks are the group's."""
+        """High if a rasterizer is at a group, so that its live blocks are the group's."""
         return part.started & (part.group == group)
 
     def _admit(self, m: Module):
@@ -156,9 +156,9 @@ class Raster(wiring.Component):
         connect(m, queue.o, self.prepare.i)
 
     def _live(self, m: Module, name: str, ends: Value) -> Signal:
-        """Tiles with live pixels, for all that is known of the group that is passing a place.
+        """Tiles with live pixels, as far as known, of the group at some point of the pipeline.
 
-        ends: a group's end passes there.
+        ends: a group's end passes that point.
         """
         group, live = Signal(GROUP_BITS, name=name), Signal(self.config.group**2)
         with m.If(ends):
@@ -170,7 +170,6 @@ class Raster(wiring.Component):
         return live
 
     def _count(self, m: Module):
-        m.submodules.counters = counters = Counters(counted(self.config))
         o, i = self.expand.o, self.i
         arrives = self.pipe.o.valid & self.pipe.o.ready & ~self.marked.end
         events = {
@@ -182,5 +181,4 @@ class Raster(wiring.Component):
         }
         for number, part in enumerate(self.rasterizers):
             events |= {f"{name}{number}": getattr(part, name) for name in RASTERIZER}
-        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
-        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]
+        count_events(m, self, events)

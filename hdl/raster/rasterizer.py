@@ -1,4 +1,4 @@
-"""One rasterizer: the blocks that it owns in every tile of a group, from pairs to 8-bit pixels."""
+"""A rasterizer: blends pairs into the blocks that it owns in every tile of a group."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -20,7 +20,7 @@ from splatcore.spec.raster import (
     marked_record,
     owned,
     pixels_record,
-    place_record,
+    position_record,
 )
 from splatcore.spec.record import Record
 
@@ -36,7 +36,7 @@ class Rasterizer(wiring.Component):
 
     Members
         i: stream of `marked_record` with this rasterizer's blocks, or a group's end.
-        places: stream of `place_record`, one for each group.
+        positions: stream of `position_record`, one for each group.
         width, height: of the image, pixels. background: a colour.
         started, group: a group is being rasterized, and its number modulo 2^GROUP_BITS.
         live: blocks of each of the group's tiles that have live pixels.
@@ -58,7 +58,7 @@ class Rasterizer(wiring.Component):
         super().__init__(
             {
                 "i": In(stream.Signature(layout(pair))),
-                "places": In(stream.Signature(layout(place_record(config)))),
+                "positions": In(stream.Signature(layout(position_record(config)))),
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
                 "background": In(layout(Record("colour", colours(config)))),
@@ -77,29 +77,34 @@ class Rasterizer(wiring.Component):
         m.submodules.evaluate = self.evaluate = Evaluate(self.config, self.number)
         m.submodules.blend = self.blend = Blend(self.config, self.blocks)
         connect(m, flipped(self).i, self.pairs.i)
-        self.place = Signal(layout(place_record(self.config)))
-        self.moves = Signal()  # whether the blocks before the lanes move on
-        self.on_the_way = Signal(1 + Evaluate.LATENCY)  # where there are blocks before the lanes
+        self.position = Signal(layout(position_record(self.config)))
+        self.moves = Signal()  # blocks before the lanes move on
+        self.on_the_way = Signal(1 + Evaluate.LATENCY)  # valid bits of the stages before the lanes
+        self.issued, self.tile = Signal(), Signal(range(self.tiles))  # a block, and its tile
+        self.chosen, self.final = Signal(len(self.own)), Signal()  # which one; at the group's end
+        self.room = Signal()  # in the queue of finished blocks
         self._begin(m)
-        self._issue(m)
-        self._lanes(m)
-        self._give(m)
+        self._lanes(m, self._issue(m))
         return m
 
     def _inside(self, number: Value, size: Value, step: int) -> Value:
-        """For a group's first pixels, columns, rows …: which of them are within the image."""
+        """A bit for every `step`-th column (row) of a group: it is within the image."""
         side = TILE * self.config.group
         rest = (size - number * side).as_signed()
         return Cat(rest > k * step for k in range(side // step))
 
     def _begin(self, m: Module):
-        """A group begins when its place is known and the last one's blocks are in the lanes."""
-        place = self.places.payload
-        m.d.comb += self.places.ready.eq(~self.started & ~self.on_the_way.any())
-        columns = self._inside(place.column, self.width, BLOCK)
-        rows = self._inside(place.row, self.height, BLOCK)
-        with m.If(self.places.valid & self.places.ready):
-            m.d.sync += [self.started.eq(1), self.place.eq(place), self.group.eq(self.group + 1)]
+        """A group begins when its position is known and the last one's blocks are in the lanes."""
+        position = self.positions.payload
+        m.d.comb += self.positions.ready.eq(~self.started & ~self.on_the_way.any())
+        columns = self._inside(position.column, self.width, BLOCK)
+        rows = self._inside(position.row, self.height, BLOCK)
+        with m.If(self.positions.valid & self.positions.ready):
+            m.d.sync += [
+                self.started.eq(1),
+                self.position.eq(position),
+                self.group.eq(self.group + 1),
+            ]
             for tile in range(self.tiles):
                 row, column = divmod(tile, self.config.group)
                 inside = [
@@ -110,51 +115,49 @@ class Rasterizer(wiring.Component):
         with m.Elif(self.blend.ended):
             m.d.sync += self.live.as_value().bit_select(self.blend.ended_block, 1).eq(0)
 
-    def _issue(self, m: Module):
+    def _issue(self, m: Module) -> Value:
         """The next block: of the pair at hand; or at the group's end one after the other, to be
-        given out, after a first time in which they get what is seen of the background, if any.
+        given out, after a first time in which the background, if any, is blended into them.
         """
         pair, own = self.pairs.o.payload, len(self.own)
         done, count = Signal(own), Signal(range(self.blocks))
-        left, now = Signal(own), Signal(own)
-        there = self.started & self.pairs.o.valid
-        room = Signal()
-        self.issued, self.tile = Signal(), Signal(range(self.tiles))
-        self.chosen, self.final, giving = Signal(own), Signal(), Signal()
+        left, lowest_left = Signal(own), Signal(own)
+        valid = self.started & self.pairs.o.valid
+        giving = Signal()
         last = count == self.blocks - 1
-        self.give = pair.end & (giving | ~self.background.as_value().any())
+        give = pair.end & (giving | ~self.background.as_value().any())
         bits = (own - 1).bit_length()
         counted = Cat((count[:bits] if bits else 0) == k for k in range(own))
         m.d.comb += [
             left.eq(pair.blocks & ~done),
-            now.eq(lowest(left)),
+            lowest_left.eq(lowest(left)),
             self.final.eq(pair.end),
-            self.chosen.eq(Mux(pair.end, counted, now)),
+            self.chosen.eq(Mux(pair.end, counted, lowest_left)),
             self.tile.eq(Mux(pair.end, count >> bits, pair.tile)),
-            self.issued.eq(there & (~pair.end | room)),
+            self.issued.eq(valid & (~pair.end | self.room)),
             self.pairs.o.ready.eq(
-                self.moves & self.issued & Mux(pair.end, last & self.give, left == now)
+                self.moves & self.issued & Mux(pair.end, last & give, left == lowest_left)
             ),
-            self.waited.eq(self.started & ~(there & pair.end)),
+            self.waited.eq(self.started & ~(valid & pair.end)),
         ]
         with m.If(self.moves & self.issued):
             with m.If(pair.end):
                 m.d.sync += count.eq(Mux(last, 0, count + 1))
                 with m.If(last):
-                    m.d.sync += [giving.eq(~self.give), self.started.eq(~self.give)]
-            with m.Elif(left == now):
+                    m.d.sync += [giving.eq(~give), self.started.eq(~give)]
+            with m.Elif(left == lowest_left):
                 m.d.sync += done.eq(0)
             with m.Else():
-                m.d.sync += done.eq(done | now)
-        self.room = room
+                m.d.sync += done.eq(done | lowest_left)
+        return give
 
-    def _lanes(self, m: Module):
-        """From E around a tile to the lanes."""
+    def _lanes(self, m: Module, give: Value):
+        """From E around a tile to the lanes, and from these to the queue of finished blocks."""
         pair, evaluate, blend = self.pairs.o.payload, self.evaluate, self.blend
         cuts = ("issued", *(f"evaluate{k}" for k in range(evaluate.LATENCY)))
         pipeline = Pipeline(m, self.moves, dict.fromkeys(cuts, 1))
         quadratic, chosen, *rest = pipeline.cut(
-            "issued", pair.quadratic, self.chosen, self.tile, self.final, self.give,
+            "issued", pair.quadratic, self.chosen, self.tile, self.final, give,
             *(pair[name] for name in COLOURS),
         )  # fmt: skip
         m.d.comb += [
@@ -168,21 +171,21 @@ class Rasterizer(wiring.Component):
         valid = self.on_the_way
         with m.If(self.moves):
             m.d.sync += valid.eq(Cat(self.issued, valid))
-        seen = Cat(power.seen for power in evaluate.powers).any()
+        seen = Cat(pixel.seen for pixel in evaluate.log2_alphas).any()
         m.d.comb += [
             blend.valid.eq(valid[-1] & (final | seen)),
             blend.block.eq(tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile),
-            blend.powers.eq(evaluate.powers),
+            blend.log2_alphas.eq(evaluate.log2_alphas),
             blend.colour.eq(Mux(final, self.background, Cat(colour))),
             blend.rest.eq(final),
             blend.give.eq(give),
             self.moves.eq(~blend.valid | ~blend.busy),
             self.blended.eq(blend.valid & ~blend.busy & ~final),
         ]
-        self._edges(m, tile, chosen)
+        self._give(m, *self._edges(m, tile, chosen))
 
-    def _edges(self, m: Module, tile: Value, chosen: Value):
-        """Where a block is in the image, and which of its pixels are within."""
+    def _edges(self, m: Module, tile: Value, chosen: Value) -> tuple[Value, Value]:
+        """A block's column and row in the image, and a bit for each of its pixels within."""
         side = self.config.group
         columns = Mux(chosen[0], self.own[0] % BLOCKS, 0)
         rows = Mux(chosen[0], self.own[0] // BLOCKS, 0)
@@ -193,28 +196,27 @@ class Rasterizer(wiring.Component):
         tile_column, tile_row = tile[:tile_bits], tile[tile_bits:]
         if side == 1:
             tile_column = tile_row = 0
-        self.column = (self.place.column * side + tile_column) * BLOCKS + columns
-        self.row = (self.place.row * side + tile_row) * BLOCKS + rows
-        across = [self.column * BLOCK + k < self.width for k in range(BLOCK)]
-        down = [self.row * BLOCK + k < self.height for k in range(BLOCK)]
+        column = (self.position.column * side + tile_column) * BLOCKS + columns
+        row = (self.position.row * side + tile_row) * BLOCKS + rows
+        across = [column * BLOCK + k < self.width for k in range(BLOCK)]
+        down = [row * BLOCK + k < self.height for k in range(BLOCK)]
         m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))
+        return column, row
 
-    def _give(self, m: Module):
+    def _give(self, m: Module, column: Value, row: Value):
         """Finished blocks, but those outside the image, wait in a queue for all of a group."""
         m.submodules.finished = queue = self.finished
         connect(m, queue.o, flipped(self).o)
-        record = self.o.payload
-        column, row, inside = self.column, self.row, self.blend.inside[0]
-        widths = len(record.column), len(record.row)
-        place = Cat(column[: widths[0]], row[: widths[1]], inside)
+        widths = len(self.o.payload.column), len(self.o.payload.row)
+        block = Cat(column[: widths[0]], row[: widths[1]], self.blend.inside[0])
         for k in range(self.blend.LATENCY):
-            register = Signal(len(place), name=f"place_{k}", reset_less=True)
-            m.d.sync += register.eq(place)
-            place = register
+            register = Signal(len(block), name=f"block_{k}", reset_less=True)
+            m.d.sync += register.eq(block)
+            block = register
         m.d.comb += [
             self.room.eq(queue.level <= self.blocks),
-            queue.i.valid.eq(self.blend.given & place[-1]),
-            queue.i.payload.column.eq(place[: widths[0]]),
-            queue.i.payload.row.eq(place[widths[0] : -1]),
+            queue.i.valid.eq(self.blend.given & block[-1]),
+            queue.i.payload.column.eq(block[: widths[0]]),
+            queue.i.payload.row.eq(block[widths[0] : -1]),
             queue.i.payload.pixels.eq(self.blend.o),
         ]

@@ -1,12 +1,11 @@
-"""The machine's second half: groups' lists and features in memory to pixels in memory."""
+"""Second half of a frame: groups' lists and splats' features in memory to pixels in memory."""
 
 from amaranth.hdl import Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import AREA, ERROR, layout
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.points.preprocess import AREA, ERROR
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
 from splatcore.hdl.raster.list_reader import ListReader
@@ -24,11 +23,11 @@ from splatcore.spec.work import STRIDE_BITS
 
 READING = ("groups", "lists", "scratch", "features")
 WRITING = ("scratch", "pixels")
-"""Its readers and writers of `spec.axi`, in their order."""
+"""Names of its readers and writers in `spec.axi`, in that order."""
 
 
 def job_layout(config: Config) -> data.StructLayout:
-    """What this half needs to know of a frame: addresses and distances in beats."""
+    """The parameters of a frame for this half: addresses and distances in beats."""
     return data.StructLayout(
         {
             "width": range(config.width_max + 1),
@@ -82,19 +81,20 @@ class Render(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("groups", "lists", "sort", "scratch", "features", "raster", "pixels"):
-            m.submodules[name] = getattr(self, name)
-        for number, name in enumerate(READING):
-            connect(m, getattr(self, name).reads, flipped(self.reads[number]))
-            connect(m, flipped(self.data[number]), getattr(self, name).data)
-        for number, name in enumerate(WRITING):
-            connect(m, getattr(self, name).writes, flipped(self.writes[number]))
         groups, sort, raster = self.groups, self.sort, self.raster
+        m.submodules.groups, m.submodules.lists, m.submodules.sort = groups, self.lists, sort
+        m.submodules.scratch, m.submodules.features = self.scratch, self.features
+        m.submodules.raster, m.submodules.pixels = raster, self.pixels
+        for number, part in enumerate((groups, self.lists, self.scratch, self.features)):
+            connect(m, part.reads, flipped(self.reads[number]))
+            connect(m, flipped(self.data[number]), part.data)
+        for number, part in enumerate((self.scratch, self.pixels)):
+            connect(m, part.writes, flipped(self.writes[number]))
         for source, target in (
             (groups.counts, sort.groups),
             (groups.lists, self.lists.i),
-            (groups.places, raster.places),
-            (groups.pixels, self.pixels.places),
+            (groups.positions, raster.positions),
+            (groups.pixels, self.pixels.positions),
             (self.lists.o, sort.entries),
             (sort.spill, self.scratch.spill),
             (sort.wanted, self.scratch.wanted),
@@ -110,7 +110,7 @@ class Render(wiring.Component):
         return m
 
     def _job(self, m: Module):
-        """What the frame is, to whom it concerns."""
+        """Parameters of the frame to the parts that use them."""
         job = self.job
         for part in (self.groups, self.raster, self.pixels):
             m.d.comb += [part.width.eq(job.width), part.height.eq(job.height)]
@@ -141,7 +141,7 @@ class Render(wiring.Component):
                 m.next = "GROUPS"
             with m.State("GROUPS"):
                 with m.If(self.groups.too_long):
-                    m.d.comb += [self.error.now.eq(1), self.error.code.eq(ErrorCode.SCRATCH)]
+                    m.d.comb += [self.error.valid.eq(1), self.error.code.eq(ErrorCode.SCRATCH)]
                     m.d.comb += self.error.detail.eq(0)
                     m.next = "FAILED"
                 with m.Elif(self.pixels.through):

@@ -1,4 +1,4 @@
-"""Stage 3, third step: what E is around a tile (`spec.raster`)."""
+"""Stage 3, third step: E = log2(alpha) of a splat as a polynomial around a tile."""
 
 from amaranth.hdl import Cat, Const, Module, Value
 from amaranth.lib import wiring
@@ -29,7 +29,7 @@ CUTS = ("way", "product", "lean", "distance", "length", "slope", "square", "sum"
 
 
 def outside(value: Value, integer: int, fraction: int) -> Value:
-    """Whether a signed number leaves its range."""
+    """High if a signed number leaves its range."""
     above = value[integer + fraction :]
     return above.any() & ~above.all()
 
@@ -70,7 +70,7 @@ class Setup(wiring.Component):
         m = Module()
         self.pipeline = Pipeline(m, self.enable, dict.fromkeys(CUTS, 1))
         splat = self.i.splat
-        values = {name: self._signed(splat[name]) for name in splat.shape().members}
+        values = {name: splat[name] for name in splat.shape().members}
         values |= {"tile": self.i.tile, "end": self.i.end}
         values |= {"column": self.i.column, "row": self.i.row}
         steps = (
@@ -89,17 +89,14 @@ class Setup(wiring.Component):
         assert not values, f"{', '.join(values)}: carried for nothing"
         return m
 
-    def _signed(self, value: Value) -> Value:
-        return value
-
     def _way(self, values: dict[str, Value]) -> dict[str, Value]:
         """From the splat's centre to the tile's, in steps of `POSITION`."""
         half = (TILE - 1) << POSITION.fraction >> 1
         bits = (TILE << POSITION.fraction).bit_length() - 1
         scale = values.pop("scale")
         for name, at, centre in (("dx", "column", "u"), ("dy", "row", "v")):
-            place = Cat(Const(half, bits), values.pop(at)) >> scale
-            values[name] = (place - values.pop(centre).as_signed())[
+            position = Cat(Const(half, bits), values.pop(at)) >> scale
+            values[name] = (position - values.pop(centre).as_signed())[
                 : POSITION.width + 1
             ].as_signed()
         return values
@@ -111,7 +108,7 @@ class Setup(wiring.Component):
         return values
 
     def _near(self, way: Value, half: Value) -> Value:
-        """Which of four columns (rows) of blocks a splat can reach that is `way` from the tile."""
+        """A bit for each column (row) of blocks: a splat `way` from the tile can reach it."""
         coarse = way >> (POSITION.fraction - EXTENT.fraction)
         reach = half + BLOCK_REACH
         distances = [coarse + (2 * step << EXTENT.fraction) for step in STEPS]

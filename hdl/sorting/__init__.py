@@ -1,4 +1,4 @@
-"""Stage 2: a group's entries in depth order, with runs in scratch memory for long lists.
+"""Stage 2: sorts each group's list of entries by depth, long ones by way of scratch memory.
 
 May import: spec, hdl.lib, hdl.memory.
 """

@@ -1,11 +1,11 @@
-"""Runs in, one run out: always the smallest head, of equal ones that of the earliest run."""
+"""Merges sorted runs into one: always the smallest head, of equal ones the earliest run's."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.sorting.runs import place
+from splatcore.hdl.sorting.runs import slot_layout
 from splatcore.hdl.sorting.subsort import lowest
 from splatcore.spec.config import Config
 from splatcore.spec.group import key_format
@@ -15,21 +15,21 @@ from splatcore.spec.sort import index_bits, ranked_record, way_bits
 class Merge(wiring.Component):
     """Merges up to `Config.merge_ways` runs whose entries lie, or will lie, in a half.
 
-    Two entries of each run are here: the head and the one behind it, so that the time that the
+    Two entries of each run are held: the head and the one behind it, so that the time that the
     memory takes to bring one more passes unseen. Heads are compared two by two: a tree of
     comparators, cut in the middle by registers. (OR-trees pay for many entries that are loaded
-    once; here are few, and a new one in every round.)
+    once; this has few, and a new one in every round.)
 
     Members
         begin: `runs` is the set of runs to be merged, none of them empty; their first entries are
             read as soon as they are written.
         written: how many entries each run has got.
-        head: what is to be read; found: what was to be read in the cycle before.
+        head: address of an entry to be read; found: that of the cycle before, read.
         room: the next entry may be given.
-        o: the next entry, for a cycle: its key, and where its value lies.
+        o: the next entry, for a cycle: its key, and the slot of its value.
         stop: all runs are forgotten.
         busy: something is left to be given.
-        starved: it could not be, for want of a head; blocked: for want of room.
+        starved: none is given for want of a head; blocked: for want of room.
 
     **Timing**: an entry every 2 cycles, the first one as many cycles after `begin` as there are
     runs, and 5. No multiplier.
@@ -39,13 +39,15 @@ class Merge(wiring.Component):
         self.config, self.ways = config, config.merge_ways
         self.counter = index_bits(config) + 1
         self.key_bits = key_format(config).width
-        self.taken = data.StructLayout({"now": 1, "key": self.key_bits, "place": place(config)})
+        self.taken = data.StructLayout(
+            {"valid": 1, "key": self.key_bits, "slot": slot_layout(config)}
+        )
         super().__init__(
             {
                 "begin": In(1),
                 "runs": In(self.ways),
                 "written": In(data.ArrayLayout(self.counter, self.ways)),
-                "head": Out(place(config)),
+                "head": Out(slot_layout(config)),
                 "found": In(layout(ranked_record(config))),
                 "room": In(1),
                 "o": Out(self.taken),
@@ -58,44 +60,46 @@ class Merge(wiring.Component):
         entry = layout(ranked_record(config))
         self.heads = [Signal(entry, name=f"head{k}", reset_less=True) for k in range(self.ways)]
         self.behind = [Signal(entry, name=f"behind{k}", reset_less=True) for k in range(self.ways)]
-        self.live, self.there = Signal(self.ways), Signal(self.ways)
+        self.live, self.present = Signal(self.ways), Signal(self.ways)
         self.waits, self.ended = Signal(self.ways), Signal(self.ways)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         # Half of the tree is done in the first cycle of a round, the rest in the second; heads stay
         # until the round's end, so the registers between may always load.
-        second, all_there, takes = Signal(), Signal(), Signal(self.ways)
+        second, all_present, takes = Signal(), Signal(), Signal(self.ways)
         winner = self._compare(m)
         m.d.comb += [
             self.busy.eq(self.live.any()),
-            all_there.eq((~self.live | self.there).all() & self.busy),
-            self.o.now.eq(second & self.room),
+            all_present.eq((~self.live | self.present).all() & self.busy),
+            self.o.valid.eq(second & self.room),
             self.o.key.eq(winner.key),
-            self.o.place.eq(winner.place),
-            takes.eq(Mux(self.o.now, 1 << winner.place.way, 0)),
-            self.starved.eq(self.busy & ~second & ~all_there),
+            self.o.slot.eq(winner.slot),
+            takes.eq(Mux(self.o.valid, 1 << winner.slot.way, 0)),
+            self.starved.eq(self.busy & ~second & ~all_present),
             self.blocked.eq(second & ~self.room),
         ]
-        m.d.sync += second.eq(Mux(second, ~self.room, all_there))
+        m.d.sync += second.eq(Mux(second, ~self.room, all_present))
         self._advance(m, takes, self._fetch(m))
         with m.If(self.begin):
             m.d.sync += [self.live.eq(self.runs), self.ended.eq(0)]
         with m.If(self.stop):
-            m.d.sync += [signal.eq(0) for signal in (self.live, self.there, self.waits, second)]
+            m.d.sync += [signal.eq(0) for signal in (self.live, self.present, self.waits, second)]
         return m
 
     def _compare(self, m: Module) -> data.View:
         """The smallest head, the earliest of equal ones, in the second cycle of a round."""
-        shape = data.StructLayout({"key": self.key_bits, "gone": 1, "place": place(self.config)})
+        shape = data.StructLayout(
+            {"key": self.key_bits, "gone": 1, "slot": slot_layout(self.config)}
+        )
         level = []
         for way, head in enumerate(self.heads):
             leaf = Signal(shape, name=f"leaf{way}")
             m.d.comb += [
                 leaf.key.eq(head.key),
                 leaf.gone.eq(~self.live[way]),
-                leaf.place.index.eq(head.index),
-                leaf.place.way.eq(way),
+                leaf.slot.index.eq(head.index),
+                leaf.slot.way.eq(way),
             ]
             level.append(leaf)
         levels = way_bits(self.config)
@@ -111,13 +115,13 @@ class Merge(wiring.Component):
         return level[0]
 
     def _fetch(self, m: Module) -> Signal:
-        """Asks for one entry at a time, heads first; returns which way's has been found."""
+        """Reads one entry at a time, heads first; returns a bit for each way: its entry is here."""
         read = [Signal(self.counter, name=f"read{way}") for way in range(self.ways)]
         fetching, asked, able, headless = (Signal(self.ways) for _ in range(4))
         left = Cat(pointer != self.written[way] for way, pointer in enumerate(read))
         m.d.comb += [
             able.eq(self.live & ~self.ended & ~fetching & ~self.waits & left),
-            headless.eq(able & ~self.there),
+            headless.eq(able & ~self.present),
             asked.eq(lowest(m, Mux(headless.any(), headless, able))),
         ]
         m.d.sync += fetching.eq(Mux(self.stop, 0, asked))
@@ -132,17 +136,17 @@ class Merge(wiring.Component):
     def _advance(self, m: Module, takes: Signal, found: Signal):
         """A head that is taken makes room for the one behind it, or for the one just found."""
         for way, (head, behind) in enumerate(zip(self.heads, self.behind, strict=True)):
-            here, there, waits = found[way], self.there[way], self.waits[way]
+            arrives, present, waits = found[way], self.present[way], self.waits[way]
             with m.If(takes[way]):
                 m.d.sync += [
                     head.eq(Mux(waits, behind, self.found)),
-                    there.eq(waits | here),
-                    waits.eq(waits & here),
+                    present.eq(waits | arrives),
+                    waits.eq(waits & arrives),
                     self.live[way].eq(~head.last),
                 ]
-            with m.Elif(here):
-                m.d.sync += [there.eq(1), waits.eq(there)]
-                with m.If(~there):
+            with m.Elif(arrives):
+                m.d.sync += [present.eq(1), waits.eq(present)]
+                with m.If(~present):
                     m.d.sync += head.eq(self.found)
-            with m.If(here):
+            with m.If(arrives):
                 m.d.sync += [behind.eq(self.found), self.ended[way].eq(self.found.last)]

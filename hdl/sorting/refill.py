@@ -1,4 +1,4 @@
-"""A merge from scratch memory: asks for pieces of the runs, puts them where the merge reads."""
+"""Feeds a merge from scratch memory: reads pieces of its runs into the memory it reads from."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -22,8 +22,8 @@ class Refill(wiring.Component):
         begin: `runs` is the set of runs that there are, and the merge may begin.
         taken: the merge has taken the last entry of a piece from this way.
         stop: what has not been asked for is not needed any more.
-        wanted: stream of `wanted_record`; back: stream of `entry_record`, what was wanted.
-        returned: what comes back, for the half.
+        wanted: stream of `wanted_record`; back: stream of `entry_record`, their entries.
+        returned: these, for the half.
         busy: something is to be asked for, or has not come back.
 
     **Timing**: a piece every 3 cycles, an entry in per cycle. Memories: a way's next position, and
@@ -45,7 +45,7 @@ class Refill(wiring.Component):
                 "area": In(1),
                 "begin": Out(1),
                 "runs": Out(config.merge_ways),
-                "taken": In(data.StructLayout({"now": 1, "way": self.way})),
+                "taken": In(data.StructLayout({"valid": 1, "way": self.way})),
                 "stop": In(1),
                 "wanted": Out(stream.Signature(wanted)),
                 "back": In(stream.Signature(layout(entry_record(config)))),
@@ -56,7 +56,7 @@ class Refill(wiring.Component):
         asked = data.StructLayout({"way": self.way, "last": 1, "count": wanted["count"].shape})
         self.ready = Queue(self.way, max(MEMORY_DEPTH_MIN, self.pieces), memory=True)
         self.under_way = Queue(asked, max(MEMORY_DEPTH_MIN, self.pieces), memory=True)
-        self.now = Signal(self.way)  # the way that asks
+        self.current = Signal(self.way)  # the way that asks
         self.first = Signal()  # for its run's first piece
         self.start_of_run = Signal(COUNT_BITS + 1)
         self.ended, self.looks, self.steps = Signal(), Signal(), Signal()
@@ -65,7 +65,7 @@ class Refill(wiring.Component):
         m = Module()
         m.submodules.ready, m.submodules.under_way = self.ready, self.under_way
         m.d.comb += [
-            self.ready.i.valid.eq(self.taken.now),
+            self.ready.i.valid.eq(self.taken.valid),
             self.ready.i.payload.eq(self.taken.way),
         ]
         self._position(m)
@@ -75,7 +75,7 @@ class Refill(wiring.Component):
         return m
 
     def _position(self, m: Module):
-        """Where the piece of the way that asks begins, and what of it there is."""
+        """The next piece of the way that asks: its address and length."""
         ways = self.config.merge_ways
         m.submodules.next_ones = memory = Memory(shape=COUNT_BITS + 1, depth=ways, init=[])
         write, read = memory.write_port(), memory.read_port()
@@ -86,15 +86,15 @@ class Refill(wiring.Component):
         m.d.comb += [
             after.eq(position + self.piece),
             self.ended.eq((position >= self.total) | (~self.first & self._between(position))),
-            read.addr.eq(self.now),
+            read.addr.eq(self.current),
             read.en.eq(self.looks),
-            write.addr.eq(self.now),
+            write.addr.eq(self.current),
             write.data.eq(Mux(self.ended, position, after)),
             write.en.eq(self.steps),
             wanted.address.eq(Cat(position[:COUNT_BITS], self.area)),
             rest.eq(self.total - position),
             wanted.count.eq(Mux(rest < self.piece, rest, self.piece)),
-            asked.way.eq(self.now),
+            asked.way.eq(self.current),
             asked.last.eq((rest <= self.piece) | self._between(after)),
             asked.count.eq(wanted.count),
         ]
@@ -102,10 +102,10 @@ class Refill(wiring.Component):
     def _ask(self, m: Module) -> Value:
         """Way by way, as often as there is room for a piece of each; then as room comes free.
 
-        Returns whether nothing is being asked for.
+        Returns a bit that says that nothing is being asked for.
         """
         rounds = self.pieces // self.config.merge_ways
-        ready, under_way, way = self.ready, self.under_way, self.now
+        ready, under_way, way = self.ready, self.under_way, self.current
         filling, left = Signal(), Signal(range(rounds))
         m.d.sync += self.begin.eq(0)
         with m.FSM() as fsm:
@@ -155,11 +155,11 @@ class Refill(wiring.Component):
         return fsm.ongoing("IDLE")
 
     def _between(self, position: Value) -> Value:
-        """Whether a run begins at a position."""
+        """High if a run begins at a position."""
         return (position & (self.length - 1)[: len(position)]) == 0
 
     def _return(self, m: Module):
-        """What comes back belongs to the piece that was asked for first."""
+        """Entries that come back; they belong to the piece that was asked for first."""
         asked = self.under_way.o
         number = Signal.like(self.wanted.payload.count)
         last = number + 1 == asked.payload.count
@@ -167,10 +167,10 @@ class Refill(wiring.Component):
         m.d.comb += [
             back.ready.eq(asked.valid),
             asked.ready.eq(back.valid & last),
-            self.returned.now.eq(back.valid & back.ready),
+            self.returned.valid.eq(back.valid & back.ready),
             self.returned.way.eq(asked.payload.way),
             self.returned.last.eq(asked.payload.last & last),
             self.returned.entry.eq(entry),
         ]
-        with m.If(self.returned.now):
+        with m.If(self.returned.valid):
             m.d.sync += number.eq(Mux(last, 0, number + 1))

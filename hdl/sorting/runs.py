@@ -1,4 +1,4 @@
-"""Stage 2's memory, and its front: batches of entries become runs in it."""
+"""Stage 2's front: cuts lists into batches, has them sorted, and keeps the runs in memory."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -16,41 +16,41 @@ HALVES = 2
 
 
 def value_record(config: Config) -> Record:
-    """What of an entry is not looked at by sorting."""
+    """The payload of an entry: fields that sorting ignores."""
     entry = entry_record(config)
     return Record("value", {field: entry[field] for field in ("splat", "mask")})
 
 
-def place(config: Config) -> data.StructLayout:
-    """A word of a half's memories: a way's, or run's, part and a place in it."""
+def slot_layout(config: Config) -> data.StructLayout:
+    """The address of a word of a half's memories: a way, or run, and the index within it."""
     return data.StructLayout({"index": index_bits(config), "way": range(config.merge_ways)})
 
 
 def arrived(config: Config) -> data.StructLayout:
-    """A value that is written where its entry arrived."""
+    """The value of an entry, written to the slot in which it arrived."""
     return data.StructLayout(
-        {"now": 1, "place": place(config), "value": layout(value_record(config))}
+        {"valid": 1, "slot": slot_layout(config), "value": layout(value_record(config))}
     )
 
 
 def ranked(config: Config) -> data.StructLayout:
-    """An entry behind the others of its run."""
+    """An entry to be appended to its run."""
     way = range(config.merge_ways)
-    return data.StructLayout({"now": 1, "way": way, "entry": layout(ranked_record(config))})
+    return data.StructLayout({"valid": 1, "way": way, "entry": layout(ranked_record(config))})
 
 
 def returned(config: Config) -> data.StructLayout:
-    """An entry from scratch memory behind the others of its run."""
+    """An entry from scratch memory to be appended to its run."""
     way, entry = range(config.merge_ways), layout(entry_record(config))
-    return data.StructLayout({"now": 1, "way": way, "last": 1, "entry": entry})
+    return data.StructLayout({"valid": 1, "way": way, "last": 1, "entry": entry})
 
 
 class Half(wiring.Component):
     """Half of the memory: the values of a job's entries by arrival, the keys by run and rank.
 
     Members
-        arrived, ranked: what is written of a job; returned: of a merge from scratch memory, to
-            both memories, a way's part being a ring.
+        arrived, ranked: entries of a job to be written; returned: of a merge from scratch memory,
+            to both memories, a way's part being a ring.
         clear: no run has an entry.
         written: how many entries each run has got, modulo twice the room of a way.
         head, value: words to be read; head_found, value_found: the answers a cycle later.
@@ -68,8 +68,8 @@ class Half(wiring.Component):
                 "returned": In(returned(config)),
                 "clear": In(1),
                 "written": Out(data.ArrayLayout(self.counter, config.merge_ways)),
-                "head": In(place(config)),
-                "value": In(place(config)),
+                "head": In(slot_layout(config)),
+                "value": In(slot_layout(config)),
                 "head_found": Out(layout(ranked_record(config))),
                 "value_found": Out(layout(value_record(config))),
             }
@@ -81,7 +81,7 @@ class Half(wiring.Component):
         heads = Memory(shape=layout(ranked_record(self.config)), depth=words, init=[])
         values = Memory(shape=layout(value_record(self.config)), depth=words, init=[])
         m.submodules.heads, m.submodules.values = heads, values
-        put_head, put_value = heads.write_port(), values.write_port()
+        write_head, write_value = heads.write_port(), values.write_port()
         for memory, asked, found in (
             (heads, self.head, self.head_found),
             (values, self.value, self.value_found),
@@ -91,25 +91,25 @@ class Half(wiring.Component):
 
         back, way, end = self.returned, Signal.like(self.ranked.way), Signal(self.counter)
         m.d.comb += [
-            way.eq(Mux(back.now, back.way, self.ranked.way)),
+            way.eq(Mux(back.valid, back.way, self.ranked.way)),
             end.eq(self.written[way]),
-            put_head.en.eq(self.ranked.now | back.now),
-            put_head.addr.eq(Cat(end[:-1], way)),
-            put_head.data.eq(self.ranked.entry),
-            put_value.en.eq(self.arrived.now | back.now),
-            put_value.addr.eq(self.arrived.place),
-            put_value.data.eq(self.arrived.value),
+            write_head.en.eq(self.ranked.valid | back.valid),
+            write_head.addr.eq(Cat(end[:-1], way)),
+            write_head.data.eq(self.ranked.entry),
+            write_value.en.eq(self.arrived.valid | back.valid),
+            write_value.addr.eq(self.arrived.slot),
+            write_value.data.eq(self.arrived.value),
         ]
-        with m.If(back.now):
+        with m.If(back.valid):
             m.d.comb += [
-                put_head.data.key.eq(back.entry.key),
-                put_head.data.index.eq(end),
-                put_head.data.last.eq(back.last),
-                put_value.addr.eq(put_head.addr),
-                put_value.data.splat.eq(back.entry.splat),
-                put_value.data.mask.eq(back.entry.mask),
+                write_head.data.key.eq(back.entry.key),
+                write_head.data.index.eq(end),
+                write_head.data.last.eq(back.last),
+                write_value.addr.eq(write_head.addr),
+                write_value.data.splat.eq(back.entry.splat),
+                write_value.data.mask.eq(back.entry.mask),
             ]
-        with m.If(put_head.en):
+        with m.If(write_head.en):
             m.d.sync += self.written[way].eq(end + 1)
         with m.If(self.clear):
             m.d.sync += self.written.eq(0)
@@ -134,9 +134,9 @@ class Runs(wiring.Component):
 
     Members
         groups: stream of `count_record`; entries: stream of `entry_record`.
-        arrived, ranked: what is written in each half.
+        arrived, ranked: entries to be written to each half.
         jobs: the job of each half.
-        release: a half's job is over: what is still being sorted of it is dropped.
+        release: a half's job is over: entries of it that are still being sorted are dropped.
         sorting: a sub-sorter has entries.
 
     **Timing**: an entry in per cycle while sub-sorters are free, 3 cycles more for a job; a
@@ -161,8 +161,8 @@ class Runs(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         sorters = [SubSorter(self.config) for _ in range(self.config.sub_sorters)]
-        # Where the run goes that a sub-sorter makes.
-        owners = [Signal(place(self.config), name=f"owner{k}") for k in range(len(sorters))]
+        # The slot and half that a sub-sorter's run goes to.
+        owners = [Signal(slot_layout(self.config), name=f"owner{k}") for k in range(len(sorters))]
         halves = [Signal(name=f"half{k}") for k in range(len(sorters))]
         for k, sorter in enumerate(sorters):
             m.submodules[f"sorter{k}"] = sorter
@@ -174,40 +174,42 @@ class Runs(wiring.Component):
         return m
 
     def _load(self, m: Module, sorters: list, owners: list, halves: list):
-        """An entry's value goes to its place, its key to the sub-sorter whose turn it is."""
-        half, to, turn = Signal(), Signal(place(self.config)), Signal(range(len(sorters)))
-        put, last, entry = Signal(), Signal(), self.entries.payload
+        """An entry's value goes to its slot, its key to the sub-sorter whose turn it is."""
+        half, slot, turn = Signal(), Signal(slot_layout(self.config)), Signal(range(len(sorters)))
+        push, last, entry = Signal(), Signal(), self.entries.payload
         # What is still offered by a sub-sorter goes where its owner says.
         free = Cat(sorter.i.ready & ~sorter.o.valid for sorter in sorters).bit_select(turn, 1)
-        self._cut(m, half, to, free, put, last)
-        with m.If(put & last):
+        self._cut(m, half, slot, free, push, last)
+        with m.If(push & last):
             m.d.sync += turn.eq(Mux(turn == len(sorters) - 1, 0, turn + 1))
         for k, arrived in enumerate(self.arrived):
             m.d.comb += [
-                arrived.now.eq(put & (half == k)),
-                arrived.place.eq(to),
+                arrived.valid.eq(push & (half == k)),
+                arrived.slot.eq(slot),
                 arrived.value.splat.eq(entry.splat),
                 arrived.value.mask.eq(entry.mask),
             ]
         for k, sorter in enumerate(sorters):
-            mine = put & (turn == k)
+            mine = push & (turn == k)
             m.d.comb += [
                 sorter.i.valid.eq(mine),
                 sorter.i.payload.key.eq(entry.key),
                 sorter.i.payload.last.eq(last),
             ]
             with m.If(mine):
-                m.d.sync += [owners[k].eq(to), halves[k].eq(half)]
+                m.d.sync += [owners[k].eq(slot), halves[k].eq(half)]
 
-    def _cut(self, m: Module, half: Signal, to: data.View, free: Value, put: Signal, last: Signal):
+    def _cut(
+        self, m: Module, half: Signal, slot: data.View, free: Value, push: Signal, last: Signal
+    ):
         """Groups into jobs, jobs into batches.
 
-        half, to: where the next entry goes; put: it does, if a sub-sorter is free; last: of its
+        half, slot: the next entry's; push: it goes there, if a sub-sorter is free; last: of its
         batch.
         """
         left, long = Signal(COUNT_BITS), Signal()  # entries of the group that are not in yet
         used, runs = Signal(HALVES), Signal(range(self.config.merge_ways + 1))
-        m.d.comb += last.eq(to.index.all() | (left == 1))
+        m.d.comb += last.eq(slot.index.all() | (left == 1))
         m.d.sync += used.eq(used & ~self.release)
         with m.FSM() as fsm:
             with m.State("GROUP"):
@@ -219,7 +221,7 @@ class Runs(wiring.Component):
                 with m.If(self.groups.valid):
                     m.next = "OPEN"
             with m.State("OPEN"):
-                m.d.sync += [to.eq(0), runs.eq(0)]
+                m.d.sync += [slot.eq(0), runs.eq(0)]
                 with m.If(~used.bit_select(half, 1)):
                     m.d.sync += used.bit_select(half, 1).eq(1)
                     m.next = "LOAD"
@@ -228,12 +230,12 @@ class Runs(wiring.Component):
             with m.State("LOAD"):
                 m.d.comb += [
                     self.entries.ready.eq(free),
-                    put.eq(self.entries.valid & self.entries.ready),
+                    push.eq(self.entries.valid & self.entries.ready),
                 ]
-                with m.If(put):
+                with m.If(push):
                     m.d.sync += [left.eq(left - 1), runs.eq(runs + last)]
-                    m.d.sync += to.as_value().eq(to.as_value() + 1)
-                    with m.If((left == 1) | to.as_value().all()):
+                    m.d.sync += slot.as_value().eq(slot.as_value() + 1)
+                    with m.If((left == 1) | slot.as_value().all()):
                         m.next = "CLOSE"
             with m.State("CLOSE"):
                 m.d.sync += half.eq(~half)
@@ -260,7 +262,7 @@ class Runs(wiring.Component):
         ready = [Const(0, 1)] * count
         for number, ranked in enumerate(self.ranked):
             mine = [sorter.o.valid & (halves[k] == number) for k, sorter in enumerate(sorters)]
-            m.d.comb += ranked.now.eq(any_of(mine))
+            m.d.comb += ranked.valid.eq(any_of(mine))
             for k, sorter in enumerate(sorters):
                 ahead, turns = Const(0, 1), [first[k]]
                 for start in range(k - 1, k - count, -1):  # negative ones count from the end
@@ -270,4 +272,4 @@ class Runs(wiring.Component):
                 with m.If(writes):
                     m.d.comb += [ranked.way.eq(owners[k].way), ranked.entry.eq(sorter.o.payload)]
                 ready[k] |= writes
-        m.d.comb += [sorter.o.ready.eq(now) for sorter, now in zip(sorters, ready, strict=True)]
+        m.d.comb += [sorter.o.ready.eq(bit) for sorter, bit in zip(sorters, ready, strict=True)]

@@ -1,4 +1,4 @@
-"""Scratch memory of sorting: what is written there and read back."""
+"""Scratch memory of sorting: writes runs of long lists to DRAM and reads them back."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -24,7 +24,7 @@ class Scratch(wiring.Component):
     Pieces are read only when all that was written to their area has arrived in memory.
 
     Members
-        scratch_at: where area 0 begins; area_beats: from there to area 1; both in beats.
+        scratch_at: address of area 0; area_beats: distance from there to area 1; both in beats.
         spill, wanted, back: those of `hdl.sorting.sort`.
         settled: all that this has written is in memory.
         reads, data, writes: to and from memory.
@@ -58,7 +58,7 @@ class Scratch(wiring.Component):
         return m
 
     def _spill(self, m: Module, starts: list[Signal]) -> tuple[Signal, Signal]:
-        """Entries to lines; whether something is on its way, and to which area."""
+        """Entries to lines; returns bits that say that some are on their way, and to which area."""
         m.submodules.line = line = WriteCombiner()
         connect(m, line.writes, flipped(self.writes))
         address, slots = self.spill.payload.address, BEAT // SLOT

@@ -1,17 +1,17 @@
-"""Stage 2: the entries of each group in the order of their keys, of equal ones as they came."""
+"""Stage 2: sorts each group's entries by depth key, stably, whatever their number."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.counters import Counters
+from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.refill import Refill
-from splatcore.hdl.sorting.runs import HALVES, Half, Runs, place
+from splatcore.hdl.sorting.runs import HALVES, Half, Runs, slot_layout
 from splatcore.spec.config import Config
-from splatcore.spec.counters import COUNTER_BITS, SORT
+from splatcore.spec.counters import SORT
 from splatcore.spec.group import COUNT_BITS, entry_record, sorted_record
 from splatcore.spec.sort import (
     count_record,
@@ -34,9 +34,9 @@ class Sort(wiring.Component):
     Members
         groups: stream of `count_record`; entries: stream of `entry_record`, those of one group
             after those of the other.
-        spill: stream of `spill_record`, what is written to scratch memory; wanted: stream of
-            `wanted_record`, what is to be read from there, never before `spill` has given all of
-            the run (what was given must be read); back: stream of `entry_record`, what was wanted.
+        spill: stream of `spill_record`, entries to be written to scratch memory; wanted: stream of
+            `wanted_record`, pieces to be read from there, never before `spill` has given all of
+            the run (what was given must be read); back: stream of `entry_record`, their entries.
         stop: the rest of the group that is being given out is not needed. To be held until the
             mark behind the group comes; a few entries may come before it.
         o: stream of `sorted_record`.
@@ -61,7 +61,7 @@ class Sort(wiring.Component):
                 "stop": In(1),
                 "o": Out(stream.Signature(layout(sorted_record(config)))),
                 "clear": In(1),
-                "counters": Out(data.StructLayout(dict.fromkeys(COUNTED, COUNTER_BITS))),
+                "counters": Out(counters_layout(COUNTED)),
             }
         )
         given = data.StructLayout({"entry": entry, "spill": 1, "end": 1})
@@ -78,8 +78,8 @@ class Sort(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        for name in ("runs", "merge", "refill", "given"):
-            m.submodules[name] = getattr(self, name)
+        m.submodules.runs, m.submodules.merge = self.runs, self.merge
+        m.submodules.refill, m.submodules.given = self.refill, self.given
         connect(m, flipped(self).groups, self.runs.groups)
         connect(m, flipped(self).entries, self.runs.entries)
         connect(m, flipped(self).wanted, self.refill.wanted)
@@ -101,7 +101,7 @@ class Sort(wiring.Component):
                 half.arrived.eq(runs.arrived[k]),
                 half.ranked.eq(runs.ranked[k]),
                 half.returned.eq(refill.returned),
-                half.returned.now.eq(refill.returned.now & mine),
+                half.returned.valid.eq(refill.returned.valid & mine),
                 half.clear.eq((self.release | self.clear_runs) & mine),
                 half.head.eq(merge.head),
                 runs.release[k].eq(self.release & mine),
@@ -117,23 +117,23 @@ class Sort(wiring.Component):
     def _look(self, m: Module):
         """Values of the entries that the merge gives, a cycle after each other."""
         merge, given = self.merge, self.given.i.payload
-        key, where = Signal(self.config.sort_key_bits), Signal(place(self.config))
+        key, slot = Signal(self.config.sort_key_bits), Signal(slot_layout(self.config))
         first, second = self.halves
         piece = read_entries(self.config) - 1
-        m.d.sync += [self.looking.eq(merge.o.now), self.found.eq(self.looking)]
-        with m.If(merge.o.now):
-            m.d.sync += [key.eq(merge.o.key), where.eq(merge.o.place)]
+        m.d.sync += [self.looking.eq(merge.o.valid), self.found.eq(self.looking)]
+        with m.If(merge.o.valid):
+            m.d.sync += [key.eq(merge.o.key), slot.eq(merge.o.slot)]
         m.d.comb += [
             merge.room.eq(self.given.level + self.found < OUT_WAITING),
-            first.value.eq(where),
-            second.value.eq(where),
+            first.value.eq(slot),
+            second.value.eq(slot),
             given.entry.key.eq(key),
             given.spill.eq(self.to_spill),
             self.given.i.valid.eq(self.found | self.ends),
-            self.refill.taken.now.eq(
-                self.looking & self.reading & ((where.index & piece) == piece)
+            self.refill.taken.valid.eq(
+                self.looking & self.reading & ((slot.index & piece) == piece)
             ),
-            self.refill.taken.way.eq(where.way),
+            self.refill.taken.way.eq(slot.way),
         ]
         for k, half in enumerate(self.halves):
             with m.If(self.half == k):
@@ -222,7 +222,7 @@ class Sort(wiring.Component):
                     m.next = "JOB"
 
     def _levels(self, m: Module):
-        """Where the next merge from scratch memory begins; whether there is one, and is the last.
+        """The next merge from scratch memory; returns two bits: there is one, it is the last one.
 
         After jobs have been spilled, and whenever a level is through, areas change their roles.
         """
@@ -254,7 +254,6 @@ class Sort(wiring.Component):
         return again, final
 
     def _count(self, m: Module):
-        m.submodules.counters = counters = Counters(COUNTED)
         o = self.o
         events = {
             "entries": self.entries.valid & self.entries.ready,
@@ -263,5 +262,4 @@ class Sort(wiring.Component):
             "starved": self.merge.starved,
             "blocked": self.merge.blocked,
         }
-        m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
-        m.d.comb += [counters.clear.eq(self.clear), self.counters.eq(counters.value)]
+        count_events(m, self, events)

@@ -1,7 +1,7 @@
-"""A sub-sorter: a batch of entries in, the same entries by their keys out, without comparisons.
+"""A sub-sorter: sorts a batch of entries by their keys, without comparing any two of them.
 
 Keys are looked at digit by digit, most significant first. For every value of a digit an OR-tree
-over all entries tells whether a candidate has it; a candidate stays if none has a smaller one.
+over all entries finds out if a candidate has it; a candidate stays if none has a smaller one.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ def tree(operator: Callable, values: Sequence[Value]) -> Value:
 
 
 def any_of(values: Sequence[Value]) -> Value:
-    """Whether one is high."""
+    """High if one of the values is."""
     return tree(lambda a, b: a | b, values)
 
 
@@ -34,13 +34,14 @@ def smallest(m: Module, candidates: Value, digits: list[Value], name: str) -> Va
     """The candidates whose digit is the smallest that a candidate has."""
     lines = 1 << len(digits[0])
     is_digit = [Signal(len(digits), name=f"{name}_is{line}") for line in range(lines)]
-    smaller, there = Signal(lines, name=f"{name}_smaller"), Signal(lines - 1, name=f"{name}_there")
+    smaller = Signal(lines, name=f"{name}_smaller")
+    present = Signal(lines - 1, name=f"{name}_present")
     for line in range(lines):
         m.d.comb += is_digit[line].eq(Cat(digit == line for digit in digits))
         if line < lines - 1:  # nothing is larger than the last one
-            m.d.comb += there[line].eq((candidates & is_digit[line]).any())
+            m.d.comb += present[line].eq((candidates & is_digit[line]).any())
         if line:
-            m.d.comb += smaller[line].eq(there[:line].any())
+            m.d.comb += smaller[line].eq(present[:line].any())
     stays = Signal(len(digits), name=f"{name}_stays")
     excluded = [is_digit[k] & smaller[k].replicate(len(digits)) for k in range(1, lines)]
     m.d.comb += stays.eq(candidates & ~any_of(excluded))
@@ -64,11 +65,11 @@ def lowest_index(m: Module, candidates: Value) -> Value:
         pairs = []
         for k in range(0, len(level), 2):
             (low, low_index), (high, high_index) = level[k : k + 2]
-            there = Signal(name=f"there{width}_{k}")
+            present = Signal(name=f"present{width}_{k}")
             index = Signal(width + 1, name=f"at{width}_{k}")
             lower = [Mux(low, *bits) for bits in zip(low_index, high_index, strict=True)]
-            m.d.comb += [there.eq(low | high), index.eq(Cat(*lower, ~low))]
-            pairs.append((there, index))
+            m.d.comb += [present.eq(low | high), index.eq(Cat(*lower, ~low))]
+            pairs.append((present, index))
         level, width = pairs, width + 1
     return level[0][1]
 
@@ -86,8 +87,8 @@ class SubSorter(wiring.Component):
         i: stream of `batch_record`; a batch is taken when the last one has gone, and given out
             when its last entry is in.
         o: stream of `ranked_record`.
-        drop: what there is of a batch is forgotten; nothing is given in the next cycle.
-        idle: there is no entry.
+        drop: all entries are dropped; none is given in the next cycle.
+        idle: no entry is inside.
 
     **Timing**: an entry in per cycle, out every 2 cycles whatever the keys, the first one
     2·phases + 1 cycles after the last one went in. No multiplier; a memory of all keys.
@@ -156,7 +157,7 @@ class SubSorter(wiring.Component):
         return m
 
     def _clusters(self, m: Module) -> list[Value]:
-        """What each phase finds in the second cycle.
+        """The cluster that each phase finds in the second cycle.
 
         A set stays as it is during a round, so registers between the cycles may always load.
         """
@@ -171,7 +172,7 @@ class SubSorter(wiring.Component):
                     values = [key[low : low + width] for key in self.keys]
                     candidates = smallest(m, candidates, values, f"digit{low}")
             found.append(candidates)
-        # Whether there is an entry, and whether there is one more.
+        # Pairs: an entry is in the set, and one more is.
         pairs = [(bit, Const(0, 1)) for bit in self.sets[-1]]
         _, more = tree(lambda a, b: (a[0] | b[0], a[1] | b[1] | (a[0] & b[0])), pairs)
         m.d.sync += self.single.eq(~more)
@@ -179,11 +180,11 @@ class SubSorter(wiring.Component):
 
     def _load(self, m: Module):
         """An entry goes to the next slot."""
-        put = self.i.valid & self.i.ready
+        push = self.i.valid & self.i.ready
         for k, key in enumerate(self.keys):
-            with m.If(put & (self.slot == k)):
+            with m.If(push & (self.slot == k)):
                 m.d.sync += [key.eq(self.i.payload.key), self.sets[0][k].eq(1)]
-        with m.If(put):
+        with m.If(push):
             m.d.sync += self.slot.eq(Mux(self.i.payload.last, 0, self.slot + 1))
             m.d.sync += self.full[0].eq(self.i.payload.last)
 

@@ -16,10 +16,10 @@ TRIES = 8
 """Views that are tried for each that is wanted; those that lie farthest apart are taken."""
 
 UPRIGHT = 1e-3
-"""How much −y counts as up beside what the cameras say; it decides for one camera."""
+"""Weight of −y as up beside the cameras' own up; it decides for one camera."""
 
 NEAR_MIDDLE = 1e-4
-"""How much the middle counts beside what the cameras look at; it decides for one camera."""
+"""Weight of the middle beside the point that the cameras look at; it decides for one camera."""
 
 
 def orbiting_views(
@@ -62,8 +62,8 @@ def orbiting_views(
 
 
 def spread(points: np.ndarray, count: int) -> list[int]:
-    """Which `count` of `points` [M, 3] lie far apart: the first, then always the farthest from
-    those chosen before it."""
+    """Indices of `count` of `points` [M, 3] that lie far apart: the first, then always the farthest
+    from those chosen before it."""
     chosen, away = [], np.full(len(points), np.inf)
     for _ in range(count):
         chosen.append(int(away.argmax()))

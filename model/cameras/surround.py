@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from splatcore.model.cameras.view import INSIDE, NEAREST, Core, blocked, core_of, sensible_view
 from splatcore.model.formats.file import input_error
@@ -93,7 +94,7 @@ def surrounding_views(
 def _faults(
     core: Core, factor: np.ndarray, tried: list[tuple[Camera, np.ndarray]], start: np.ndarray
 ) -> np.ndarray:
-    """How many of the rules each view of `_candidates` fails, [M]; `start` as for `_reached`."""
+    """Rules that each view of `_candidates` fails, [M] counts; `start` as for `_reached`."""
     step = max(-(-len(core.point) // PROBE), 1)
     point, area = core.point[::step], core.area[::step] * step
     eyes = np.array([camera.position for camera, _ in tried]) - core.middle
@@ -116,7 +117,7 @@ def _faults(
 
 
 def _visible(gaussians: Gaussians) -> Gaussians:
-    """What can be seen at all, without its colours."""
+    """The Gaussians that can be seen at all, without their colours."""
     with np.errstate(invalid="ignore"):
         seen = gaussians.opacity >= ALPHA_MIN
     seen &= np.isfinite(gaussians.position).all(axis=1)
@@ -167,15 +168,15 @@ def _direction(azimuth: float, elevation: float) -> np.ndarray:
 
 
 def _held(point: np.ndarray, camera: Camera, middle: np.ndarray) -> int:
-    """How many of `point` [N, 3], relative to `middle`, lie inside the image."""
+    """Number of `point` [N, 3], relative to `middle`, that lie inside the image."""
     x, y, z = ((point + middle) @ camera.rotation.T + camera.translation).T
     tan_x, tan_y = camera.tan_half_fov
     return int(np.sum((z > NEAR_PLANE) & (np.abs(x) < tan_x * z) & (np.abs(y) < tan_y * z)))
 
 
 def _reached(core: Core, factor: np.ndarray, eyes: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Which of `eyes` [M, 3] one can walk to from `start` [3] through cells that let more light
-    pass than they stop, [M] bool; all relative to the core's middle."""
+    """Mask [M] of the `eyes` [M, 3] to which one can walk from `start` [3] through cells that let
+    more light pass than they stop; all relative to the core's middle."""
     side = 1.05 * np.abs(np.vstack([eyes, start])).max()
     cell = 2 * side / CELLS
     rng = np.random.default_rng(0)
@@ -210,9 +211,7 @@ def perturbed(camera: Camera, distance: float, angle: float, rng: np.random.Gene
     way, axis = rng.standard_normal((2, 3))
     way, axis = way / np.linalg.norm(way), axis / np.linalg.norm(axis)
     step, turn = rng.uniform(0, 1, 2) * (distance, angle)
-    cross = np.cross(np.eye(3), axis)
-    rotation = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross  # Rodrigues
-    rotation = rotation @ camera.rotation
+    rotation = Rotation.from_rotvec(turn * axis).as_matrix() @ camera.rotation
     return replace(
         camera, rotation=rotation, translation=-rotation @ (camera.position + step * way)
     )

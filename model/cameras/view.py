@@ -21,7 +21,7 @@ SHELL_RATIO = 4.0
 """Gaussians beyond this many median distances from the middle are sky or floaters."""
 
 ROUNDS = 10
-"""How often middle and median distance are taken again from what is left."""
+"""Most times that middle and median distance are taken again from the rest."""
 
 CORE = (8.0, 92.0)
 """Percentiles along x and z that bound the core of a scene."""
@@ -61,7 +61,7 @@ SAMPLE = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """What a scene is about: a box, and the Gaussians in it and about it that count."""
+    """The part of a scene that it is about: a box, and the Gaussians in and near it that count."""
 
     middle: np.ndarray  # [3] centre of the box, scene units
     half: np.ndarray  # [3] its half sides
@@ -147,7 +147,7 @@ def _without_shell(
 def _open_viewpoint(
     point: np.ndarray, area: np.ndarray, half: np.ndarray, distance: float
 ) -> np.ndarray:
-    """Where to stand [3] relative to the target: the best of all directions and distances.
+    """The best place to stand, [3] relative to the target, of all directions and distances.
 
     `point` [N, 3] is relative to the target, `half` [3] the core's half sides.
     """

@@ -90,16 +90,6 @@ def _camera(intrinsics: tuple, pose: np.ndarray, name: str, where: str) -> Camer
         raise input_error(where, error) from error
 
 
-def _text(table: dict, name: str, where: str) -> str:
-    """An optional text of a JSON object."""
-    return field(table, name, str, where) if name in table else ""
-
-
-def _number(table: dict, name: str, default: float, where: str) -> float:
-    """An optional number of a JSON object."""
-    return field(table, name, float, where) if name in table else default
-
-
 def _inria(value: list, path: str | os.PathLike) -> Named:
     """cameras.json as the original 3DGS writes it (`camera_to_JSON`): `position` is the camera's
     centre, `rotation` camera to world, both with OpenCV axes; cx and cy are an addition.
@@ -114,8 +104,8 @@ def _inria(value: list, path: str | os.PathLike) -> Named:
             height,
             field(entry, "fx", float, where),
             field(entry, "fy", float, where),
-            _number(entry, "cx", width / 2, where),
-            _number(entry, "cy", height / 2, where),
+            field(entry, "cx", float, where, width / 2),
+            field(entry, "cy", float, where, height / 2),
         )
         rotation = array_field(entry, "rotation", (3, 3), where)
         position = array_field(entry, "position", (3,), where)
@@ -123,7 +113,8 @@ def _inria(value: list, path: str | os.PathLike) -> Named:
         if not isinstance(name, str):
             name = str(checked(name, int, f"{where}: 'id'"))
         pose = np.column_stack([rotation, position])
-        named.append((_camera(intrinsics, pose, name, where), _text(entry, "img_name", where)))
+        image = field(entry, "img_name", str, where, "")
+        named.append((_camera(intrinsics, pose, name, where), image))
     return named
 
 
@@ -144,19 +135,19 @@ def _transforms(value: object, path: str | os.PathLike) -> Named:
             raise input_error(where, "'transform_matrix' does not end with the row 0 0 0 1")
         pose = pose[:3] * (1, -1, -1, 1)  # OpenGL axes to OpenCV axes
         camera = _camera(_frame_intrinsics(frame, where), pose, str(index), where)
-        named.append((camera, _text(frame, "file_path", where)))
+        named.append((camera, field(frame, "file_path", str, where, "")))
     return named
 
 
 def _check_undistorted(frame: dict, where: str) -> None:
     """Refuses a lens that is not a pinhole."""
-    model = _text(frame, "camera_model", where) or "PINHOLE"
-    if model not in PINHOLE_MODELS:
+    model = field(frame, "camera_model", str, where, "")
+    if model not in ("", *PINHOLE_MODELS):
         raise input_error(where, f"'camera_model' {model} is not supported")
     if frame.get("is_fisheye", False) is not False:
         raise input_error(where, "'is_fisheye' is set, fisheye lenses are not supported")
     for name in DISTORTION:
-        if _number(frame, name, 0.0, where) != 0:
+        if field(frame, name, float, where, 0.0) != 0:
             raise input_error(where, f"{name!r} is not 0, lens distortion is not supported")
 
 
@@ -178,7 +169,8 @@ def _frame_intrinsics(frame: dict, where: str) -> tuple:
     if fx is None:
         raise input_error(where, "'fl_x' is missing")
     fy = focal("fl_y", "camera_angle_y", height) or fx  # square pixels unless stated
-    cx, cy = _number(frame, "cx", width / 2, where), _number(frame, "cy", height / 2, where)
+    cx = field(frame, "cx", float, where, width / 2)
+    cy = field(frame, "cy", float, where, height / 2)
     return width, height, fx, fy, cx, cy
 
 

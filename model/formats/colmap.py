@@ -129,7 +129,7 @@ def _binary_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, st
             yield image, tuple(pose), camera, name
 
 
-def _lines(path: Path) -> list[str]:
+def text_lines(path: Path) -> list[str]:
     """Lines of a text file, comments left out; empty lines stay: an image may have no points."""
     text = read_bytes(path).decode("utf-8", "replace")
     return [line for line in text.split("\n") if not line.startswith("#")]
@@ -138,7 +138,7 @@ def _lines(path: Path) -> list[str]:
 def _text_cameras(path: Path) -> dict[int, Intrinsics]:
     """cameras.txt: id, model, width, height, parameters."""
     cameras = {}
-    for words in (line.split() for line in _lines(path)):
+    for words in (line.split() for line in text_lines(path)):
         if not words:
             continue
         where = f"{path}: camera {words[0][:40]}"
@@ -151,7 +151,7 @@ def _text_cameras(path: Path) -> dict[int, Intrinsics]:
 
 def _text_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]]:
     """images.txt: a line of id, pose, camera id, name, then a line of points, for each image."""
-    lines = iter(_lines(path))
+    lines = iter(text_lines(path))
     for line in lines:
         words = line.split(maxsplit=9)
         if not words:

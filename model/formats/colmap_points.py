@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatcore.model.formats.colmap import colmap_folder
+from splatcore.model.formats.colmap import colmap_folder, text_lines
 from splatcore.model.formats.file import input_error, read_bytes, reading
 
 HEAD = struct.Struct("<Q3d3BdQ")
@@ -58,8 +58,7 @@ def _binary(path: Path) -> Points:
 def _text(path: Path) -> Points:
     """Lines of id, x, y, z, r, g, b, error, images."""
     rows = []
-    lines = read_bytes(path).decode("utf-8", "replace").splitlines()
-    for number, words in enumerate(line.split() for line in lines if not line.startswith("#")):
+    for number, words in enumerate(line.split() for line in text_lines(path)):
         if not words:
             continue
         with reading(f"{path}: point {number}", "line is malformed"):

@@ -1,4 +1,4 @@
-"""What every reader of files from outside shares: opening, limits, checked JSON, activations."""
+"""Shared by all readers of files from outside: opening, limits, checked JSON, a scene's arrays."""
 
 import json
 import math
@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from splatcore.spec.error import InputError
+from splatcore.spec.scene import Scene
 
 EXPANSION_MAX = 1032
 """Decoded bytes per byte of a file that a reader accepts: the limit of deflate itself."""
@@ -99,11 +100,13 @@ def checked(value: object, kind: type, where: object) -> object:
     raise input_error(where, f"is {shown}, not {_KINDS[kind]}")
 
 
-def field(table: dict, name: str, kind: type, where: object) -> object:
-    """`table[name]`, checked to be of `kind`."""
-    if name not in table:
+def field(table: dict, name: str, kind: type, where: object, default: object = None) -> object:
+    """`table[name]`, checked to be of `kind`; it may be missing if there is a default."""
+    if name in table:
+        return checked(table[name], kind, f"{where}: {name!r}")
+    if default is None:
         raise input_error(where, f"{name!r} is missing")
-    return checked(table[name], kind, f"{where}: {name!r}")
+    return default
 
 
 def array(value: object, shape: tuple[int, ...], where: object) -> np.ndarray:
@@ -131,6 +134,18 @@ def sigmoid(x: np.ndarray) -> np.ndarray:
     return 0.5 * (1 + np.tanh(0.5 * np.asarray(x, np.float64)))
 
 
-def exp(x: np.ndarray) -> np.ndarray:
-    """e^x in float64: a stored scale to scene units; Inf beyond 709."""
-    return np.exp(np.asarray(x, np.float64))
+def stored_scene(
+    path: str | os.PathLike,
+    position: np.ndarray,  # [N, 3]
+    log_scale: np.ndarray,  # [N, 3] natural logarithms; beyond 709 the scale is Inf
+    quaternion: np.ndarray,  # [N, 4]
+    opacity: np.ndarray,  # [N]
+    constant: np.ndarray,  # [N, 3] SH coefficients of degree 0
+    higher: np.ndarray | None = None,  # [N, 3 | 8 | 15, 3] and those above
+) -> Scene:
+    """The scene of a file that stores logarithms of scales; its name is `path`."""
+    sh = np.asarray(constant, np.float64)[:, None, :]
+    if higher is not None:
+        sh = np.concatenate([sh, np.asarray(higher, np.float64)], axis=1)
+    scale = np.exp(np.asarray(log_scale, np.float64))
+    return Scene(position, scale, quaternion, opacity, sh, os.fspath(path))

@@ -1,4 +1,4 @@
-"""Files of packed models; what is in them is `spec.packed`."""
+"""Files of packed models; `spec.packed` defines their content."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from splatcore.spec.packed import PackedModel
 
 
 def is_packed(path: str | Path) -> bool:
-    """Whether the file begins as a packed model does."""
+    """True if the file begins as a packed model does."""
     try:
         with open(path, "rb") as file:
             return int.from_bytes(file.read(4), "little") == MAGIC

@@ -1,4 +1,4 @@
-"""Photographs with the cameras that took them: what a scene is trained on or fine-tuned to."""
+"""Photographs with the cameras that took them, to train a scene on or to fine-tune it to."""
 
 import os
 from collections.abc import Sequence
@@ -17,12 +17,12 @@ ASPECT_TOLERANCE = 1.0
 """Pixels by which a photograph's height may differ from what its camera's aspect ratio says."""
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".JPG", ".PNG")
-"""What may be missing at the end of a file name in a transforms.json."""
+"""Extensions that a file name in a transforms.json may lack."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a camera should see."""
+    """A camera and the picture that it should see."""
 
     camera: Camera
     image: np.ndarray  # uint8 [H, W, 3], of the camera's size
@@ -31,7 +31,7 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Photographs:
-    """What could be read of a folder of photographs; `notes` are lines for the user."""
+    """The readable photographs of a folder; `notes` are lines for the user."""
 
     targets: tuple[Target, ...]  # by file name
     missing: tuple[str, ...]  # paths of those that cameras name and that cannot be read
@@ -96,7 +96,7 @@ def _transforms_file(path: str | os.PathLike) -> Path:
 
 
 def _image_folder(path: Path) -> Path:
-    """Where the file names of the cameras begin."""
+    """The folder at which the file names of the cameras begin."""
     if path.is_file():
         return path.parent
     model = colmap_folder(path)

@@ -12,12 +12,12 @@ from plyfile import PlyData, PlyElement
 
 from splatcore.model.formats.file import (
     check_count,
-    exp,
     file_size,
     input_error,
     read_bytes,
     reading,
     sigmoid,
+    stored_scene,
 )
 from splatcore.spec.scene import Scene, sh_count
 
@@ -42,10 +42,22 @@ _BOUNDS = [
     for side in ("min", "max")
     for name in names.split()
 ]
+_PLAIN = (
+    "f_dc_0 f_dc_1 f_dc_2",
+    "x y z",
+    "scale_0 scale_1 scale_2",
+    "rot_0 rot_1 rot_2 rot_3",
+    "opacity",
+)
 _PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
 
 
-def read_ply(path: str | os.PathLike) -> Scene:
+def matches(start: bytes, suffix: str) -> bool:
+    """True if a file's first four bytes are those of a PLY."""
+    return start in (b"ply\n", b"ply\r")
+
+
+def read(path: str | os.PathLike) -> Scene:
     """The scene of a PLY file: binary of either byte order or ASCII, plain or compressed."""
     _check_header(path)
     with reading(path):
@@ -106,19 +118,14 @@ def _rest_names(table: np.ndarray, where: object) -> list[str]:
 def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
     """The scene of an uncompressed `vertex` element: logarithms of scales, logits of opacities."""
     rest = _rest_names(vertex, path)
-    colour = _columns(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"], path)
-    sh = colour[:, None, :]
-    if rest:  # channel-major: f_rest_[channel·K + coefficient]
-        higher = _columns(vertex, rest, path).reshape(len(vertex), 3, -1)
-        sh = np.concatenate([sh, higher.transpose(0, 2, 1)], axis=1)
-    return Scene(
-        position=_columns(vertex, ["x", "y", "z"], path),
-        scale=exp(_columns(vertex, ["scale_0", "scale_1", "scale_2"], path)),
-        quaternion=_columns(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"], path),
-        opacity=sigmoid(_columns(vertex, ["opacity"], path)[:, 0]),
-        sh=sh,
-        name=os.fspath(path),
+    constant, position, log_scale, quaternion, opacity = (
+        _columns(vertex, names.split(), path) for names in _PLAIN
     )
+    higher = None
+    if rest:  # channel-major: f_rest_[channel·K + coefficient]
+        higher = _columns(vertex, rest, path).reshape(len(vertex), 3, -1).transpose(0, 2, 1)
+    opacity = sigmoid(opacity[:, 0])
+    return stored_scene(path, position, log_scale, quaternion, opacity, constant, higher)
 
 
 def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Scene:
@@ -143,15 +150,9 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
         sh = _integers(elements["sh"], _rest_names(elements["sh"], path), np.uint8, path)
     with reading(path):
         data = gsply.decompress_from_bytes(_layout(bounds, packed, sh))
-    higher = np.asarray(data.shN, np.float64).reshape(len(vertex), -1, 3)
-    return Scene(
-        position=data.means,
-        scale=exp(data.scales),
-        quaternion=data.quats,
-        opacity=sigmoid(data.opacities),
-        sh=np.concatenate([np.asarray(data.sh0, np.float64)[:, None, :], higher], axis=1),
-        name=os.fspath(path),
-    )
+    higher = data.shN.reshape(len(vertex), -1, 3)
+    opacity = sigmoid(data.opacities)
+    return stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
 
 
 def _integers(table: np.ndarray, names: list[str], kind: type, where: object) -> np.ndarray:

@@ -6,38 +6,35 @@ from pathlib import Path
 
 import numpy as np
 
+from splatcore.model.formats import ply, sog, splat, spz
 from splatcore.model.formats.file import input_error, read_bytes
-from splatcore.model.formats.ply import read_ply
-from splatcore.model.formats.sog import read_sog
-from splatcore.model.formats.splat import read_splat
-from splatcore.model.formats.spz import GZIP_MAGIC, SPZ_MAGIC, read_spz
 from splatcore.spec.scene import Scene
 
-READERS = {
-    b"ply\n": read_ply,
-    b"ply\r": read_ply,
-    SPZ_MAGIC: read_spz,
-    GZIP_MAGIC: read_spz,
-    b"PK\x03\x04": read_sog,
-}
-"""First bytes of a file → its reader. A .splat file has no such bytes and needs its extension."""
+FORMATS = {"PLY": ply, "SPZ": spz, "SOG": sog, ".splat": splat}
+"""Name for messages → module; those that know a file by its first bytes stand first.
+
+`matches(start, suffix)`: true for the format's files, from their first four bytes and the end of
+their name in lower case. `read(path)`: the `Scene` of such a file; an InputError, which names file
+and field, for a malformed one. NaN and Inf may stay, numpy's warnings about them are silenced.
+"""
 
 NORM_RANGE = (1e-3, 1e3)
 """Norms of quaternions that need no note: training does not normalise them."""
 
 
 def read_scene(path: str | os.PathLike) -> Scene:
-    """The scene of a PLY, compressed PLY, SPZ, SOG or .splat file; its `name` is `path`.
+    """The scene of a file of any of `FORMATS`, or of a compressed PLY; its `name` is `path`.
 
     `notes` count what is odd in it. Raises InputError for any other or malformed file.
     """
-    start = read_bytes(path, 4)
-    reader = next((READERS[magic] for magic in READERS if start.startswith(magic)), None)
-    if reader is None and Path(path).suffix.lower() != ".splat":
-        raise input_error(path, "is no PLY, SPZ, SOG or .splat file")
-    with np.errstate(all="ignore"):  # NaN and Inf may occur; the notes say so, not warnings
-        scene = (reader or read_splat)(path)
-        return replace(scene, notes=scene.notes + _notes(scene))
+    start, suffix = read_bytes(path, 4), Path(path).suffix.lower()
+    for format in FORMATS.values():
+        if format.matches(start, suffix):
+            with np.errstate(all="ignore"):  # NaN and Inf are noted instead
+                scene = format.read(path)
+                return replace(scene, notes=scene.notes + _notes(scene))
+    *names, last = FORMATS
+    raise input_error(path, f"is no {', '.join(names)} or {last} file")
 
 
 def _notes(scene: Scene) -> tuple[str, ...]:

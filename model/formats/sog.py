@@ -17,13 +17,13 @@ from splatcore.model.formats.file import (
     check_count,
     check_expansion,
     checked,
-    exp,
     field,
     input_error,
     parse_json,
     read_bytes,
     reading,
     sigmoid,
+    stored_scene,
 )
 from splatcore.spec.scene import Scene
 
@@ -83,14 +83,19 @@ class Sog:
         return codebook[codes]
 
 
-def read_sog(path: str | os.PathLike) -> Scene:
+def matches(start: bytes, suffix: str) -> bool:
+    """True if a file's first four bytes are those of a zip archive."""
+    return start == b"PK\x03\x04"
+
+
+def read(path: str | os.PathLike) -> Scene:
     """The scene of a SOG file."""
     data = read_bytes(path)
     with reading(path, "is no zip archive"):
         archive = zipfile.ZipFile(io.BytesIO(data))
     text = _entry(archive, "meta.json", path, len(data))
     meta = checked(parse_json(text, f"{path}: meta.json"), dict, f"{path}: meta.json")
-    version = field(meta, "version", int, path) if "version" in meta else 1
+    version = field(meta, "version", int, path, default=1)
     if version not in (1, 2):
         raise input_error(path, f"SOG version {version} is not known")
     return _scene(Sog(path, len(data), archive, meta, version))
@@ -140,17 +145,11 @@ def _scene(sog: Sog) -> Scene:
         raise input_error(sog.path, f"{count} Gaussians in images of {size[1]}×{size[0]} pixels")
     rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
     opacity, colour = _colour(sog, rows["sh0"])
-    sh = colour[:, None, :]
-    if labels is not None:
-        sh = np.concatenate([sh, _higher(sog, rows["shN, labels"])], axis=1)
-    return Scene(
-        position=_position(sog, rows["means"], rows["means, upper bytes"]),
-        scale=exp(sog.values("scales", rows["scales"][:, :3])),
-        quaternion=_quaternion(sog, rows["quats"]),
-        opacity=opacity,
-        sh=sh,
-        name=os.fspath(sog.path),
-    )
+    higher = _higher(sog, rows["shN, labels"]) if labels is not None else None
+    position = _position(sog, rows["means"], rows["means, upper bytes"])
+    log_scale = sog.values("scales", rows["scales"][:, :3])
+    quaternion = _quaternion(sog, rows["quats"])
+    return stored_scene(sog.path, position, log_scale, quaternion, opacity, colour, higher)
 
 
 def _count(sog: Sog) -> int:
@@ -170,7 +169,7 @@ def _position(sog: Sog, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     low, high = (array_field(means, side, (3,), where) for side in ("mins", "maxs"))
     codes = lower[:, :3] + 256.0 * upper[:, :3]
     logarithm = low + (high - low) * (codes / 65535)
-    return np.sign(logarithm) * (exp(np.abs(logarithm)) - 1)
+    return np.sign(logarithm) * (np.exp(np.abs(logarithm)) - 1)
 
 
 def _quaternion(sog: Sog, rows: np.ndarray) -> np.ndarray:

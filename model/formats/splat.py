@@ -16,7 +16,12 @@ RECORD = np.dtype(
 """scale is linear, in scene units; colour RGBA; quaternion (w, x, y, z), 128 stands for 0."""
 
 
-def read_splat(path: str | os.PathLike) -> Scene:
+def matches(start: bytes, suffix: str) -> bool:
+    """True if the file's name ends with .splat; nothing in it says so."""
+    return suffix == ".splat"
+
+
+def read(path: str | os.PathLike) -> Scene:
     """The scene of a .splat file; SH degree 0."""
     data = read_bytes(path)
     if len(data) % RECORD.itemsize:

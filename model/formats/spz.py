@@ -18,11 +18,11 @@ import zstandard
 from splatcore.model.formats.file import (
     check_count,
     check_expansion,
-    exp,
     input_error,
     read_bytes,
     reading,
     sigmoid,
+    stored_scene,
 )
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.scene import Scene, sh_count
@@ -58,7 +58,7 @@ and odd in y if its order is negative: degree 1 is −y, z, −x; degree 2 xy, y
 
 @dataclass(frozen=True)
 class Header:
-    """What the header of any version says; `sections` are the sizes in bytes, in file order."""
+    """The header of any version."""
 
     version: int
     count: int
@@ -68,13 +68,19 @@ class Header:
 
     @property
     def sections(self) -> list[int]:
+        """Sizes in bytes, in file order."""
         position = 6 if self.version == 1 else 9  # three half floats, or 3 × 24 bit
         quaternion = 3 if self.version < 3 else 4
         sh = 3 * (sh_count(self.degree) - 1)
         return [self.count * size for size in (position, 1, 3, 3, quaternion, sh) if size]
 
 
-def read_spz(path: str | os.PathLike) -> Scene:
+def matches(start: bytes, suffix: str) -> bool:
+    """True if a file's first four bytes are those of an SPZ file, or of a gzip stream."""
+    return start.startswith((SPZ_MAGIC, GZIP_MAGIC))
+
+
+def read(path: str | os.PathLike) -> Scene:
     """The scene of an SPZ file, in the axes of PLY."""
     data = read_bytes(path)
     if data.startswith(SPZ_MAGIC):
@@ -166,18 +172,10 @@ def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
     """The scene of a checked file `source`; `path` is the name that the user knows."""
     with reading(path):
         data = gsply.read_spz(source)
-    sh = np.asarray(data.sh0, np.float64)[:, None, :]
-    if data.shN is not None and data.shN.size:
-        sh = np.concatenate([sh, np.asarray(data.shN, np.float64)], axis=1)
+    higher = data.shN if data.shN is not None and data.shN.size else None
+    opacity = sigmoid(data.opacities)
     return turned(
-        Scene(
-            position=data.means,
-            scale=exp(data.scales),
-            quaternion=data.quats,
-            opacity=sigmoid(data.opacities),
-            sh=sh,
-            name=os.fspath(path),
-        )
+        stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
     )
 
 

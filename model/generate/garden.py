@@ -30,7 +30,7 @@ PARTS = {
 
 
 def part_counts(count: int) -> dict[str, int]:
-    """How many of `count` Gaussians each part of the garden gets; they follow one another."""
+    """Part of the garden → its number of `count` Gaussians; the parts follow one another."""
     return dict(zip(PARTS, share_out(count, [s for _, s in PARTS.values()]).tolist(), strict=True))
 
 

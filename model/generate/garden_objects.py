@@ -1,4 +1,4 @@
-"""What people put into the garden: a wooden bench, a picket fence, a stone bird bath."""
+"""The garden's objects: a wooden bench, a picket fence, a stone bird bath."""
 
 from dataclasses import dataclass, replace
 
@@ -7,6 +7,7 @@ import numpy as np
 from splatcore.model.generate.garden_splats import (
     GOLDEN_ANGLE,
     Part,
+    deal,
     even_pairs,
     frames,
     join,
@@ -54,9 +55,8 @@ def planks(rng: np.random.Generator, count: int, boxes: list[Box], colour: np.nd
     half = np.array([b.half for b in boxes])
     area = (half[:, FACES[:, 0]] * half[:, FACES[:, 1]]).repeat(2, axis=1)  # [boxes, 6]
     number = share_out(count, area.ravel())
-    face = np.repeat(np.arange(area.size), number)
+    face, rank = deal(number)
     box, pair, sign = face // 6, face % 6 // 2, 2.0 * (face % 2) - 1
-    rank = np.arange(count) - np.repeat(np.cumsum(number) - number, number)
     side = half[box]
     along = np.argmax(side, axis=1)
     axes = FACES[pair]
@@ -197,8 +197,5 @@ def water(rng: np.random.Generator, count: int) -> Part:
 def bird_bath(rng: np.random.Generator, count: int) -> Part:
     """Stone bird bath with water."""
     stone, wet = share_out(count, [0.84, 0.16])
-    parts = [
-        revolution(rng, stone, BATH_PROFILE, np.array([0.46, 0.43, 0.385])),
-        water(rng, wet),
-    ]
-    return moved(join(parts), BATH_PLACE, 0.0)
+    bowl = revolution(rng, stone, BATH_PROFILE, np.array([0.46, 0.43, 0.385]))
+    return moved(join([bowl, water(rng, wet)]), BATH_PLACE, 0.0)

@@ -1,4 +1,4 @@
-"""What grows in the garden: grass, a tree, bushes, a hedge, trees far off."""
+"""The garden's plants: grass, a tree, bushes, a hedge, trees far off."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from splatcore.model.generate.garden_ground import CENTRE, grass_colour, ground_
 from splatcore.model.generate.garden_splats import (
     UP,
     Part,
+    deal,
     frames,
     join,
     needles,
@@ -106,9 +107,8 @@ def bark(rng: np.random.Generator, count: int, wood: np.ndarray) -> Part:
     start, end, thick = wood[:, :3], wood[:, 3:6], wood[:, 6:]
     length = np.linalg.norm(end - start, axis=1)
     number = share_out(count, length * (thick.mean(axis=1) + 0.004))
-    piece = np.repeat(np.arange(len(wood)), number)
+    piece, rank = deal(number)
     along = unit(end - start)[piece]
-    rank = np.arange(count) - np.repeat(np.cumsum(number) - number, number)
     share = (rank + rng.random(count)) / np.maximum(number[piece], 1)
     radius = thick[piece, 0] + share * (thick[piece, 1] - thick[piece, 0])
     side = frames(along, random_directions(rng, count))[:, :, 0]
@@ -155,7 +155,7 @@ def leaf_balls(
     """
     layout = np.random.default_rng(rng.integers(2**32))
     number = share_out(count, balls[:, 4])
-    which = np.repeat(np.arange(len(balls)), number)
+    which, _ = deal(number)
     x, z, radius, stretch = balls[which, :4].T
     core_share = np.clip(10 / np.maximum(number, 1), 0.22, 1)[which]
     core = np.modf(np.arange(count) * 0.6180339887)[0] < core_share

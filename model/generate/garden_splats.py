@@ -4,7 +4,7 @@ Everything is in the PLY frame of 3DGS (y points down), so a height h is y = −
 vectorised over N points and draw from the generator that they are given, nothing else.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -44,18 +44,13 @@ class Part:
 def splats(position, scale, frame, opacity, albedo, gloss=0.0, leafy=0.0, glow=False) -> Part:
     """A Part of len(position) Gaussians; every other argument is broadcast to that number."""
     count = len(position)
+    values = (position, scale, frame, opacity, albedo, gloss, leafy)
+    shapes = ((3,), (3,), (3, 3), (), (3,), (), ())
     spread = [
         np.broadcast_to(value, (count, *shape)).astype(np.float64)
-        for value, shape in (
-            (scale, (3,)),
-            (frame, (3, 3)),
-            (opacity, ()),
-            (albedo, (3,)),
-            (gloss, ()),
-            (leafy, ()),
-        )
+        for value, shape in zip(values, shapes, strict=True)
     ]
-    return Part(np.asarray(position, np.float64), *spread, np.full(count, glow))
+    return Part(*spread, np.full(count, glow))
 
 
 def join(parts: list[Part]) -> Part:
@@ -79,16 +74,8 @@ def refine(rng: np.random.Generator, part: Part, count: int) -> Part:
     draw = np.clip(rng.standard_normal((count, 3)), -1.6, 1.6) * np.sqrt(1 - shrink**2)
     tint = rng.normal(1, 0.08 * np.sqrt(1 - shrink**2), (count, 1))
     moved = fine.position + np.einsum("nij,nj->ni", fine.frame, draw * fine.scale)
-    return Part(
-        moved,
-        fine.scale * shrink,
-        fine.frame,
-        fine.opacity,
-        fine.albedo * np.clip(tint, 0.7, 1.3),
-        fine.gloss,
-        fine.leafy,
-        fine.glow,
-    )
+    albedo = fine.albedo * np.clip(tint, 0.7, 1.3)
+    return replace(fine, position=moved, scale=fine.scale * shrink, albedo=albedo)
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
@@ -177,6 +164,13 @@ def noise(x: np.ndarray, z: np.ndarray, seed: int, octaves: int = 3) -> np.ndarr
         high = corner[1][0] * (1 - q) + corner[1][1] * q
         total += (low * (1 - p) + high * p) * 0.5**octave
     return total / (2 - 0.5 ** (octaves - 1))
+
+
+def deal(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For `number` [M] of splats on each of M things: which thing each splat is on, and its rank
+    there, both [sum of `number`]."""
+    which = np.repeat(np.arange(len(number)), number)
+    return which, np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
 
 
 def share_out(count: int, weight: np.ndarray) -> np.ndarray:

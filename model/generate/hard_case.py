@@ -1,5 +1,6 @@
-"""What the hard cases have in common: their record, their camera, Gaussians spread over a view."""
+"""Shared by the hard cases: their table and record, the camera, Gaussians spread over a view."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,10 +34,28 @@ class HardCase:
     about: str  # what the corner is and why it is hard, one line
 
 
+HARD: dict[str, Callable[[int], HardCase]] = {}
+"""Name → function of a seed that returns the case; the same seed gives the same case."""
+
+
 def straight_camera(width: int = WIDTH, height: int = HEIGHT) -> Camera:
     """At the origin, looking along +z: camera space is world space, bit for bit."""
     eye, origin = np.eye(3), np.zeros(3)
     return Camera(width, height, FOCAL, FOCAL, width / 2, height / 2, eye, origin, "straight")
+
+
+def hard_case(about: str, camera: Camera | None = None) -> Callable:
+    """Decorates a function of a generator that returns a scene: it becomes the case of its name."""
+
+    def enter(build: Callable[[np.random.Generator], Scene]) -> Callable[[int], HardCase]:
+        def case(seed: int = 0) -> HardCase:
+            scene = build(np.random.default_rng(seed))
+            return HardCase(scene, camera or straight_camera(), about)
+
+        HARD[build.__name__] = case
+        return case
+
+    return enter
 
 
 def behind_pixel(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ from splatcore.model.generate.hard_case import (
     FOCAL,
     HEIGHT,
     WIDTH,
-    HardCase,
     behind_pixel,
+    hard_case,
     sh_of_colour,
     spread,
     straight_camera,
@@ -43,8 +43,8 @@ def _grid() -> tuple[np.ndarray, np.ndarray]:
     return u.ravel(), v.ravel()
 
 
-def opacity_edge(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
+@hard_case("opacity at 0, 1/255, 0.99, 1 and their neighbours: which pixel is skipped or clamped")
+def opacity_edge(rng: np.random.Generator) -> Scene:
     edges = []
     for value in (ALPHA_MIN, ALPHA_MAX, 1.0, 0.0):
         single = float(np.float32(value))
@@ -52,52 +52,47 @@ def opacity_edge(seed: int = 0) -> HardCase:
         edges += [value * (1 - 1e-6), min(value * (1 + 1e-6), 1.0)]
     u, v = _grid()
     opacity = rng.permutation(np.resize(edges, len(u)))
-    about = "opacity at 0, 1/255, 0.99, 1 and their neighbours: which pixel is skipped or clamped"
-    return HardCase(_dots(u, v, DEPTH, opacity), straight_camera(), about)
+    return _dots(u, v, DEPTH, opacity)
 
 
-def transmittance_edge(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
+@hard_case("T lands on 1e-4 or a hair beside it: whether the last Gaussian is blended")
+def transmittance_edge(rng: np.random.Generator) -> Scene:
     u, v = _grid()
     before = (1 - LAYER_ALPHA) * (1 - LAYER_ALPHA) * (1 - LAYER_ALPHA)
     offset = 10.0 ** rng.uniform(-16, -2, len(u)) * rng.choice([-1, 0, 1], len(u))
     last = 1 - TRANSMITTANCE_MIN * (1 + offset) / before  # T then is 1e-4·(1 + offset)
     layers = [_dots(u, v, z, np.full(len(u), LAYER_ALPHA)) for z in (1.0, 2.0, 4.0)]
     layers += [_dots(u, v, 8.0, last), _dots(u, v, 16.0, np.full(len(u), ALPHA_MAX))]
-    about = "T lands on 1e-4 or a hair beside it: whether the last Gaussian is blended"
-    return HardCase(together(*layers), straight_camera(), about)
+    return together(*layers)
 
 
-def saturated_colours(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
+@hard_case("colours far below 0 and above 1: clamped at 0 before blending, at 1 only after")
+def saturated_colours(rng: np.random.Generator) -> Scene:
     scene = spread(rng, 300)
     sh = sh_of_colour(rng.uniform(-3, 4, (300, 3)))
     sh[150:, 1:] = rng.normal(0, 3, (150, 3, 3))  # clamped or not by the view direction
-    about = "colours far below 0 and above 1: clamped at 0 before blending, at 1 only after"
-    return HardCase(replace(scene, sh=sh), straight_camera(), about)
+    return replace(scene, sh=sh)
 
 
-def zero_scales(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
+@hard_case("one, two or all three scales are 0: a singular 3D covariance, log of zero in files")
+def zero_scales(rng: np.random.Generator) -> Scene:
     scene = spread(rng, 280)
     kept = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)][:7])
-    about = "one, two or all three scales are 0: a singular 3D covariance, log of zero in files"
     scene = replace(scene, scale=scene.scale * np.resize(kept, (280, 3)))
-    return HardCase(scene, straight_camera(), about)
+    return scene
 
 
-def unnormalised_quaternions(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
+@hard_case("quaternions of norm 1e-6 to 1e6 and 0: a rotation only after normalisation")
+def unnormalised_quaternions(rng: np.random.Generator) -> Scene:
     scene = spread(rng, 300)
     norm = np.geomspace(1e-6, 1e6, 300)
     norm[::50] = 0.0
     quaternion = scene.quaternion / np.linalg.norm(scene.quaternion, axis=1, keepdims=True)
-    about = "quaternions of norm 1e-6 to 1e6 and 0: a rotation only after normalisation"
-    return HardCase(replace(scene, quaternion=quaternion * norm[:, None]), straight_camera(), about)
+    return replace(scene, quaternion=quaternion * norm[:, None])
 
 
-def not_finite(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
+@hard_case("NaN and Inf in every field among good Gaussians: they must vanish and be counted")
+def not_finite(rng: np.random.Generator) -> Scene:
     scene = spread(rng, 300)
     arrays = {
         name: getattr(scene, name).copy()
@@ -107,25 +102,34 @@ def not_finite(seed: int = 0) -> HardCase:
     for array, rows in zip(arrays.values(), bad, strict=True):
         flat = array.reshape(300, -1)
         flat[rows, rng.integers(flat.shape[1], size=3)] = [np.nan, np.inf, -np.inf]
-    about = "NaN and Inf in every field among good Gaussians: they must vanish and be counted"
-    return HardCase(Scene(**arrays), straight_camera(), about)
+    return Scene(**arrays)
 
 
-def empty(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
-    about = "no Gaussian at all: empty arrays, empty lists, and still a frame"
-    return HardCase(spread(rng, 1)[:0], straight_camera(), about)
+@hard_case("no Gaussian at all: empty arrays, empty lists, and still a frame")
+def empty(rng: np.random.Generator) -> Scene:
+    return spread(rng, 1)[:0]
 
 
-def odd_size(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
-    about = "37×19 pixels: the last tiles hang over the right and lower edge"
-    return HardCase(spread(rng, 300), straight_camera(37, 19), about)
+@hard_case("one Gaussian: chunks and lists of a single entry")
+def one(rng: np.random.Generator) -> Scene:
+    scene = spread(rng, 1, pixels=(6.0, 9.0))
+    centre = behind_pixel([WIDTH / 2], [HEIGHT / 2], DEPTH)
+    scene = replace(scene, position=centre, opacity=np.array([0.9]))
+    scene = replace(scene, sh=sh_of_colour(np.array([[0.9, 0.5, 0.2]])))
+    return scene
 
 
-def one_pixel(seed: int = 0) -> HardCase:
-    rng = np.random.default_rng(seed)
+@hard_case(
+    "37×19 pixels: the last tiles hang over the right and lower edge", straight_camera(37, 19)
+)
+def odd_size(rng: np.random.Generator) -> Scene:
+    return spread(rng, 300)
+
+
+@hard_case(
+    "an image of one pixel: a single tile of which 255 pixels are outside", straight_camera(1, 1)
+)
+def one_pixel(rng: np.random.Generator) -> Scene:
     near = spread(rng, 40, rng.uniform(1, 6, 40))
     near = replace(near, position=near.position * [4 / FOCAL, 4 / FOCAL, 1])
-    about = "an image of one pixel: a single tile of which 255 pixels are outside"
-    return HardCase(near, straight_camera(1, 1), about)
+    return near

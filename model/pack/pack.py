@@ -27,7 +27,7 @@ Codebooks = tuple[Codebook, Codebook]
 
 @dataclass(frozen=True)
 class PackReport:
-    """What packing did to a scene. Errors are of the packed Gaussians against the scene's."""
+    """The effect of packing on a scene. Errors are of the packed Gaussians against the scene's."""
 
     gaussians: int  # in the scene
     packed: int
@@ -105,7 +105,7 @@ def report(
     model: PackedModel,
     dropped: tuple[int, int],
 ) -> PackReport:
-    """What packing did to Gaussians in stored order with factors `lower`; `dropped` counts those
+    """The report on Gaussians in stored order with factors `lower`; `dropped` counts those
     not finite and transparent."""
     packed = model.gaussians()
     axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)
@@ -128,8 +128,8 @@ def report(
 
 
 def appearance(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """What the codebooks hold of a scene of degree 0 or 1: colours [N, 3] as the original renderer
-    has them without harmonics, and slopes [N, 9] (without harmonics [0, 9])."""
+    """The vectors that codebooks hold of a scene of degree 0 or 1: colours [N, 3] as the original
+    renderer has them without harmonics, and slopes [N, 9] (without harmonics [0, 9])."""
     colours = scene.sh[:, 0] * SH_C0 + 0.5
     if not scene.sh_degree:
         return colours, np.zeros((0, 9))
@@ -153,7 +153,7 @@ def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def largest_factor(arithmetic: Float) -> float:
-    """What the largest element of L may be: in the middle of the machine's range, if that is small.
+    """Bound on the elements of L: in the middle of the machine's range, if that is small.
 
     The view rotation takes up L's unit; so neither L overflows nor the rotation underflows.
     """

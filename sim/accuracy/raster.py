@@ -16,8 +16,8 @@ from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.scenes import View
-from splatcore.sim.eda.synth import gates
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.sim.eda.synth import area
+from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.number import Float
 from splatcore.spec.raster import block_count
@@ -25,17 +25,8 @@ from splatcore.spec.raster import block_count
 EXACT = Float(8, 24, subnormal=False)
 """Features of this format, so that stage 3's own roundings are what is measured."""
 
-SWEEP: dict[str, tuple[int, ...]] = {
-    "exponent_fraction": (11, 12, 13, 16),
-    "pixel_fraction": (8, 10, 14),
-    "power_fraction": (4, 5, 7),
-    "power_mantissa": (6, 7, 10),
-    "transmittance": (12, 14, 18),
-    "weight": (9, 10, 13),
-    "colour_fraction": (7, 8, 10),
-    "sum_fraction": (10, 12, 15),
-}
-"""Each field of `Config` that is a format of stage 3, and values beside DEFAULT's."""
+SWEEP = {field: format.tried for field, format in FORMATS.items()}
+"""Each format of stage 3, and values beside DEFAULT's."""
 
 
 def machines() -> dict[str, Config]:
@@ -49,8 +40,8 @@ def machines() -> dict[str, Config]:
 
 def lane_gates(config: Config) -> float:
     """NAND2-equivalents of a lane: what a second lane adds to blending, and its share of E."""
-    one, two = (gates(Blend(config, block_count(config), lanes)).nand2 for lanes in (1, 2))
-    return two - one + gates(Evaluate(config, 0)).nand2 / BLOCK**2
+    one, two = (area(Blend(config, block_count(config), lanes)) for lanes in (1, 2))
+    return two - one + area(Evaluate(config, 0)) / BLOCK**2
 
 
 def raster_errors(views: dict[str, View]) -> dict:

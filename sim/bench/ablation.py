@@ -7,21 +7,20 @@ from pathlib import Path
 from splatcore.sim.bench.campaign import collected
 from splatcore.sim.bench.confirm import confirmed
 from splatcore.sim.bench.sweep import tasks
+from splatcore.sim.common.paper import ABLATION
 from splatcore.sim.common.scenes import View
 from splatcore.spec.config import Config
 
 RESULT = "ablation.json"
 
 STEPS = {
-    "none": (
-        {"culling": "none", "skip_zeros": False, "early_termination": False}, 20.4,
-    ),
-    "+ near-plane culling": ({"culling": "near"}, 46.4),
-    "+ guard band": ({"culling": "all"}, None),
-    "+ zero skipping": ({"skip_zeros": True}, 97.7),
-    "+ early termination": ({"early_termination": True}, 129.0),
-}  # fmt: skip
-"""Changes of each step to the one before, and the paper's frames a second (its ablation table).
+    "none": {"culling": "none", "skip_zeros": False, "early_termination": False},
+    "+ near-plane culling": {"culling": "near"},
+    "+ guard band": {"culling": "all"},
+    "+ zero skipping": {"skip_zeros": True},
+    "+ early termination": {"early_termination": True},
+}
+"""Fields that each step changes in the one before; the names are those of the paper's ablation.
 
 The paper does not say what culling leaves out beside the camera's sides; we tell the two apart.
 """
@@ -30,7 +29,7 @@ The paper does not say what culling leaves out beside the camera's sides; we tel
 def machines(config: Config) -> dict[str, Config]:
     """The machines of all steps; the last one has all features on."""
     found, changes = {}, {}
-    for name, (change, _) in STEPS.items():
+    for name, change in STEPS.items():
         changes |= change
         found[name] = replace(config, name=f"{config.name}-{len(found)}", **changes)
     return found
@@ -56,8 +55,8 @@ def ablation(
         measured = simulated.get((row["step"], row["scene"], row["camera"]), (None, None))
         row["rtl_cycles"], row["rtl_identical"] = measured
     told = [
-        {"name": name, "fields": change, "paper_fps": fps}
-        for name, (change, fps) in STEPS.items()
+        {"name": name, "fields": change, "paper_fps": ABLATION.get(name)}
+        for name, change in STEPS.items()
     ]  # fmt: skip
     size = views[0].size
     return {"preset": config.name, "size": size, "steps": told, "rows": rows, "failed": failed}

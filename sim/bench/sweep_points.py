@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 from splatcore.sim.accuracy.points import width_of, with_width
-from splatcore.spec.config import DEFAULT, PAPER, Config
+from splatcore.spec.config import DEFAULT, FORMATS, PAPER, Config
 
 LANES = 16
 """Of a rasterizer: the pixels of a block."""
@@ -37,16 +37,10 @@ KEYS = (17, 18, 19, 20)
 """Bits of a depth key beside DEFAULT's: each one less halves the octaves behind the near plane."""
 
 RASTER_FORMATS = {
-    "coarse": {
-        "exponent_fraction": 12, "pixel_fraction": 10, "power_fraction": 5, "power_mantissa": 7,
-        "transmittance": 14, "weight": 10, "colour_fraction": 8, "sum_fraction": 12,
-    },
+    "coarse": {field: format.coarse for field, format in FORMATS.items()},
     "weights -1 bit": {"weight": 10, "sum_fraction": 12},
-    "fine": {
-        "exponent_fraction": 16, "pixel_fraction": 14, "power_fraction": 7, "power_mantissa": 10,
-        "transmittance": 18, "weight": 13, "colour_fraction": 10, "sum_fraction": 15,
-    },
-}  # fmt: skip
+    "fine": {field: format.fine for field, format in FORMATS.items()},
+}
 """Formats of stage 3, together: a little less, one thing less, a little more."""
 
 TWICE = {"rasterizers": 8, "pe_arrays": 2}

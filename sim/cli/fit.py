@@ -174,7 +174,7 @@ def _gate_table(sizes: dict[str, tuple[float, float]]) -> Table:
 
 
 def _facts(found: Fit, rows: list[Knob], sizes: dict) -> dict:
-    """What `--json` writes."""
+    """The object that `--json` writes."""
     views = {}
     for view, (square, largest) in found.errors.items():
         psnr = decibels(square)
@@ -198,7 +198,7 @@ def _confirm(found: Fit, views: list[View], fps: float) -> dict:
     """Simulate the slowest view, print and return what comes of it."""
     name, _ = found.speed.slowest(found.config)
     view = next(view for view in views if view.name == name)
-    twin = view.frame(found.config)
+    golden = view.frame(found.config)
     run = simulate(
         build(found.config), [Job(view.model, view.camera)] * FRAMES, LPDDR4, f"simulating {name}"
     )
@@ -206,7 +206,7 @@ def _confirm(found: Fit, views: list[View], fps: float) -> dict:
         console.print(f"{name}: the machine failed: {run.why}", soft_wrap=True)
         return {"view": name, "reached": False, "ended": run.why}
     exact = np.rint(view.exact * LEVELS).astype(np.uint8)
-    facts = judge(found.config, run, Expected(view.model, view.camera, twin, exact))
+    facts = judge(found.config, run, Expected(view.model, view.camera, golden, exact))
     cycles = facts["cycles"]
     reached = facts["identical"] and cycles["fps_at_800mhz"] >= fps
     same = "identical to the golden model's" if facts["identical"] else facts["difference"]

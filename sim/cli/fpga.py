@@ -77,7 +77,7 @@ def fpga_command(
 
 
 def table(found: dict[str, Placed], title: str) -> Table:
-    """What each part takes."""
+    """Size and speed of each part."""
     made = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     made.add_column("part", no_wrap=True)
     for heading in HEADINGS:

@@ -5,9 +5,10 @@ from collections import Counter
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.hdl.stages import PAPER_MEMORIES, WHOLE
+from splatcore.hdl.stages import WHOLE
 from splatcore.sim.cli.options import JsonOption, PresetOption, app
 from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.paper import MEMORIES
 from splatcore.sim.common.result import write_json
 from splatcore.sim.eda.synth import memories
 from splatcore.spec.config import KB
@@ -34,6 +35,6 @@ def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
             table.add_row(name, f"{words:,}", f"{bits:,}", str(count), f"{kilobytes:.2f}")
     table.add_row("all", "", "", "", f"{total:.2f}")
     console.print(table)
-    paper = ", ".join(f"{name} {size}" for name, size in PAPER_MEMORIES.items())
-    console.print(f"The paper: {sum(PAPER_MEMORIES.values())} KB ({paper}).")
+    paper = ", ".join(f"{name} {size}" for name, size in MEMORIES.items())
+    console.print(f"The paper: {sum(MEMORIES.values())} KB ({paper}).")
     write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})

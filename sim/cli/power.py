@@ -17,6 +17,7 @@ from splatcore.sim.cli.options import (
     app,
 )
 from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import open_camera, open_source, packed_model
 from splatcore.sim.common.table import print_whole
@@ -24,18 +25,7 @@ from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.path import check_fits
 from splatcore.sim.power.activity import SAMPLE_LENGTH, Counts, counts_of
-from splatcore.sim.power.estimate import (
-    FEMTO,
-    PAPER_ALL,
-    PAPER_LOGIC,
-    PAPER_MEMORY,
-    STAGES,
-    Estimate,
-    Logic,
-    estimate,
-    gates_of,
-    sum_of,
-)
+from splatcore.sim.power.estimate import FEMTO, Estimate, Logic, estimate, gates_of, sum_of
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.energy import Energy
 from splatcore.spec.error import InputError
@@ -113,25 +103,21 @@ def table(found: Estimate, fps: float, title: str) -> Table:
     for heading in HEADINGS:
         made.add_column(heading, justify="right")
     for stage, logic in found.stages.items():
-        made.add_row(stage, *_logic(logic, found.cycles, fps, *PAPER_LOGIC.get(stage, (0, 0))))
-    memories = found.stage_memories
-    for stage in STAGES:
-        if stage not in memories:
-            continue
-        memory, (name, paper) = memories[stage], PAPER_MEMORY.get(stage, ("", 0))
+        made.add_row(stage, *_logic(logic, found.cycles, fps, *LOGIC.get(stage, (0, 0))))
+    for stage, memory in found.stage_memories.items():
+        name, paper = MEMORY_POWER.get(stage, ("", 0))
         made.add_row(
             f"memories, {stage}" + (f"; paper: {name}" if name else ""), "", "", "", "",
             _milli(memory.access * fps + memory.leakage), _milli(paper), "", "",
         )  # fmt: skip
-    nand2, paper = (sum(each) for each in zip(*PAPER_LOGIC.values(), strict=True))
+    nand2, paper = (sum(each) for each in zip(*LOGIC.values(), strict=True))
     every = sum_of(list(found.stages.values()))
     made.add_row("all logic", *_logic(every, found.cycles, fps, nand2, paper), style="bold")
     made.add_row(
-        "all", "", "", "", "", _milli(found.power(fps)), _milli(PAPER_ALL), "", "", style="bold"
+        "all", "", "", "", "", _milli(found.power(fps)), _milli(POWER), "", "", style="bold"
     )
-    made.add_row(
-        "DRAM, apart", "", "", "", "", _milli(sum(found.dram.values()) * fps), "", "", ""
-    )  # fmt: skip
+    dram = _milli(sum(found.dram.values()) * fps)
+    made.add_row("DRAM, apart", "", "", "", "", dram, "", "", "")
     return made
 
 
@@ -156,13 +142,14 @@ def implied(nand2: float, watts: float) -> float:
 
 
 def lines(found: Estimate, fps: float) -> list[str]:
-    """What the table does not say."""
+    """Lines below the table: energy of a frame, pixels a joule, what is left out."""
     dram = sum(found.dram.values())
     with_dram, chip = (found.pixels_per_joule(fps, k) / MEGA for k in (True, False))
     return [
         f"An ESTIMATE. A frame: {found.cycles:,} cycles, {found.power(fps) / fps / MILLI:.3f} mJ "
         f"(of it leakage {found.leakage / fps / MILLI:.3f}), DRAM {dram / MILLI:.3f} mJ.",
-        f"Mpixels/J: {chip:,.0f}, with DRAM {with_dram:,.0f}; the paper's 1,200 without.",
+        f"Mpixels/J: {chip:,.0f}, with DRAM {with_dram:,.0f}; the paper's "
+        f"{PIXELS_PER_JOULE / MEGA:,.0f} without.",
         "No clock gates, no hazards, nothing laid out; constants: spec/energy.py.",
     ]
 
@@ -194,9 +181,9 @@ def report(found: Estimate, counts: Counts, energy: Energy, fps: float) -> dict:
         "constants": asdict(energy)
         | {"switching_fj": energy.switching, "clock_fj": energy.clock, "dram_pj": energy.dram_byte},
         "paper": {
-            "power_w": PAPER_ALL,
-            "logic_w": {name: watts for name, (_, watts) in PAPER_LOGIC.items()},
-            "logic_fj": {name: implied(*found) for name, found in PAPER_LOGIC.items()},
-            "memory_w": {name: watts for _, (name, watts) in PAPER_MEMORY.items()},
+            "power_w": POWER,
+            "logic_w": {name: watts for name, (_, watts) in LOGIC.items()},
+            "logic_fj": {name: implied(*found) for name, found in LOGIC.items()},
+            "memory_w": {name: watts for _, (name, watts) in MEMORY_POWER.items()},
         },
     }  # fmt: skip

@@ -8,6 +8,7 @@ from rich.table import Table
 
 from splatcore.sim.cli.options import JsonOption, PresetOption, app
 from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.paper import OPERATIONS, PES_BUSY
 from splatcore.sim.common.result import write_json
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -20,9 +21,10 @@ HEADINGS = "ops × + /√ choose PEs cycles latency busy regs".split()
 """Short names of `program_facts`, in its order."""
 
 PAPER_OPERATIONS = (
-    "The paper: 94 operations (42 ×, 46 +, 5 /, 1 −) without products with zeros, 198 with them "
-    "(112 ×, 78 +, 7 /, 1 −); PEs busy 51.6 % of the cycles."
-)
+    "The paper: {0[operations]} operations ({0[multiply]} ×, {0[add]} +, {0[divide]} /, "
+    "{0[subtract]} −) without products with zeros, {1[operations]} with them ({1[multiply]} ×, "
+    "{1[add]} +, {1[divide]} /, {1[subtract]} −); PEs busy {2:.1f} % of the cycles."
+).format(OPERATIONS["without zeros"], OPERATIONS["with zeros"], 100 * PES_BUSY)
 
 
 @app.command("programs")

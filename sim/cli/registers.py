@@ -7,7 +7,7 @@ import typer
 
 from splatcore.sim.cli.options import PresetOption, app
 from splatcore.sim.common.output import check_folder, console
-from splatcore.sim.eda.register_page import write_register_files
+from splatcore.sim.eda.register_files import write_register_files
 from splatcore.spec.preset import find_preset
 
 

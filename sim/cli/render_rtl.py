@@ -102,8 +102,8 @@ def render_rtl(
     views = orbit(view, model.position, request.frames)
     codes = background_codes(config, background)
     jobs = [Job(model, view, codes) for view in views]
-    twins = [golden(config, job) for job in jobs]
-    window = Window.of(config, request.window, request.tile, twins[0]) if request.waves else None
+    expected = [golden(config, job) for job in jobs]
+    window = Window.of(config, request.window, request.tile, expected[0]) if request.waves else None
     machine = build(config, trace=window is not None)
     label = f"simulating {source.name}"
     timing = find_timing(request.timing)
@@ -125,11 +125,11 @@ def render_rtl(
         if k == 0 and request.error_map:
             title = f"{source.name}: hardware against the reference"
             write_error_map(request.error_map, frame.pixels, exact, title)
-    same = report(config, run, twins, metrics, output)
+    same = report(config, run, expected, metrics, output)
     seconds = round(time.perf_counter() - begin, 3)
     result = Result(
         "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
-        twins[0].counts,
+        expected[0].counts,
     ).with_difference(metrics[0])  # fmt: skip
     result.identical = all(same)
     write_json(json, facts(run, result, metrics, same, timing.name))
@@ -140,14 +140,14 @@ def render_rtl(
 def report(
     config: Config,
     run: Run,
-    twins: list[pipeline.Frame],
+    expected: list[pipeline.Frame],
     metrics: list[Difference],
     output: Path,
 ) -> list[bool]:
     """Print what came of each frame, cycles and counters; whether each is the golden model's."""
     same, count = [], len(run.frames)
-    for k, (twin, metric) in enumerate(zip(twins, metrics, strict=True)):
-        found = diagnose(config, run, k, twin)
+    for k, (frame, metric) in enumerate(zip(expected, metrics, strict=True)):
+        found = diagnose(config, run, k, frame)
         same.append(found is None)
         psnr = "identical" if metric.identical else f"{metric.psnr_db:.2f} dB"
         ssim = "" if metric.ssim is None else f", SSIM {metric.ssim:.5f}"
@@ -167,7 +167,7 @@ def report(
 def facts(
     run: Run, result: Result, metrics: list[Difference], same: list[bool], timing: str
 ) -> dict:
-    """What `--json` writes of a run."""
+    """Content of `--json` for a run."""
     found = cycles(run)
     result.cycles, result.fps_at_800mhz = found["frame"], found["fps_at_800mhz"]
     result.traffic_bytes = run.frames[-1].traffic

@@ -10,8 +10,7 @@ from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.output import check_writable, console, messages
 from splatcore.sim.common.source import parse_size
-from splatcore.sim.report.options import GENERATED, GENERATED_SIZE, Options
-from splatcore.sim.report.results import Results
+from splatcore.sim.report.results import Options, Results
 from splatcore.sim.report.sections import SECTIONS, compose, write_report
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -21,11 +20,11 @@ from splatcore.spec.preset import find_preset
     "report",
     help="Write one page that says how fast, how exact and how large the machine is.\n\n"
     "DIR/report.html needs no network and no other file; report.json and tables/*.csv have the "
-    "same numbers. It is made from what other commands left in the folder of results; what is not "
-    "there is measured first, hours for all of it with the real scenes. Each figure and table "
-    "names its command. What cannot be had is named at the end, exit status 1, and the rest "
-    "stands."
-    f"\n\nSections: {', '.join(SECTIONS)}. fit shows results/fit/*.json and runs nothing.",
+    "same numbers. It reads results that other commands left in a folder and runs nothing: `make "
+    "report` measures what is missing first, hours for all of it with the real scenes. Each "
+    "figure and table names its command. What is missing is named at the end with the command "
+    "that makes it, exit status 1, and the rest stands."
+    f"\n\nSections: {', '.join(SECTIONS)}. fit shows results/fit/*.json.",
 )
 def report_command(
     output: Annotated[
@@ -40,20 +39,14 @@ def report_command(
     ] = None,
     scene: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="SCENE", help="Scene to measure; repeatable. Default: all in the folder "
-            f"SPLATCORE_SCENES, without it '{GENERATED}' at {GENERATED_SIZE}.",
-        ),
+        typer.Option(metavar="SCENE", help="Only this scene; repeatable. Default: all measured."),
     ] = None,
     size: Annotated[
-        str | None, typer.Option(metavar="WxH", help="Pixels. Default: 1920x1080.")
+        str | None, typer.Option(metavar="WxH", help="Refuse results of another size.")
     ] = None,
     preset: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE", help="Machine. Default: DEFAULT.")
+        str | None, typer.Option(metavar="NAME|FILE", help="Refuse results of another machine.")
     ] = None,
-    run: Annotated[
-        bool, typer.Option("--run/--no-run", help="Whether to measure what is missing.")
-    ] = True,
 ):  # fmt: skip
     names = list(dict.fromkeys(section or SECTIONS))
     if unknown := [name for name in names if name not in SECTIONS]:
@@ -68,8 +61,8 @@ def report_command(
     check_writable(output / "x" if output.is_dir() else output)
     output.mkdir(exist_ok=True)
     place = output / "results" if results is None else results
-    options = Options(tuple(scene or ()), size, preset)
-    parts = compose(names, Results(place, options, run))
+    found = Results(place, Options(tuple(scene or ()), size, preset))
+    parts = [compose(name, found) for name in names]
     for path in write_report(output, parts)[:2]:
         console.print(str(path), soft_wrap=True)
     problems = [(part.name, text) for part in parts for text in part.problems]

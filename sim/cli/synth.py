@@ -6,9 +6,10 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.hdl.stages import CONTROL, PAPER_GATES, PRIMITIVES, STAGES
+from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.cli.options import JsonOption, PresetOption, app
 from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.paper import GATES, STAGE_OF
 from splatcore.sim.common.result import write_json
 from splatcore.sim.eda.gate_table import synthesise_machine
 from splatcore.sim.eda.synth import DEPTH_MAX, gates
@@ -59,7 +60,7 @@ def _synthesise_parts(config: Config, names: list[str]) -> dict:
     for name in names:
         with progress_bar(f"synthesising {name}"):
             found = gates(PARTS[name](config))
-        paper = PAPER_GATES.get(name)
+        paper = GATES.get(STAGE_OF.get(name))
         row = (
             *(found.nand2, paper, found.depth, found.speed_nand2, found.speed_depth),
             *(found.flip_flops, found.memory_bits),

@@ -1,42 +1,54 @@
-"""What the paper prints: Chang and Chang, "A 129FPS Full HD Real-Time Accelerator for 3D Gaussian
-Splatting", IEEE TVCG. Gates, memories and power by stage are in `hdl.stages` and
-`sim.power.estimate`.
+"""The paper's published figures: Chang and Chang, "A 129FPS Full HD Real-Time Accelerator for 3D
+Gaussian Splatting", IEEE TVCG. `docs/paper.md` holds them against each other.
 """
 
 FPS = 129
 """Frames a second, the average of its scene set B, at 1920×1080 and 800 MHz."""
 
-SIZE = (1920, 1080)
-
-FPS_A, THROUGHPUT = 181, {"A": 378.9e6, "B": 267.5e6}
-"""Frames a second of scene set A, and pixels a second of both sets."""
-
 PIXELS_PER_JOULE = 1219e6
 
-TILES = 8160
-"""Of a frame, 16×16 pixels each."""
+LOGIC = {
+    "stage 0": (12_900, 2.14e-3),
+    "stage 1": (71_600, 6.66e-3),
+    "stage 2": (761_400, 102.88e-3),
+    "stage 3": (88_900, 8.92e-3),
+    "control": (208_900, 19.78e-3),
+}
+"""NAND2-equivalents and W by stage."""
+
+GATES = {stage: gates for stage, (gates, _) in LOGIC.items()}
+
+STAGE_OF = {"cull": "stage 0", "project": "stage 1", "sort": "stage 2", "raster": "stage 3"}
+"""The stage that a module of ours stands beside."""
+
+GATES_ALL = 1_143_800
+"""NAND2-equivalents of all of it, as printed: 100 more than the sum."""
+
+MEMORIES = {"sort": 56, "feature": 32, "view": 12, "process": 12, "codebook": 8}
+"""Kilobytes; `sort` is four key and four value buffers of 4 KB each, and 12 + 12 KB shared."""
+
+MEMORY_POWER = {
+    "stage 1": ("codebook", 5.43e-3),
+    "stage 2": ("sorting", 42.74e-3),
+    "stage 3": ("feature", 15.15e-3),
+    "control": ("view, process", 15.72e-3),
+}
+"""Memories and W by the stage whose are most like them; it does not say whose the view and process
+memories are."""
+
+POWER = 219.41e-3
+"""W of all of it, as its text says; the table's lines sum up to 0.01 mW more."""
 
 LIST, LIST_MAX = 1000, 5000
 """Gaussians of most tiles, and the most of a tile (its figure of tile density, bicycle)."""
 
-BUFFERED, BUFFER_BYTES = 2000, 4096
-"""Gaussians of a tile that a sub-sorter's own buffers are for, and bytes of one of both of them."""
-
-SUB_SORTERS, SUB_SORTER_ENTRIES, CYCLES_AN_ENTRY = 4, 256, 2
-
 PES, PES_DENSE, PES_BUSY = 6, 16, 0.516
 
-CYCLES_A_POINT = 4
-"""Of stage 0."""
-
 OPERATIONS = {
-    "with zeros": {"operations": 198, "add": 78, "multiply": 112, "divide": 7, "subtract": 1},
-    "without zeros": {"operations": 94, "add": 46, "multiply": 42, "divide": 5, "subtract": 1},
+    "with zeros": {"operations": 198, "multiply": 112, "add": 78, "divide": 7, "subtract": 1},
+    "without zeros": {"operations": 94, "multiply": 42, "add": 46, "divide": 5, "subtract": 1},
 }
 """Of stage 1 for a Gaussian."""
-
-REDUCTION = 0.5253
-"""Of those operations, as its text says."""
 
 CULLED, CULLED_UNCOMPRESSED = 0.56, 0.60
 """Gaussians behind the near plane, of compressed and uncompressed models."""
@@ -44,14 +56,10 @@ CULLED, CULLED_UNCOMPRESSED = 0.56, 0.60
 TERMINATED, TERMINATED_UNCOMPRESSED = 0.243, 0.50
 """Gaussians that early termination leaves out."""
 
-GAUSSIANS = 780_484
-"""Of its model of Stump after pruning, the only number of Gaussians that it prints."""
-
-FEATURE_BYTES = 32 * 1024
-"""Of its feature memory."""
-
 ABLATION = {
-    "none": 20.4, "+ near-plane culling": 46.4, "+ zero skipping": 97.7,
+    "none": 20.4,
+    "+ near-plane culling": 46.4,
+    "+ zero skipping": 97.7,
     "+ early termination": 129.0,
-}  # fmt: skip
+}
 """Frames a second, step by step."""

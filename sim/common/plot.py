@@ -1,4 +1,4 @@
-"""How a report's plots look, and how they become SVG within the page.
+"""Plots of one style, as SVG within an HTML page.
 
 Nothing is told by colour alone: markers, dashes and hatches tell the same. Equal data make equal
 bytes.
@@ -11,13 +11,15 @@ from collections.abc import Callable, Sequence
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
+from matplotlib.ticker import LogLocator, NullLocator
 from matplotlib.transforms import Bbox
 
 WIDTH = 7.2
-"""Inches of a plot: what is printable on A4 and on Letter."""
+"""Inches of a plot: printable on A4 and on Letter."""
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#5f5f5f", "#7a4ea3")
 """Okabe and Ito's, told apart by all kinds of eyes; two of them darker, two more at the end."""
@@ -50,14 +52,14 @@ PLACES = [(7, 0), (-7, 0)] + [
     for far in (5, 14, 24, 36)
     for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1.5), (0, -1.5))
 ]
-"""Where a name may stand, in points from its place; FAR: what a point of distance counts in square
-points of hidden things; LEADER: from where on a line leads to it."""
+"""Offsets of a name from its place, in points. FAR: square points of hidden things that weigh as
+much as a point of distance; LEADER: the distance from which a line leads to it."""
 
 FAR, LEADER = 1.2, 16
 
 
 def plot(key: str, height: float, draw: Callable[[Figure], None]) -> str:
-    """What `draw` draws on a figure of so many inches, as an SVG element for an HTML page."""
+    """An SVG element for an HTML page, drawn by `draw` on a figure of so many inches."""
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": key}):
         figure = Figure((WIDTH, height), layout="constrained")
         FigureCanvasSVG(figure)
@@ -69,7 +71,7 @@ def plot(key: str, height: float, draw: Callable[[Figure], None]) -> str:
 
 
 def inline(text: str, key: str) -> str:
-    """An SVG file's element, as HTML takes it: without name spaces, its names within the page's."""
+    """An SVG file's element for HTML: without name spaces, `key` before its names."""
     text = text[text.index("<svg") :]
     text = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", text)
     text = re.sub(r'\bid="', f'id="{key}-', text)
@@ -115,8 +117,15 @@ def first_on_top(axes: Axes):
     axes.tick_params(axis="y", length=0)
 
 
+def plain_ticks(axis: Axis, steps: Sequence[float]):
+    """Few numbers on a logarithmic axis, as they are and not as powers of ten."""
+    axis.set_major_locator(LogLocator(subs=steps))
+    axis.set_major_formatter("{x:,g}")
+    axis.set_minor_locator(NullLocator())
+
+
 def mark(axes: Axes, value: float, text: str, dash: str = "--"):
-    """A line across bars at a value, with what it stands for above it."""
+    """A line across bars at a value, with its meaning above it."""
     axes.axvline(value, color=INK, linestyle=dash, linewidth=1)
     axes.annotate(
         text, (value, 1), xycoords=("data", "axes fraction"), xytext=(0, 3),
@@ -172,6 +181,6 @@ def overlap(one: Bbox, other: Bbox) -> float:
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int):
-    """What is what, under the plot."""
+    """The legend, under the plot."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)

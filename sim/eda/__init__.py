@@ -1,4 +1,4 @@
-"""What chip and FPGA tools need or tell: Verilog, gates, lint, placement, register map.
+"""For chip and FPGA tools and by them: Verilog, gates, lint, placement, register map.
 
 May import: spec, hdl, sim.common, sim.rtl.
 """

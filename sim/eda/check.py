@@ -1,4 +1,4 @@
-"""What must not be in a netlist: latches, combinational loops, several drivers, none at all."""
+"""Faults of a netlist: latches, combinational loops, wires of several drivers or of none."""
 
 import re
 from pathlib import Path
@@ -21,7 +21,7 @@ tee -o latches.txt select -list t:$dlatch t:$adlatch t:$dlatchsr t:$sr
 
 
 def faults_found(files: dict[str, str]) -> list[str]:
-    """What `CHECK` has found, in a line each; nothing in a sound netlist."""
+    """Faults that `CHECK` has found, a line each."""
     latches = [f"latch {name}" for name in files["latches.txt"].split()]
     return latches + re.findall(r"^Warning: (.*)", files["check.txt"], re.M)
 

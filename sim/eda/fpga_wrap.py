@@ -1,4 +1,4 @@
-"""What is around a part that is placed on an FPGA on its own; a rasterizer's lanes as a part."""
+"""Registers around a part that is placed on an FPGA on its own; a rasterizer's lanes as a part."""
 
 from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import wiring
@@ -89,17 +89,17 @@ class Lanes(wiring.Component):
                 name: member
                 for part in inner
                 for name, member in part.signature.members.items()
-                if name != "powers"
+                if name != "log2_alphas"
             }
         )
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.evaluate, m.submodules.blend = self.evaluate, self.blend
-        m.d.comb += self.blend.powers.eq(self.evaluate.powers)
+        m.d.comb += self.blend.log2_alphas.eq(self.evaluate.log2_alphas)
         for part in (self.evaluate, self.blend):
             for name, member in part.signature.members.items():
-                if name == "powers":
+                if name == "log2_alphas":
                     continue
                 inner, outer = getattr(part, name), getattr(self, name)
                 m.d.comb += inner.eq(outer) if member.flow == In else outer.eq(inner)

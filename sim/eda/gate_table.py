@@ -6,19 +6,11 @@ from itertools import groupby
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.hdl.stages import PAPER_ALL, PAPER_CONTROL, PAPER_GATES
 from splatcore.sim.common.output import console, messages, progress_bar
+from splatcore.sim.common.paper import GATES, GATES_ALL
 from splatcore.sim.eda.machine_gates import Size, examined, netlist, sizes, whole
 from splatcore.sim.eda.synth import DEPTH_MAX
 from splatcore.spec.config import Config
-
-PAPER = {
-    "stage 0": PAPER_GATES["cull"],
-    "stage 1": PAPER_GATES["project"],
-    "stage 2": PAPER_GATES["sort"],
-    "stage 3": PAPER_GATES["raster"],
-    "control": PAPER_CONTROL,
-}
 
 HEADINGS = ("count", "each", "all", "for speed", "depth", "paper")
 
@@ -37,10 +29,10 @@ def synthesise_machine(config: Config) -> dict:
         table.add_column(heading, justify="right")
     for stage, parts in groupby(found, key=lambda size: size.part.stage):
         parts = list(parts)
-        table.add_row(stage, *_row(parts, None, PAPER.get(stage)), style="bold")
+        table.add_row(stage, *_row(parts, None, GATES.get(stage)), style="bold")
         for size in parts:
             table.add_row(f"  {size.part.name}", *_row([size], size.count, None))
-    table.add_row("all", *_row(found, None, PAPER_ALL), style="bold")
+    table.add_row("all", *_row(found, None, GATES_ALL), style="bold")
     console.print(table)
     parted = sum(size.flip_flops_before for size in found)
     console.print(
@@ -52,7 +44,7 @@ def synthesise_machine(config: Config) -> dict:
     return {
         "nand2": sum(size.nand2 for size in found),
         "speed_nand2": sum(size.speed_nand2 for size in found),
-        "paper_nand2": PAPER_ALL,
+        "paper_nand2": GATES_ALL,
         "flip_flops_before": {"parts": parted, "whole": about["flip_flops_before"]},
         "faults": about["faults"],
         "parts": {size.part.name: _facts(size) for size in found},

@@ -5,6 +5,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
+from splatcore.sim.eda.macros import memory_size
+from splatcore.sim.eda.synth import Netlist
+
 MODULE = re.compile(r"^module (\S+)\n(.*?)^end\n", re.M | re.S)
 CELL = re.compile(r"^(  cell )(\\\S+)( (\S+))$", re.M)
 """A cell of a module; those of yosys itself have a $ where these have a backslash."""
@@ -20,16 +23,6 @@ class Instance:
 
     path: str
     module: str
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A part on its own. text: RTLIL with the top module `top`, in which parts that were cut out
-    are black boxes; memories: modules of the memories inside, one for each.
-    """
-
-    text: str
-    memories: tuple[str, ...]
 
 
 class Hierarchy:
@@ -54,8 +47,8 @@ class Hierarchy:
         for name, inner in self.cells.get(module, ()):
             yield from self.instances(inner, f"{path}.{name}" if path else name)
 
-    def piece(self, root: Instance, is_cut: Callable[[str], object]) -> Piece:
-        """What is inside of an instance, without the instances that are cut out.
+    def piece(self, root: Instance, is_cut: Callable[[str], object]) -> Netlist:
+        """The inside of an instance, without the instances that are cut out: these are black boxes.
 
         Modules have names by their order alone, so that equal pieces have equal texts.
         """
@@ -66,7 +59,7 @@ class Hierarchy:
             for name, inner in self.cells[instance.module]:
                 path = f"{instance.path}.{name}" if instance.path else name
                 if inner not in self.modules:
-                    memories.append(inner[1:])
+                    memories.append(memory_size(inner))
                 elif is_cut(path):
                     names[inner] = f"\\cut{len(names)}"
                     ports = "".join(PORT.findall(self.modules[inner]))
@@ -81,7 +74,7 @@ class Hierarchy:
             texts.append(f"module {names[instance.module]}\n{body}end\n")
 
         visit(root)
-        return Piece(_numbered("\n".join(texts)), tuple(memories))
+        return Netlist(_numbered("\n".join(texts)), tuple(memories))
 
 
 def _numbered(text: str) -> str:

@@ -1,5 +1,7 @@
 """On-chip memories as modules of their own, for macros to take their place."""
 
+import re
+
 from amaranth.hdl import ClockSignal, Instance, Module, Shape
 from amaranth.lib.memory import Memory
 
@@ -39,6 +41,12 @@ def memory_name(words: int, bits: int) -> str:
     return f"splatcore_memory_{words}x{bits}"
 
 
+def memory_size(module: str) -> tuple[int, int]:
+    """Words and bits of a memory by its module's name."""
+    words, bits = map(int, re.findall(r"\d+", module)[-2:])
+    return words, bits
+
+
 def _text(template: str, words: int, bits: int) -> str:
     address, data = (words - 1).bit_length() - 1, bits - 1
     ports = PORTS.format(address=address, data=data)
@@ -75,7 +83,7 @@ class Macros:
         return "".join(box(*size) for size in sorted(set(self.sizes)))
 
     def get_memory(self, memory: Memory):
-        """What stands for a memory; called by Amaranth."""
+        """The module that stands for a memory; called by Amaranth."""
         if any(port.domain == "comb" for port in memory.read_ports):
             return memory.elaborate(None)
         size = memory.depth, Shape.cast(memory.shape).width

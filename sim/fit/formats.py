@@ -170,7 +170,7 @@ class Search:
 
 
 def _buildable(config: Config) -> bool:
-    """Whether the hardware can be made of a machine's formats."""
+    """True if the hardware can be made of a machine's formats."""
     try:
         check_buildable(config)
     except InputError:

@@ -8,28 +8,19 @@ and in a merge's ways, to within a few percent: two small syntheses give the slo
 of the parts the rest.
 """
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-from amaranth.back import rtlil
-from amaranth.lib import wiring
-
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.stages import PRIMITIVES, STAGES, Build
-from splatcore.sim.eda.hierarchy import Piece
-from splatcore.sim.eda.machine_gates import kept
-from splatcore.sim.eda.macros import Macros
-from splatcore.sim.eda.synth import SCRIPT, TRANSISTORS_PER_NAND2, yosys
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.sim.eda.synth import area
+from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.number import Float
 from splatcore.spec.raster import block_count
 from splatcore.spec.schedule import PES
-
-AREA = SCRIPT[: SCRIPT.index("tee -o area.path")]
-"""The first of `sim.eda.synth`'s two mappings."""
+from splatcore.spec.stages import HALVES
 
 SMALL_ENTRIES = 16
 """Entries of a sub-sorter that is synthesised for its slope, and of one twice as large."""
@@ -38,22 +29,8 @@ FEW_BLOCKS = 4
 """Blocks in the memories of lanes that are synthesised for their slope: a lane does not care."""
 
 
-def synthesised(component: wiring.Component) -> float:
-    """NAND2-equivalents of a part; synthesised unless they are known."""
-    macros = Macros()
-    text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
-
-    def compute(text: str, library: str) -> dict[str, float]:
-        stat = yosys(AREA, {"top.il": text, "macros.v": library})["area.stat"]
-        transistors = int(re.search(r"Estimated number of transistors:\s+(\d+)", stat)[1])
-        return {"nand2": transistors / TRANSISTORS_PER_NAND2}
-
-    piece = Piece(text, tuple(f"{words} {bits}" for words, bits in macros.sizes))
-    return kept(compute, (AREA,), piece)["nand2"]
-
-
 PARTS: dict[str, tuple[Build, Callable[[Config], int]]] = {
-    **{name: (STAGES[name], lambda _: 1) for name in ("chunk", "cull", "place", "project", "bin")},
+    **{name: (STAGES[name], lambda _: 1) for name in HALVES["preprocessing"]},
     "sub_sorter": (PRIMITIVES["sub_sorter"], lambda config: config.sub_sorters),
     **{name: (PRIMITIVES[name], lambda _: 1) for name in ("merge", "prepare", "setup", "mark")},
     "evaluate": (PRIMITIVES["evaluate"], lambda config: config.rasterizers),
@@ -76,7 +53,7 @@ def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
     found, first = {}, 0.0
     for name, (build, count) in PARTS.items():
         tell(name)
-        one = synthesised(build(config))
+        one = area(build(config))
         found[name] = (one - first if name == "lanes" else one) * count(config)
         first = one
     return found
@@ -84,25 +61,17 @@ def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
 
 @cache
 def _lane(config: Config) -> float:
-    """What a lane takes."""
-    one, two = (synthesised(Blend(config, FEW_BLOCKS, lanes)) for lanes in (1, 2))
+    """NAND2-equivalents of a lane."""
+    one, two = (area(Blend(config, FEW_BLOCKS, lanes)) for lanes in (1, 2))
     return two - one
 
 
-def _pe(config: Config) -> float:
-    return synthesised(PRIMITIVES["multiply_add"](config))
-
-
-def _evaluate(config: Config) -> float:
-    return synthesised(PRIMITIVES["evaluate"](config))
-
-
-def _mark(config: Config) -> float:
-    return synthesised(PRIMITIVES["mark"](config))
+def _primitive(name: str) -> Callable[[Config], float]:
+    return lambda config: area(PRIMITIVES[name](config))
 
 
 def _small_sorter(config: Config) -> float:
-    return synthesised(PRIMITIVES["sub_sorter"](replace(config, sub_sorter_entries=SMALL_ENTRIES)))
+    return area(PRIMITIVES["sub_sorter"](replace(config, sub_sorter_entries=SMALL_ENTRIES)))
 
 
 def all_lanes(config: Config) -> int:
@@ -121,21 +90,17 @@ def all_entries(config: Config) -> float:
 
 
 Share = tuple[Callable[[Config], float], Callable[[Config], float]]
-LANE: Share = (_lane, all_lanes)
-EVALUATE: Share = (_evaluate, lambda config: config.rasterizers)
+
+OF_RASTER: dict[str, Share] = {
+    "lane": (_lane, all_lanes),
+    "evaluate": (_primitive("evaluate"), lambda config: config.rasterizers),
+    "mark": (_primitive("mark"), lambda _: 1),
+}
 
 SHARES: dict[str, tuple[Share, ...]] = {
-    "arithmetic": ((_pe, all_pes),),
+    "arithmetic": ((_primitive("multiply_add"), all_pes),),
     "sort_digits": ((_small_sorter, all_entries),),
-    "exponent_fraction": (EVALUATE, (_mark, lambda _: 1)),
-    "pixel_fraction": (EVALUATE,),
-    "power_fraction": (LANE, EVALUATE),
-    "power_mantissa": (LANE,),
-    "transmittance": (LANE,),
-    "weight": (LANE,),
-    "colour_fraction": (LANE,),
-    "sum_fraction": (LANE,),
-}
+} | {field: tuple(OF_RASTER[part] for part in format.parts) for field, format in FORMATS.items()}
 """By format: the parts that most of its bits' gates are in, and how many a machine has."""
 
 
@@ -153,7 +118,7 @@ def with_bits(config: Config, field: str, bits: int) -> Config:
 
 
 def bits_of(config: Config, field: str) -> int:
-    """What `with_bits` sets."""
+    """Bits of a format, as `with_bits` sets them."""
     if field == "sort_digits":
         return config.sort_key_bits
     return config.arithmetic.fraction if field == "arithmetic" else getattr(config, field)
@@ -179,7 +144,7 @@ def bit_gates(config: Config, field: str) -> float:
 @cache
 def _line(name: str, field: str, values: tuple[int, int]) -> tuple[float, float]:
     """A part's size at 0 of a field, and what each more takes."""
-    low, high = (synthesised(PRIMITIVES[name](replace(DEFAULT, **{field: v}))) for v in values)
+    low, high = (area(PRIMITIVES[name](replace(DEFAULT, **{field: v}))) for v in values)
     slope = (high - low) / (values[1] - values[0])
     return low - slope * values[0], slope
 

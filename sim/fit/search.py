@@ -14,11 +14,11 @@ from splatcore.sim.fit.formats import SEARCHED, Search, decibels, wider
 from splatcore.sim.fit.gates import SHARES, bits_of
 from splatcore.sim.fit.sizes import SIZES, Missed, Speed, budget, smaller
 from splatcore.sim.fit.views import View
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.config import DEFAULT, FORMATS, Config
 
 Tell = Callable[[str], None]
 
-OF_WORK = ("transmittance", "power_mantissa")
+OF_WORK = tuple(field for field, format in FORMATS.items() if format.in_work)
 """Formats with which pixels end later or sooner, and so the work changes."""
 
 
@@ -38,7 +38,7 @@ class Fit:
     search: Search | None = None  # of formats
 
     def cycles(self, view: str) -> Cycles:
-        """What a view's frame takes."""
+        """Cycles of a view's frame."""
         return self.speed.cycles(self.config, view)
 
     def fps(self, view: str) -> float:
@@ -154,7 +154,7 @@ def knobs(found: Fit) -> list[Knob]:
 
 
 def speed_reason(found: Fit, name: str, half: str) -> str:
-    """How much time is left, and what less would take."""
+    """Reason for a size: the time left, and what less would take."""
     view, cycles = found.speed.slowest(found.config, half)
     text = f"{half} of {view} takes {millions(cycles)} of {millions(found.most)}"
     less = smaller(found.config, name)
@@ -166,7 +166,7 @@ def speed_reason(found: Fit, name: str, half: str) -> str:
 
 
 def format_reason(found: Fit, name: str) -> str:
-    """What a bit less would cost."""
+    """Reason for a format: the decibels left with a bit less."""
     if found.search is None:
         return "as DEFAULT: no --psnr"
     if name not in found.search.fields:

@@ -19,6 +19,7 @@ from splatcore.sim.fit.gates import sort_gates
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import PES_MIN
+from splatcore.spec.stages import HALVES
 
 # Components are made to ask them, and never elaborated.
 warnings.filterwarnings("ignore", category=UnusedElaboratable)
@@ -38,11 +39,6 @@ SORTERS = (1, 2, 3, 4, 6, 8)
 ENTRIES = (16, 32, 64, 128, 256)
 WAYS = (2, 4, 8, 16)
 """Values that are tried, the smallest first."""
-
-STAGES = {
-    "preprocessing": ("chunk", "cull", "place", "project", "bin"), "rendering": ("sort", "raster"),
-}  # fmt: skip
-"""Stages of each half."""
 
 
 def budget(fps: float) -> int:
@@ -80,7 +76,7 @@ class Speed:
         return view, times[view]
 
     def fits(self, config: Config, half: str, most: int) -> bool:
-        """Whether all views are done in time; the one that failed last is asked first."""
+        """True if all views are done in time; the one that failed last is asked first."""
         if not _buildable(config):
             return False
         for view in list(self.frames):
@@ -104,7 +100,7 @@ class Speed:
         if not self.fits(choices[-1], half, most):
             view, cycles = self.slowest(choices[-1], half)
             stages = asdict(self.cycles(choices[-1], view))
-            stage = max(STAGES[half], key=stages.get)
+            stage = max(HALVES[half], key=stages.get)
             raise Missed(half, stage, view, cycles)
         low, high = 0, len(choices) - 1  # choices[high] fits, nothing below low does
         while low < high:
@@ -140,7 +136,7 @@ def points(config: Config) -> list[Config]:
 
 @cache
 def _buildable(config: Config) -> bool:
-    """Whether the schedule suits the codebook: it does not with very few PEs."""
+    """True if the schedule suits the codebook: it does not with very few PEs."""
     try:
         Project(config)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What `splatcore fit` fits a machine to: a packed model seen by some cameras."""
+"""Views that `splatcore fit` fits a machine to: a packed model seen by some cameras."""
 
 import os
 from collections.abc import Callable
@@ -15,15 +15,12 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.source import Source, open_camera
 from splatcore.spec.camera import Camera
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
 from splatcore.spec.packed import PackedModel
 
-OF_RASTER = (
-    "exponent_fraction", "pixel_fraction", "power_fraction", "power_mantissa", "transmittance",
-    "weight", "sum_fraction",
-)  # fmt: skip
+OF_RASTER = [field for field, format in FORMATS.items() if not format.in_features]
 """Fields that change nothing in front of stage 3."""
 
 
@@ -50,7 +47,7 @@ def open_cameras(
 class View:
     """A model as a camera sees it, by a name of its own.
 
-    exact: the reference's picture [H, W, 3], 0 … 1. base: a frame of the twins, from which those of
+    exact: the reference's picture [H, W, 3], 0 … 1. base: a golden frame, from which those of
     machines follow that are another one in stage 3 only.
     """
 
@@ -69,12 +66,12 @@ class View:
         return View(self.name, self.model, self.camera.resized(width, height))
 
     def frame(self, config: Config) -> Frame:
-        """The twins' frame, without the points' numbers: what is left tells how much work it is."""
+        """The golden frame, without the points' numbers: what is left tells how much work it is."""
         found = render(config, self.model, self.camera)
         return replace(found, points=replace(found.points, projected={}))
 
     def pixels(self, config: Config) -> np.ndarray:
-        """The twins' picture [H, W, 3]."""
+        """The golden model's picture [H, W, 3]."""
         if self.base is None:
             self.base = config, self.frame(config)
         known, frame = self.base

@@ -1,4 +1,4 @@
-"""Where models, work areas, scratch memory and images lie in the simulated memory."""
+"""The simulated memory: places of models, work areas, scratch memory and images."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,9 +103,7 @@ def place_areas(
     registers |= {"WORK_AREA": found[1][0] - found[0][0], "LISTS_PAGES": pages}
     registers |= {"FEATURES_MAX": features, "SCRATCH": scratch[0], "SCRATCH_ENTRIES": entries}
     registers |= {"SCRATCH_AREA": scratch[1] - scratch[0]}
-    return Areas(
-        starts, pages, features, entries, registers, images, tuple(regions), place - GAP
-    )  # fmt: skip
+    return Areas(starts, pages, features, entries, registers, images, tuple(regions), place - GAP)
 
 
 def make_memory(folder: Path, areas: Areas, models: list[PackedModel], seed: int = 0) -> None:

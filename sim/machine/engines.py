@@ -47,7 +47,7 @@ def background_codes(config: Config, background: tuple[float, float, float]) -> 
 
 
 def golden(config: Config, job: Job) -> pipeline.Frame:
-    """The twin's frame."""
+    """The golden model's frame."""
     with progress_bar("rendering by the golden model"):
         return pipeline.render(config, *job)
 

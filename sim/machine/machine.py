@@ -37,9 +37,10 @@ from splatcore.spec.registers import (
     ErrorCode,
     camera_values,
 )
+from splatcore.spec.stages import BLOCKS
 from splatcore.spec.work import PIXEL, stride
 
-FIRST_HALF = ("preprocessing", "points", "bin")
+FIRST_HALF = ("preprocessing", *BLOCKS["preprocessing"])
 """Stages whose counters belong to a frame until the next one is started."""
 
 STATE = ("STATUS", "ERROR", "STARTED", "FINISHED", "NEEDED")
@@ -82,7 +83,7 @@ class Rendered:
 
 @dataclass
 class Run:
-    """What a run has brought. error: the machine's own; state: last values of `STATE`; memory:
+    """Results of a run. error: the machine's own; state: last values of `STATE`; memory:
     bytes as they are at the end, which `areas` explains.
     """
 
@@ -100,7 +101,7 @@ class Run:
 
     @property
     def why(self) -> str:
-        """How the run ended, in words."""
+        """The run's end, in words."""
         if self.error == ErrorCode.NONE:
             return self.report.why
         return f"{self.report.why}: ERROR {self.error.name}, detail {self.detail}"
@@ -214,7 +215,7 @@ def machine_source(config: Config) -> str:
 
 
 def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int) -> dict[str, int]:
-    """What a frame's registers are set to."""
+    """Values of the registers of a frame."""
     camera, model_of = job.camera, job.model.value
     frame = frame_constants(
         config, camera, model_of("position_exponent"), model_of("factor_exponent")
@@ -240,7 +241,7 @@ def counter_names(config: Config, first: bool) -> list[str]:
 def host_script(
     config: Config, jobs: list[Job], models: list[PackedModel], areas: Areas
 ) -> tuple[Script, list[dict[str, int]], dict[str, int]]:
-    """What a driver does; for each frame the commands by what they tell, and the last part's."""
+    """A driver's script; for each frame the commands by what they tell, and the last part's."""
     script, marks = Script(config), [{} for _ in jobs]
     places = {id(model): k for k, model in enumerate(models)}
 

@@ -1,10 +1,11 @@
 """A path of cameras, and machines that render it behind a progress bar."""
 
 import time
-from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from splatcore.model.cameras.orbit import moved
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.script import TIMINGS, Timing
@@ -24,15 +25,8 @@ def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
     """
     axis, forward = camera.rotation[1], camera.rotation[2]
     target = camera.position + forward * _depth(camera, points)
-    cameras = []
-    for k in range(frames):
-        turn = _rotation(axis, k * STEP)
-        rotation = camera.rotation @ turn.T
-        position = target + turn @ (camera.position - target)
-        cameras.append(
-            replace(camera, rotation=rotation, translation=-rotation @ position) if k else camera
-        )
-    return cameras
+    turns = (Rotation.from_rotvec(k * STEP * axis).as_matrix() for k in range(1, frames))
+    return [camera, *(moved(camera, target, turn, 1.0) for turn in turns)]
 
 
 def _depth(camera: Camera, points: np.ndarray) -> float:
@@ -41,13 +35,6 @@ def _depth(camera: Camera, points: np.ndarray) -> float:
     across, down = camera.tan_half_fov
     seen = (z > NEAR_PLANE) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
     return float(np.median(z[seen])) if seen.any() else 1.0
-
-
-def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
-    """The matrix [3, 3] that turns around a unit vector (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def check_fits(config: Config, camera: Camera):

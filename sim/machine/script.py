@@ -1,4 +1,4 @@
-"""What the simulated host does, command by command, and what came of it."""
+"""The script of the simulated host, command by command, and the report of its run."""
 
 import subprocess
 from collections.abc import Callable, Mapping
@@ -34,7 +34,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Timing:
-    """How memory behaves (`sim.machine.memory`).
+    """Behaviour of memory (`memory.hpp`).
 
     latency: cycles from a request to its first beat. bandwidth: bytes a cycle, shared by reads and
     writes; 0 for any number. granule: bytes that an access moves at least. outstanding: requests of
@@ -93,7 +93,7 @@ class Region:
 
 
 class Memory(Protocol):
-    """What `execute` needs to know of memory. base: the address of its first byte."""
+    """Facts of memory that `execute` needs. base: the address of its first byte."""
 
     base: int
     regions: tuple[Region, ...]
@@ -136,13 +136,13 @@ class Script:
         return self._add(f"save {address} {size} {file}")
 
     def last_part(self) -> int:
-        """What follows is done in any case, after an error too."""
+        """All that follows is done in any case, after an error too."""
         return self._add("finally")
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a command. cycle: when it was through; response: of AXI4-Lite."""
+    """Answer to a command. cycle: when it was through; response: of AXI4-Lite."""
 
     cycle: int
     value: int
@@ -172,7 +172,7 @@ class Report:
 
     @property
     def done(self) -> bool:
-        """Whether the script came to its end without an error."""
+        """True if the script came to its end without an error."""
         return self.result == "done"
 
     @property
@@ -191,7 +191,7 @@ class Report:
 
 
 def read_report(path: Path) -> Report:
-    """What the program has written down."""
+    """The report that the program has written."""
     report, readers, writers = Report(), list(READERS), list(WRITERS)
     for line in path.read_text().splitlines():
         kind, *rest = line.split()
@@ -231,7 +231,6 @@ def execute(
     progress: Callable[[int, int], None] | None = None,
     idle_max: int = IDLE_MAX,
     cycles_max: int = CYCLES_MAX,
-    mutant: int = 0,
     settings: Mapping[str, str] | None = None,
 ) -> Report:
     """Run a script on the memory file of a folder.
@@ -246,9 +245,8 @@ def execute(
     lines += [f"{name} {value}" for name, value in (settings or {}).items()]
     (folder / "settings").write_text("\n".join(lines) + "\n")
     (folder / "script").write_text("\n".join(script.lines) + "\n")
-    command = [program, str(folder), f"+mutant={mutant}"]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [program, str(folder)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as run:
         try:
             log = []

@@ -27,9 +27,11 @@ SCOPES = (3, 4)
 
 @dataclass(frozen=True)
 class Window:
-    """What is recorded: cycles, or frame 0's group of a tile, from the reading of its list to the
-    last of its pixels. list_offset: where its list begins in list memory, or its place in the
-    table of groups if it has none; rectangle: x0, x1, y0, y1 of the group's pixels.
+    """The part of a run that is recorded: cycles, or frame 0's group of a tile, from the reading of
+    its list to the last of its pixels.
+
+    offset: where its list begins in list memory (in_lists), or its place in the table of groups if
+    it has none. rectangle: x0, x1, y0, y1 of the group's pixels.
     """
 
     cycles: tuple[int, int] | None = None
@@ -39,19 +41,19 @@ class Window:
     rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     @classmethod
-    def of(cls, config: Config, window: str | None, tile: str | None, twin: Frame) -> "Window":
-        """What --window or --tile says; InputError for what does not exist."""
+    def of(cls, config: Config, window: str | None, tile: str | None, golden: Frame) -> "Window":
+        """The window of --window or --tile; InputError for what does not exist."""
         if window:
             first, last = _two(window, "--window", ":")
             if not 0 <= first <= last:
                 raise InputError(f"--window {window}: ends before it begins")
             return cls((first, last))
         column, row = _two(tile, "--tile", ",")
-        height, width = twin.pixels.shape[:2]
+        height, width = golden.pixels.shape[:2]
         if not (0 <= column * TILE < width and 0 <= row * TILE < height):
             raise InputError(f"--tile {tile}: is not within the image of {width}x{height}")
-        group, _ = place_in_group(config, twin, (column, row))
-        side, lists = group_pixels(config), twin.binned.lists
+        group, _ = place_in_group(config, golden, (column, row))
+        side, lists = group_pixels(config), golden.binned.lists
         y, x = (k * side for k in divmod(group, group_grid(config, width, height)[1]))
         rectangle = x, min(x + side, width), y, min(y + side, height)
         if lists.count[group]:

@@ -1,9 +1,9 @@
-"""What frames switch in RTL simulation: changes of each part's nets, accesses of each memory.
+"""Switching of frames in RTL simulation: changes of each part's nets, accesses of each memory.
 
 Two frames of a view are simulated from memory to pixels, so that both halves are at work at once.
-What is counted is a frame's time: from where the first one's tiles can be rendered until the second
-one's can, while that one's points were made. Nets are looked at once a cycle, when all has settled:
-what gates switch in between (hazards) is left out. Long frames are sampled in windows.
+Counted is a frame's time: from where the first one's tiles can be rendered until the second one's
+can, while that one's points were made. Nets are looked at once a cycle, when all has settled: what
+gates switch in between (hazards) is left out. Long frames are sampled in windows.
 """
 
 import hashlib
@@ -74,7 +74,7 @@ class Accesses:
 
 @dataclass(frozen=True)
 class Counts:
-    """What a frame switches. parts: by name, as in `sim.eda.machine_gates.PARTS`.
+    """Switching of a frame. parts: by name, as in `sim.eda.machine_gates.PARTS`.
     cycles: of a frame.
     sample_every: one in so many windows was looked at; counted: cycles of these. simulated: cycles
     of the run. traffic: bytes by cause.
@@ -174,12 +174,12 @@ def run_counts(config: Config, run: Run, path: Path, sample_every: int) -> Count
 
 def sampled(config: Config, job: Job) -> tuple[np.ndarray, int]:
     """The golden model's picture of a frame, and one in how many windows is to be looked at."""
-    twin = golden(config, job)
-    return twin.pixels, max(1, round(frame_cycles(config, twin).frame / COUNTED))
+    frame = golden(config, job)
+    return frame.pixels, max(1, round(frame_cycles(config, frame).frame / COUNTED))
 
 
 def counts_of(config: Config, job: Job, sample_every: int | None, label: str) -> Counts:
-    """What a frame of a view switches, with LPDDR4 behind the machine; kept in `BUILD`.
+    """Switching of a frame of a view, with LPDDR4 behind the machine; kept in `BUILD`.
 
     sample_every: looks at one in so many windows; by itself at about `COUNTED` cycles. InputError
     if the machine does not come to its end or its picture is not the golden model's.

@@ -9,8 +9,8 @@ memories take energy when they are read or written only.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import astuple, dataclass
+from typing import Any, NamedTuple
 
 from splatcore.sim.eda.machine_gates import PARTS, Size
 from splatcore.sim.power.activity import Counts
@@ -22,26 +22,6 @@ FEMTO, PICO, NANO = 1e-15, 1e-12, 1e-9
 STAGE_OF = {part.name: part.stage for part in PARTS}
 
 STAGES = tuple(dict.fromkeys(STAGE_OF.values()))
-
-PAPER_LOGIC = {
-    "stage 0": (12_900, 2.14e-3),
-    "stage 1": (71_600, 6.66e-3),
-    "stage 2": (761_400, 102.88e-3),
-    "stage 3": (88_900, 8.92e-3),
-    "control": (208_900, 19.78e-3),
-}
-"""NAND2-equivalents and W of the paper's table of gate count, area and power."""
-
-PAPER_MEMORY = {
-    "stage 1": ("codebook", 5.43e-3),
-    "stage 2": ("sorting", 42.74e-3),
-    "stage 3": ("feature", 15.15e-3),
-    "control": ("view, process", 15.72e-3),
-}
-"""Its memories; it does not say whose the view and process memories are."""
-
-PAPER_ALL = 219.41e-3
-"""W of all of it, as its text says; the table's lines sum up to 0.01 mW more."""
 
 
 class Gates(NamedTuple):
@@ -94,20 +74,17 @@ class Estimate:
     @property
     def stages(self) -> dict[str, Logic]:
         """Logic by stage; a stage's activity is that of its mean NAND2."""
-        found = {
-            stage: [logic for name, logic in self.logic.items() if STAGE_OF[name] == stage]
-            for stage in STAGES
-        }
-        return {stage: sum_of(parts) for stage, parts in found.items() if parts}
+        stages = by_stage((STAGE_OF[name], logic) for name, logic in self.logic.items())
+        return {stage: sum_of(parts) for stage, parts in stages.items()}
 
     @property
     def stage_memories(self) -> dict[str, Memory]:
         """Memories by stage."""
-        found = {
-            stage: [memory for (_, whose), memory in self.memories.items() if whose == stage]
-            for stage in STAGES
+        stages = by_stage((stage, memory) for (_, stage), memory in self.memories.items())
+        return {
+            stage: Memory(*map(sum, zip(*map(astuple, memories), strict=True)))
+            for stage, memories in stages.items()
         }
-        return {stage: _memories(memories) for stage, memories in found.items() if memories}
 
     @property
     def frame(self) -> float:
@@ -136,13 +113,21 @@ class Estimate:
         return self.pixels / (self.power(fps) / fps + dram)
 
 
+def by_stage(found: Iterable[tuple[str, Any]]) -> dict[str, list]:
+    """Items of each stage, in the order of `STAGES`."""
+    stages = {stage: [] for stage in STAGES}
+    for stage, item in found:
+        stages[stage].append(item)
+    return {stage: items for stage, items in stages.items() if items}
+
+
 def gates_of(sizes: Iterable[Size]) -> dict[str, Gates]:
     """Parts' sizes as synthesis has found them, mapped for area."""
     return {size.part.name: Gates(size.nand2, size.flip_flops) for size in sizes}
 
 
 def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimate:
-    """What a frame takes. gates: by part, as many as `counts` has."""
+    """Energy and leakage of a frame. gates: by part, as many as `counts` has."""
     if set(gates) != set(counts.parts):
         raise ValueError(f"sizes and counts of other parts: {set(gates) ^ set(counts.parts)}")
     logic = {}
@@ -178,9 +163,3 @@ def sum_of(parts: list[Logic]) -> Logic:
         sum(part.clock for part in parts),
         sum(part.leakage for part in parts),
     )
-
-
-def _memories(memories: list[Memory]) -> Memory:
-    """Memories together."""
-    names = ("kilobits", "reads", "writes", "access", "leakage")
-    return Memory(*(sum(getattr(memory, name) for memory in memories) for name in names))

@@ -1,4 +1,4 @@
-"""Reading SAIF files (IEEE 1801-2018, annex I): how often nets change, and how long each is 1."""
+"""Reading SAIF files (IEEE 1801-2018, annex I): changes of each net, and the time it is 0 and 1."""
 
 import re
 from collections.abc import Iterator
@@ -13,8 +13,8 @@ DURATION = re.compile(r"\s*\(DURATION (\d+)\)")
 
 
 class Net(NamedTuple):
-    """A bit of a net. path: instances that it is in, from the outermost on; low, high: how long it
-    was 0 and 1; changes: how often it rose or fell.
+    """A bit of a net. path: instances that it is in, from the outermost on; low, high: time that
+    it was 0 and 1; changes: times that it rose or fell.
     """
 
     path: tuple[str, ...]
@@ -25,7 +25,7 @@ class Net(NamedTuple):
 
 
 def duration(path: Path) -> int:
-    """How long a file counted, in its own unit of time. InputError if it does not say."""
+    """Time that a file counted, in its own unit. InputError if it does not say."""
     with open(path) as file:
         found = next(filter(None, map(DURATION.match, file)), None)
     if found is None:

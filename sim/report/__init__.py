@@ -1,4 +1,4 @@
 """One page of all results, a file for each section.
 
-May import: spec, model, hdl, sim.bench, sim.common, sim.eda, sim.power.
+May import: spec, model, sim.bench, sim.common, sim.eda.
 """

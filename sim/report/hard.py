@@ -1,5 +1,6 @@
 """The report's section of hard cases: three machines, the bound, and the contact sheet."""
 
+import base64
 import io
 from collections.abc import Iterator
 
@@ -7,7 +8,7 @@ from PIL import Image, UnidentifiedImageError
 
 from splatcore.sim.bench.hard_cases import SHEET
 from splatcore.sim.common.metric import LEVELS
-from splatcore.sim.report.page import Card, Column, Figure, Item, Table, png_uri
+from splatcore.sim.report.page import Card, Column, Figure, Item, Table
 from splatcore.sim.report.results import Facts, Results
 from splatcore.spec.error import InputError
 
@@ -42,16 +43,14 @@ def cases(results: Results) -> Iterator[Item]:
         "packed model; none: equal pictures, or a case that the machine does not take. In RTL the "
         "picture must also be the golden model's, every bit of it. Largest errors are those of "
         "the 8-bit pictures.",
-        columns,
-        list(rows(found)),
-        SOURCES,
-    )
+        columns, list(rows(found)), SOURCES,
+    )  # fmt: skip
     for machine, facts in found.items():
         passed = sum(case["passed"] for case in facts["cases"].values())
         if not machine.startswith("PAPER"):
             yield Card(
                 "How exact", f"{passed} of {len(facts['cases'])}",
-                f"hard cases meet their bound ({machine})", "hard",
+                f"hard cases meet their bound ({machine})",
             )  # fmt: skip
 
 
@@ -85,7 +84,7 @@ def sheet(results: Results) -> Iterator[Item]:
         "hard-cases",
         "Each case as the golden model renders it, with the map of its errors on the right.",
         "Contact sheet of the hard cases.",
-        uri=png_uri(data),
+        uri="data:image/png;base64," + base64.b64encode(data).decode(),
         sources=("hard",),
     )
 

@@ -3,9 +3,8 @@
 import shlex
 from collections.abc import Iterator
 
-from splatcore.sim.report.page import Column, Item, Table, Text
-from splatcore.sim.report.results import PROGRAM, Facts, Results, read
-from splatcore.sim.report.scenes import MILLION
+from splatcore.sim.report.page import MILLION, Column, Item, Table, Text
+from splatcore.sim.report.results import Facts, Results, read
 from splatcore.spec.error import InputError
 
 
@@ -52,10 +51,10 @@ def fitted(results: Results) -> Iterator[Item]:
     place = results.folder / "fit"
     paths = sorted(place.glob("*.json"))
     if not paths:
-        yield Text((
-            f"There is none in {place}. One is made by: {PROGRAM} fit SCENE --fps F -o "
-            f"{place}/NAME.toml --json {place}/NAME.json",
-        ))  # fmt: skip
+        yield Text(
+            f"There is none in {place}. One is made by: splatcore fit SCENE --fps F -o "
+            f"{place}/NAME.toml --json {place}/NAME.json"
+        )
         return
     knobs, views, commands = [], [], []
     for path in paths:
@@ -63,7 +62,7 @@ def fitted(results: Results) -> Iterator[Item]:
             facts = read(path)
             psnr = facts["psnr_db"]
             asked = f"{facts['scene']}, {facts['fps']:g} FPS" + (f", {psnr:g} dB" if psnr else "")
-            words = [PROGRAM, "fit", facts["scene"], "--fps", f"{facts['fps']:g}"]
+            words = ["splatcore", "fit", facts["scene"], "--fps", f"{facts['fps']:g}"]
             words += ["--psnr", f"{psnr:g}"] if psnr else []
             words += ["-o", str(path.with_suffix(".toml")), "--json", str(path)]
             knobs += [

@@ -1,14 +1,16 @@
-"""What a report consists of, and how it is written: one HTML page, one JSON object, CSV tables."""
+"""A report's tables, figures and texts, written as an HTML page, a JSON object and CSV tables."""
 
-import base64
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
+from matplotlib.figure import Figure as Canvas
+
+from splatcore.sim.common.plot import plot
 
 TEMPLATE = "report.html.jinja"
 
@@ -19,13 +21,15 @@ LONG_TABLE = 28
 """Rows of a table that may be broken over pages in print."""
 
 QUESTIONS = ("How fast", "How exact", "How large", "What each idea buys")
-"""What the page answers, at its top."""
+"""Headings of the summary at the top of the page."""
+
+THOUSAND, MILLION = 1e3, 1e6
 
 
 @dataclass(frozen=True)
 class Column:
-    """Of a table. digits: behind the point, None for text; none: what stands for no value; wide:
-    whether its texts are long.
+    """A table's column. digits: behind the point, None for text; none: stands for no value; wide:
+    has long texts.
     """
 
     name: str
@@ -57,7 +61,7 @@ class Column:
 
 @dataclass
 class Table:
-    """Rows of values, as many as columns. key: its file's name; sources: results it is made of;
+    """Rows of as many values as columns. key: its file's name; sources: results it is made of;
     strong: rows that sum up or stand out.
     """
 
@@ -70,7 +74,7 @@ class Table:
     commands: list[str] = field(default_factory=list)
 
     def cells(self) -> list[list[str]]:
-        """All of it as printed."""
+        """All cells as printed."""
         return [
             [column.cell(value) for column, value in zip(self.columns, row, strict=True)]
             for row in self.rows
@@ -78,11 +82,12 @@ class Table:
 
     def facts(self) -> dict:
         """For the JSON file."""
-        columns = [column.heading for column in self.columns]
-        rows = [list(row) for row in self.rows]
-        return {"caption": self.caption, "commands": self.commands} | {
-            "columns": columns, "rows": rows
-        }  # fmt: skip
+        return {
+            "caption": self.caption,
+            "commands": self.commands,
+            "columns": [column.heading for column in self.columns],
+            "rows": [list(row) for row in self.rows],
+        }
 
     def comma_separated(self) -> str:
         """For a CSV file: the JSON file's values; nothing for none."""
@@ -95,7 +100,7 @@ class Table:
 
 @dataclass
 class Figure:
-    """A plot (SVG) or a picture (data URI), and what it shows for those who do not see it."""
+    """A plot (SVG) or a picture (data URI). about: describes it for those who do not see it."""
 
     key: str
     caption: str
@@ -111,18 +116,23 @@ class Figure:
         return Markup(self.svg)
 
 
+def plotted(
+    key: str, caption: str, about: str, height: float, draw: Callable[[Canvas], None], source: str
+) -> Figure:
+    """A figure of what `draw` draws on a canvas of so many inches, from one result."""
+    return Figure(key, caption, about, plot(key, height, draw), sources=(source,))
+
+
 @dataclass
 class Text:
-    """Paragraphs, with a heading if there is one."""
+    """A paragraph."""
 
-    paragraphs: Sequence[str]
-    heading: str = ""
-    points: Sequence[str] = ()
+    text: str
 
 
 @dataclass
 class Card:
-    """A number at the top of the page that answers one of `QUESTIONS`."""
+    """A number at the top of the page that answers one of `QUESTIONS`; section: its name."""
 
     question: str
     value: str
@@ -135,7 +145,7 @@ Item = Table | Figure | Text | Card
 
 @dataclass
 class Part:
-    """A section of the page as it has come out. problems: what it lacks."""
+    """A section of the page with its content. problems: lines about what it lacks."""
 
     name: str
     title: str
@@ -149,21 +159,14 @@ class Part:
 
 
 def kind_of(item: Item) -> str:
-    """A word for what an item is."""
+    """An item's kind: table, figure, text or card."""
     return type(item).__name__.lower()
-
-
-def png_uri(data: bytes) -> str:
-    """A PNG as a data URI."""
-    return "data:image/png;base64," + base64.b64encode(data).decode()
 
 
 def html(parts: list[Part]) -> str:
     """The whole page."""
     loader = PackageLoader("splatcore.sim.report", package_path="")
-    environment = Environment(
-        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )  # fmt: skip
+    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.tests["kind"] = lambda item, kind: kind_of(item) == kind
     cards = [card for part in parts for card in part.shown("card")]
     asked = {q: [card for card in cards if card.question == q] for q in QUESTIONS}
@@ -177,7 +180,7 @@ def html(parts: list[Part]) -> str:
 
 
 def numbers(parts: list[Part]) -> dict[str, str]:
-    """What each table and figure is called, by its key: counted through the page."""
+    """Names of tables and figures by key: counted through the page."""
     found = {}
     for kind in ("table", "figure"):
         items = [item for part in parts for item in part.shown(kind)]

@@ -1,22 +1,27 @@
 """The paper's tables with ours beside them: operations of stage 1, gates, memories."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
 from matplotlib.figure import Figure as Canvas
 
-from splatcore.hdl.stages import PAPER_ALL, PAPER_MEMORIES
-from splatcore.sim.common.paper import OPERATIONS, PES, PES_BUSY, PES_DENSE
-from splatcore.sim.common.plot import legend_below, plot, side_by_side
-from splatcore.sim.eda.gate_table import PAPER as PAPER_STAGES
+from splatcore.sim.common.paper import (
+    GATES,
+    GATES_ALL,
+    MEMORIES,
+    OPERATIONS,
+    PES,
+    PES_BUSY,
+    PES_DENSE,
+)
+from splatcore.sim.common.plot import legend_below, side_by_side
 from splatcore.sim.eda.synth import DEPTH_MAX
-from splatcore.sim.report.page import Card, Column, Figure, Item, Table
+from splatcore.sim.report.page import THOUSAND, Card, Column, Item, Table, plotted
 from splatcore.sim.report.results import Facts, Results
-from splatcore.spec.config import KB, MEMORY_MAX
+from splatcore.spec.config import KB
 from splatcore.spec.microprogram import projection
 from splatcore.spec.preset import find_preset
-
-THOUSAND = 1e3
 
 BITS = 8
 """Of a byte."""
@@ -56,7 +61,7 @@ def operations(results: Results) -> Iterator[Item]:
         yield Card(
             "What each idea buys", f"{rows[2][2]} → {rows[3][2]}",
             "operations of stage 1 for a Gaussian without products with zeros; the paper: "
-            f"{rows[0][2]} → {rows[1][2]}", "paper",
+            f"{rows[0][2]} → {rows[1][2]}",
         )  # fmt: skip
 
 
@@ -81,46 +86,39 @@ def own_row(facts: Facts, what: str, skip_zeros: bool) -> list:
     ]  # fmt: skip
 
 
-def stage_gates(facts: Facts) -> dict[str, float]:
-    """NAND2-equivalents by stage."""
-    found: dict[str, float] = {}
-    for part in facts["top"]["parts"].values():
-        found[part["stage"]] = found.get(part["stage"], 0) + part["nand2"]
-    return found
-
-
 def gates(results: Results) -> Iterator[Item]:
     """Gates of each stage and part."""
     facts = results.facts("synth")
-    top, stages = facts["top"], stage_gates(facts)
-    ratio = top["nand2"] / PAPER_ALL
+    top, stages = facts["top"], Counter()
+    for part in top["parts"].values():
+        stages[part["stage"]] += part["nand2"]
+    ratio = top["nand2"] / GATES_ALL
     yield Card(
         "How large", f"{top['nand2'] / THOUSAND:,.0f} k",
         f"NAND2-equivalents without memories, {ratio:.0%} of the paper's "
-        f"{PAPER_ALL / THOUSAND:,.0f} k", "paper",
+        f"{GATES_ALL / THOUSAND:,.0f} k",
     )  # fmt: skip
 
     def draw(figure: Canvas):
         axes = figure.subplots()
         kilo = {
             facts["preset"]: [nand2 / THOUSAND for nand2 in stages.values()],
-            "the paper": [PAPER_STAGES.get(s, float("nan")) / THOUSAND for s in stages],
+            "the paper": [GATES.get(s, float("nan")) / THOUSAND for s in stages],
         }
         side_by_side(axes, list(stages), kilo)
         axes.set_xlabel("thousands of NAND2-equivalents")
         legend_below(figure, axes, 2)
 
-    yield Figure(
+    yield plotted(
         "gates-by-stage",
         "Gates by stage. The paper has no stage of its own for binning; its sorters are four of "
         "256 entries that find the largest of all at once.",
         "Bars of each stage, ours and the paper's.",
-        plot("gates-by-stage", 1 + 0.34 * len(stages), draw),
-        sources=("synth",),
-    )
+        1 + 0.34 * len(stages), draw, "synth",
+    )  # fmt: skip
     rows, strong = [], set()
     for stage, nand2 in stages.items():
-        paper = PAPER_STAGES.get(stage)
+        paper = GATES.get(stage)
         strong.add(len(rows))
         rows.append([stage, None, nand2 / THOUSAND, None, None, paper and paper / THOUSAND])
         rows += [
@@ -134,7 +132,7 @@ def gates(results: Results) -> Iterator[Item]:
     strong.add(len(rows))
     rows.append(
         ["all", None, top["nand2"] / THOUSAND, top["speed_nand2"] / THOUSAND, None,
-         PAPER_ALL / THOUSAND]
+         GATES_ALL / THOUSAND]
     )  # fmt: skip
     yield Table(
         "gates",
@@ -159,13 +157,13 @@ def memories(results: Results) -> Iterator[Item]:
     }
     yield Card(
         "How large", f"{facts['kilobytes']:.1f} KB",
-        f"of on-chip memory; the paper: {MEMORY_MAX // KB}", "paper",
+        f"of on-chip memory; the paper: {sum(MEMORIES.values())}",
     )  # fmt: skip
     rows = [[facts["preset"], stage, size] for stage, size in sizes.items()]
     rows.append([facts["preset"], "all", facts["kilobytes"]])
     strong = {len(rows) - 1}
-    rows += [["the paper", name, size] for name, size in PAPER_MEMORIES.items()]
-    rows.append(["the paper", "all", sum(PAPER_MEMORIES.values())])
+    rows += [["the paper", name, size] for name, size in MEMORIES.items()]
+    rows.append(["the paper", "all", sum(MEMORIES.values())])
     strong.add(len(rows) - 1)
     yield Table(
         "memories",

@@ -2,15 +2,11 @@
 
 from collections.abc import Iterator
 
-from splatcore.sim.common.paper import FPS as PAPER_FPS
-from splatcore.sim.power.estimate import PAPER_MEMORY
-from splatcore.sim.report.page import Card, Column, Item, Table
+from splatcore.sim.common.paper import FPS, MEMORY_POWER
+from splatcore.sim.report.page import MILLION, THOUSAND, Card, Column, Item, Table
 from splatcore.sim.report.results import Results
 
-MILLI, THOUSAND, MILLION = 1e-3, 1e3, 1e6
-
-PAPER_NAMES = {stage: name for stage, (name, _) in PAPER_MEMORY.items()}
-"""The paper's memories by the stage whose are most like them."""
+MILLI = 1e-3
 
 
 def stages(results: Results) -> Iterator[Item]:
@@ -25,7 +21,8 @@ def stages(results: Results) -> Iterator[Item]:
             milli(paper["logic_w"].get(stage)),
         ])  # fmt: skip
     for stage, memory in facts["stage_memories"].items():
-        watts, name = memory["access"] * fps + memory["leakage"], PAPER_NAMES.get(stage)
+        watts = memory["access"] * fps + memory["leakage"]
+        name, _ = MEMORY_POWER.get(stage, (None, None))
         text = f"memories of {stage}" + (f"; the paper's: {name}" if name else "")
         rows.append([text, None, None, watts / MILLI, milli(paper["memory_w"].get(name))])
     rows.append(["all, estimate", None, None, facts["power_w"] / MILLI, milli(paper["power_w"])])
@@ -35,7 +32,7 @@ def stages(results: Results) -> Iterator[Item]:
     what = f"{facts['scene']} at {size}, {fps:.1f} frames a second, preset {facts['preset']}"
     yield Table(
         "power",
-        f"Estimated power of {what}; the paper's is of its own scenes at {PAPER_FPS} frames a "
+        f"Estimated power of {what}; the paper's is of its own scenes at {FPS} frames a "
         f"second, by gate-level simulation. Ours: {facts['power_w'] / fps / MILLI:.3f} mJ a frame, "
         f"{facts['pixels_per_j'] / MILLION:,.0f} Mpixels/J (an estimate) without DRAM.",
         [
@@ -48,9 +45,7 @@ def stages(results: Results) -> Iterator[Item]:
     yield Card(
         "How large",
         f"≈ {facts['power_w'] / MILLI:,.0f} mW",
-        f"an estimate, first order: {what}; the paper: {milli(paper['power_w']):.0f} mW at "
-        f"{PAPER_FPS}",
-        "power",
+        f"an estimate, first order: {what}; the paper: {milli(paper['power_w']):.0f} mW at {FPS}",
     )
 
 

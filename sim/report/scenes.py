@@ -7,13 +7,11 @@ from matplotlib.figure import Figure as Canvas
 from splatcore.sim.bench.scenes import MEGABYTE
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.paper import FPS
-from splatcore.sim.common.plot import legend_below, mark, plot, side_by_side, stacked
-from splatcore.sim.report.page import Card, Column, Figure, Item, Table
+from splatcore.sim.common.plot import legend_below, mark, side_by_side, stacked
+from splatcore.sim.report.page import MILLION, Card, Column, Item, Table, plotted
 from splatcore.sim.report.results import Facts, Results
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
-
-MILLION = 1e6
 
 CYCLES_MAX = CLOCK_HZ / FPS
 """Of a frame at the paper's frame rate."""
@@ -33,9 +31,21 @@ BAR = 0.27
 
 AROUND = 1.15
 
+VIEW = (Column("scene"), Column("camera"))
+
+AGAINST_RTL = (
+    Column("cycle model", "M cycles", 3), Column("RTL", "M cycles", 3),
+    Column("model off by", "%", 2), Column("identical"),
+)  # fmt: skip
+
+
+def against_rtl(model: int, rtl: int, identical: bool) -> list:
+    """Cells of `AGAINST_RTL`: cycles of a frame in both."""
+    return [model / MILLION, rtl / MILLION, 100 * (model / rtl - 1), identical]
+
 
 def views(results: Results) -> list[Facts]:
-    """All views that came to their end, those with the slower memory if there are two."""
+    """All views that came to their end."""
     rows = list(results.of_scenes(results.several("scenes", "*.json")))
     for row in rows:
         results.check(row)
@@ -61,7 +71,7 @@ def name(row: Facts) -> str:
 
 
 def count_of(rows: Sequence[object]) -> str:
-    """How many views there are, in words."""
+    """The number of views, in words."""
     return f"{len(rows)} view" + "s" * (len(rows) != 1)
 
 
@@ -74,63 +84,45 @@ def names(rows: Sequence[Facts]) -> list[str]:
     ]
 
 
-def of_views(rows: list[Facts]) -> tuple[list[Column], Callable[[Facts], list]]:
-    """Columns that say which view a row is, if not all rows say the same; and their cells."""
-    said = {
-        "scene": lambda row: row["scene"],
-        "camera": lambda row: row["camera"],
-        "size": lambda row: row["size"],
-        "memory": lambda row: row["timing"]["name"],
-    }
-    names = [
-        name for name, say in said.items()
-        if name in ALWAYS or len({say(row) for row in rows}) > 1
-    ]  # fmt: skip
-    return [Column(name) for name in names], lambda row: [said[name](row) for name in names]
+def of_views(rows: list[Facts]) -> tuple[list[Column], Callable[[Facts], list], str]:
+    """Columns of each view, with size and memory if rows differ there; their cells; and what all
+    rows have alike of both, for a caption.
+    """
+    texts = {"size": lambda row: row["size"], "memory": lambda row: row["timing"]["name"]}
+    differ = [text for text in texts.values() if len({text(row) for row in rows}) > 1]
+    alike = [text(rows[0]) for text in texts.values() if text not in differ]
+    columns = [*VIEW, *(Column(name) for name, text in texts.items() if text in differ)]
+
+    def cells(row: Facts) -> list:
+        return [row["scene"], row["camera"], *(text(row) for text in differ)]
+
+    return columns, cells, ", ".join(alike)
 
 
-def common(rows: list[Facts]) -> str:
-    """What all rows say of size and memory alike, for a caption."""
-    sizes = {row["size"] for row in rows}
-    memories = {row["timing"]["name"] for row in rows}
-    alike = [*sizes] * (len(sizes) == 1) + [*memories] * (len(memories) == 1)
-    return ", ".join(alike)
-
-
-ALWAYS = ("scene", "camera")
-
-
-HALVES = (
-    Column("preprocessing", "M cycles", 2), Column("rendering", "M cycles", 2),
-    Column("frame", "M cycles", 2),
-)  # fmt: skip
-
-
-def cycles(row: Facts) -> list[float]:
-    """Cells of `HALVES`."""
-    return [row["cycles"][half] / MILLION for half in ("preprocessing", "rendering", "frame")]
+HALVES = ("preprocessing", "rendering", "frame")
 
 
 def measured(results: Results) -> Iterator[Item]:
     """Cycles and error of each view."""
     rows = views(results)
-    columns, view = of_views(rows)
+    columns, view, alike = of_views(rows)
     yield from cards(of_memory(rows))
     yield Table(
         "scenes",
-        f"Frames in RTL simulation ({common(rows)}). A frame takes what the slower half takes, as "
+        f"Frames in RTL simulation ({alike}). A frame takes what the slower half takes, as "
         "both are at work at once on neighbouring frames. Model: the cycle model's frame against "
         "this one. PSNR and largest error of a channel are those of the 8-bit picture against the "
         "float64 reference; identical: whether it is the golden model's, every bit of it.",
         [
-            *columns, *HALVES, Column("FPS", "at 800 MHz", 1),
-            Column("model", "off by %", 1), Column("PSNR", "dB", 2, none="exact"),
+            *columns, *(Column(half, "M cycles", 2) for half in HALVES),
+            Column("FPS", "at 800 MHz", 1), Column("model", "off by %", 1),
+            Column("PSNR", "dB", 2, none="exact"),
             Column("max error", f"of {LEVELS}", 0), Column("identical"),
             Column("traffic", "MB", 1),
         ],
         [
             [
-                *view(row), *cycles(row),
+                *view(row), *(row["cycles"][half] / MILLION for half in HALVES),
                 row["cycles"]["fps_at_800mhz"],
                 100 * (row["model_cycles"]["frame"] / row["cycles"]["frame"] - 1),
                 row["psnr_db"], row["max_error"] * LEVELS, row["identical"],
@@ -149,19 +141,19 @@ def cards(rows: list[Facts]) -> Iterator[Card]:
     yield Card(
         "How fast", f"{slowest['cycles']['fps_at_800mhz']:.0f} FPS",
         f"at 800 MHz, the slowest {of} ({name(slowest)}, {slowest['size']}); the paper: {FPS} on "
-        "average", "scenes",
+        "average",
     )  # fmt: skip
     same = sum(row["identical"] for row in rows)
     yield Card(
         "How exact", f"{same} of {len(rows)}",
-        "views in RTL simulation equal the golden model's, every pixel of them", "scenes",
+        "views in RTL simulation equal the golden model's, every pixel of them",
     )  # fmt: skip
     inexact = [row for row in rows if row["psnr_db"] is not None]
     if inexact:
         worst = min(inexact, key=lambda row: row["psnr_db"])
         yield Card(
             "How exact", f"{worst['psnr_db']:.1f} dB",
-            f"against float64, the lowest {of} ({name(worst)})", "scenes",
+            f"against float64, the lowest {of} ({name(worst)})",
         )  # fmt: skip
 
 
@@ -171,10 +163,7 @@ def bars(results: Results) -> Iterator[Item]:
 
     def draw(figure: Canvas):
         axes = figure.subplots()
-        halves = {
-            half: [row["cycles"][half] / MILLION for row in rows]
-            for half in ("preprocessing", "rendering")
-        }
+        halves = {half: [row["cycles"][half] / MILLION for row in rows] for half in HALVES[:2]}
         side_by_side(axes, names(rows), halves)
         mark(
             axes, CYCLES_MAX / MILLION, f"the paper's {FPS} frames a second: {CYCLES_MAX / 1e6:.1f}"
@@ -183,21 +172,20 @@ def bars(results: Results) -> Iterator[Item]:
         axes.set_xlim(0, 1.08 * max(CYCLES_MAX / MILLION, *(max(v) for v in halves.values())))
         legend_below(figure, axes, 2)
 
-    yield Figure(
+    yield plotted(
         "cycles",
         "Cycles of both halves of a frame; the longer one sets the frame rate. The dashed line is "
         "what 800 MHz leave for a frame at the paper's rate, which is an average over its own "
         "scenes.",
         f"Bars of {len(rows)} views, with the paper's frame rate as a line.",
-        plot("cycles", AROUND + BAR * len(rows), draw),
-        sources=("scenes",),
-    )
+        AROUND + BAR * len(rows), draw, "scenes",
+    )  # fmt: skip
 
 
 def traffic(results: Results) -> Iterator[Item]:
     """Bytes by cause."""
     rows = of_memory(views(results))
-    columns, view = of_views(rows)
+    columns, view, alike = of_views(rows)
     causes = list(dict.fromkeys(cause for row in rows for cause in row["traffic_bytes"]))
     known = {cause for together in CAUSES.values() for cause in together}
     groups = CAUSES | {cause: (cause,) for cause in causes if cause not in known}
@@ -214,17 +202,16 @@ def traffic(results: Results) -> Iterator[Item]:
         axes.set_xlabel("MB of DRAM traffic of a frame")
         legend_below(figure, axes, 3)
 
-    yield Figure(
+    yield plotted(
         "traffic-by-cause",
         "DRAM traffic of a frame by cause, in whole beats. Runs of long lists are sorted runs that "
         "did not fit on chip.",
         f"Stacked bars of {len(rows)} views.",
-        plot("traffic-by-cause", AROUND + 0.2 + BAR * len(rows), draw),
-        sources=("scenes",),
-    )
+        AROUND + 0.2 + BAR * len(rows), draw, "scenes",
+    )  # fmt: skip
     yield Table(
         "traffic",
-        f"The same in numbers, as the performance counters have them ({common(rows)}).",
+        f"The same in numbers, as the performance counters have them ({alike}).",
         [*columns, *(Column(group, "MB", 2) for group in groups), Column("all", "MB", 2)],
         [
             view(row)

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 
-from splatcore.hdl.stages import PAPER_ALL
 from splatcore.sim.common.metric import LEVELS
-from splatcore.sim.common.paper import FPS
-from splatcore.sim.report.page import NONE, Card, Column, Figure, Item, Table
+from splatcore.sim.common.paper import FPS, GATES_ALL
+from splatcore.sim.report.page import MILLION, NONE, THOUSAND, Card, Column, Figure, Item, Table
 from splatcore.sim.report.results import Facts, Results
-from splatcore.sim.report.scenes import CYCLES_MAX, MILLION
-from splatcore.sim.report.sweep_plot import THOUSAND, knobs, plane
+from splatcore.sim.report.scenes import AGAINST_RTL, CYCLES_MAX, VIEW, against_rtl
+from splatcore.sim.report.sweep_plot import knobs, plane
 from splatcore.spec.error import InputError
 
 BASES = ("DEFAULT", "PAPER")
@@ -18,10 +17,8 @@ EXACT = "exact"
 
 
 def swept(results: Results) -> tuple[Facts, Facts]:
-    """The sweep and its points; what failed in it is a trouble."""
-    facts = results.facts("sweep")
-    for failed in facts["failed"]:
-        results.troubles.append(f"{facts.file}: {failed['what']}: {failed['why']}")
+    """The sweep and its points."""
+    facts = results.campaign("sweep")
     if not facts["points"]:
         raise InputError(f"{facts.file}: holds no point")
     return facts, facts["points"]
@@ -34,9 +31,15 @@ def in_units(point: Facts, key: str, unit: float) -> float | None:
 
 
 def summary(results: Results) -> Iterator[Item]:
-    """What the paper's choices cost, and the table of all points."""
+    """DEFAULT's picture beside that of the paper's number formats, and the table of all points."""
     _, points = swept(results)
-    yield from formats(points)
+    own, paper = (points[name].get("psnr_db_mean") if name in points else None for name in BASES)
+    if own is not None and paper is not None:
+        yield Card(
+            "What each idea buys", f"{own - paper:+.1f} dB",
+            f"mean PSNR by DEFAULT's number formats ({own:.1f} dB) over the paper's "
+            f"({paper:.1f} dB)",
+        )  # fmt: skip
     yield Table(
         "sweep",
         "All machines of the sweep: cycles and frames a second of the slowest scene, PSNR and "
@@ -63,17 +66,6 @@ def summary(results: Results) -> Iterator[Item]:
     )  # fmt: skip
 
 
-def formats(points: Facts) -> Iterator[Item]:
-    """DEFAULT's picture beside that of the paper's number formats."""
-    own, paper = (points[name].get("psnr_db_mean") if name in points else None for name in BASES)
-    if own is not None and paper is not None:
-        yield Card(
-            "What each idea buys", f"{own - paper:+.1f} dB",
-            f"mean PSNR by DEFAULT's number formats ({own:.1f} dB) over the paper's "
-            f"({paper:.1f} dB)", "sweep",
-        )  # fmt: skip
-
-
 FRONT = (
     "Filled and named: machines on the front of all three, cycles, PSNR and gates; open: beaten by "
     "another one. Dotted: the front of this plot's two axes."
@@ -83,14 +75,12 @@ FRONT = (
 def cycles_and_picture(results: Results) -> Iterator[Item]:
     """Cycles of the slowest scene against mean PSNR."""
     facts, points = swept(results)
-    yield Figure(
+    yield plane(
         "cycles-psnr",
         f"Frame of the slowest scene against mean PSNR, {facts['size']}; up and left is better. "
         f"{FRONT} Dashed: the paper's {FPS} frames a second.",
-        f"Scatter plot of {len(points)} machines.",
-        plane("cycles-psnr", points, "cycles", "psnr", {"cycles": CYCLES_MAX / MILLION}),
-        sources=("sweep",),
-    )
+        points, "cycles", "psnr", cycles=CYCLES_MAX / MILLION,
+    )  # fmt: skip
 
 
 def gates_and_the_rest(results: Results) -> Iterator[Item]:
@@ -98,23 +88,19 @@ def gates_and_the_rest(results: Results) -> Iterator[Item]:
     facts, points = swept(results)
     if all(point["nand2"] is None for point in points.values()):
         raise InputError(f"{facts.file}: no point of it has gates")
-    gates = PAPER_ALL / THOUSAND
-    yield Figure(
+    gates = GATES_ALL / THOUSAND
+    yield plane(
         "gates-psnr",
         "Gates against PSNR: the marker is the mean over all scenes, the line reaches down to the "
         f"lowest. {FRONT} Dashed: the paper's gates.",
-        f"Scatter plot of {len(points)} machines.",
-        plane("gates-psnr", points, "gates", "psnr", {"gates": gates}),
-        sources=("sweep",),
-    )
-    yield Figure(
+        points, "gates", "psnr", gates=gates,
+    )  # fmt: skip
+    yield plane(
         "fps-gates",
         f"Frames a second of the slowest scene against gates, {facts['size']}; up and left is "
         f"better. {FRONT} Dashed: the paper's gates and frames a second.",
-        f"Scatter plot of {len(points)} machines.",
-        plane("fps-gates", points, "gates", "fps", {"gates": gates, "fps": FPS}),
-        sources=("sweep",),
-    )
+        points, "gates", "fps", gates=gates, fps=FPS,
+    )  # fmt: skip
 
 
 def one_by_one(results: Results) -> Iterator[Item]:
@@ -139,7 +125,7 @@ def by_scene(results: Results) -> Iterator[Item]:
             views.setdefault((row["scene"], row["camera"]), {})[row["point"]] = row
     if not views:
         raise InputError(f"{facts.file}: rows has none of {', '.join(BASES)}")
-    columns = [Column("scene"), Column("camera")]
+    columns = [*VIEW]
     for name in BASES:
         columns += [
             Column(f"{name}: frame", "M cycles", 2), Column("FPS", "at 800 MHz", 1),
@@ -177,16 +163,11 @@ def confirmed(results: Results) -> Iterator[Item]:
         "sweep-rtl",
         "Machines of the sweep that were built and simulated in RTL; identical: whether the "
         "picture is the golden model's, every bit of it.",
-        [
-            Column("machine"), Column("scene"), Column("camera"), Column("size"),
-            Column("cycle model", "M cycles", 3), Column("RTL", "M cycles", 3),
-            Column("model off by", "%", 2), Column("identical"),
-        ],
+        [Column("machine"), *VIEW, Column("size"), *AGAINST_RTL],
         [
             [
-                name, rtl["scene"], rtl["camera"], rtl["size"], rtl["model_cycles"] / MILLION,
-                rtl["cycles"] / MILLION, 100 * (rtl["model_cycles"] / rtl["cycles"] - 1),
-                rtl["identical"],
+                name, rtl["scene"], rtl["camera"], rtl["size"],
+                *against_rtl(rtl["model_cycles"], rtl["cycles"], rtl["identical"]),
             ]
             for name, rtl in found.items()
         ],

@@ -1,15 +1,24 @@
 """Plots of the sweep."""
 
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 
-from splatcore.sim.common.plot import COLOURS, GREY, INK, MARKERS, legend_below, name_points, plot
+from splatcore.sim.common.plot import (
+    COLOURS,
+    GREY,
+    INK,
+    MARKERS,
+    legend_below,
+    name_points,
+    plain_ticks,
+    plot,
+)
+from splatcore.sim.report.page import MILLION, THOUSAND
+from splatcore.sim.report.page import Figure as Item
 from splatcore.sim.report.results import Facts
-from splatcore.sim.report.scenes import MILLION
 
-THOUSAND = 1e3
+STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8)
+"""Numbers on a logarithmic axis, times powers of ten."""
 
 LABELS = {
     "cycles": "frame of the slowest scene, M cycles",
@@ -22,7 +31,7 @@ PLANE_HEIGHT = 3.7
 """Inches of a plot of one number over another."""
 
 ROW = 0.17
-"""Inches of a value in the plots of knobs; BETWEEN: of what is between two of them."""
+"""Inches of a value in the plots of knobs; BETWEEN: between two knobs."""
 
 BETWEEN = 0.36
 
@@ -83,16 +92,16 @@ def whiskers(axes: Axes, points: Facts, across: str):
             axes.plot([x[name]] * 2, [lowest[name], mean[name]], color=GREY, lw=0.9, zorder=2)
 
 
-def plane(key: str, points: Facts, across: str, up: str, lines: dict[str, float]) -> str:
+def plane(key: str, caption: str, points: Facts, across: str, up: str, **lines: float) -> Item:
     """One number over another; lines: across the plane, at values of either."""
 
     def draw(figure: Figure):
         axes = figure.subplots()
         axes.set_xscale("log")
-        plain_ticks(axes.xaxis)
+        plain_ticks(axes.xaxis, STEPS)
         if up != "psnr":
             axes.set_yscale("log")
-            plain_ticks(axes.yaxis)
+            plain_ticks(axes.yaxis, STEPS)
         if across == "gates" and up == "psnr":
             whiskers(axes, points, across)
         named = scatter(axes, points, across, up)
@@ -105,14 +114,8 @@ def plane(key: str, points: Facts, across: str, up: str, lines: dict[str, float]
         legend_below(figure, axes, 4)
         name_points(figure, axes, named)
 
-    return plot(key, PLANE_HEIGHT, draw)
-
-
-def plain_ticks(axis: Axis):
-    """Few numbers on a logarithmic axis, as they are and not as powers of ten."""
-    axis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 8)))
-    axis.set_major_formatter("{x:,g}")
-    axis.set_minor_locator(NullLocator())
+    about = f"Scatter plot of {len(points)} machines."
+    return Item(key, caption, about, plot(key, PLANE_HEIGHT, draw), sources=("sweep",))
 
 
 def knobs(key: str, points: Facts) -> str:

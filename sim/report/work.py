@@ -16,27 +16,16 @@ from splatcore.sim.common.paper import (
     TERMINATED,
     TERMINATED_UNCOMPRESSED,
 )
-from splatcore.sim.common.plot import plot
-from splatcore.sim.report.page import Column, Figure, Item, Table
-from splatcore.sim.report.results import Facts, Results
-from splatcore.sim.report.scenes import count_of
+from splatcore.sim.report.page import MILLION, THOUSAND, Column, Item, Table, plotted
+from splatcore.sim.report.results import Results
+from splatcore.sim.report.scenes import VIEW, count_of
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
-
-THOUSAND, MILLION = 1e3, 1e6
 
 MAPS_IN_A_ROW = 3
 
 MAP_HEIGHT = 1.62
 """Inches of a row of maps with their titles."""
-
-
-def work(results: Results) -> Facts:
-    """What a frame's work is; what failed in it is a trouble."""
-    facts = results.facts("work")
-    for failed in facts["failed"]:
-        results.troubles.append(f"{facts.file}: {failed['what']}: {failed['why']}")
-    return facts
 
 
 def percent(share: float | None) -> float | None:
@@ -57,10 +46,7 @@ PAPER_UNCOMPRESSED = (CULLED_UNCOMPRESSED, None, TERMINATED_UNCOMPRESSED, None)
 
 def rates(results: Results) -> Iterator[Item]:
     """Counts and rates of each view, the paper's rates first."""
-    facts = work(results)
-    found = results.of_scenes(facts["rows"])
-    if not found:
-        raise InputError(f"{facts.file}: holds no row")
+    facts, found = results.rows("work")
     nothing = [None] * len(COUNTS)
     rows = [
         ["the paper, compressed", "", *nothing, *map(percent, PAPER)],
@@ -79,7 +65,7 @@ def rates(results: Results) -> Iterator[Item]:
         "blended any more, because all pixels of the tile have ended. PEs busy: of stage 1, in all "
         "cycles of the frame. The paper's rates are averages over its own scenes and views.",
         [
-            Column("scene"), Column("camera"), Column("Gaussians", "k", 0, none=""),
+            *VIEW, Column("Gaussians", "k", 0, none=""),
             Column("projected", "k", 0, none=""), Column("splats", "k", 0, none=""),
             Column("pairs", "M", 2, none=""), Column("behind", "%", 1),
             Column("not projected", "%", 1), Column("ended early", "%", 1),
@@ -89,28 +75,18 @@ def rates(results: Results) -> Iterator[Item]:
     )  # fmt: skip
 
 
-def densest(results: Results) -> dict[str, np.ndarray]:
-    """Splats that reach each tile [rows, columns], by scene and camera: each scene's densest view.
-
-    InputError if there is none, or if one is no table of numbers.
-    """
-    facts = work(results)
-    found: dict[str, tuple[str, np.ndarray]] = {}
-    for row in results.of_scenes(facts["rows"]):
+def density(results: Results) -> Iterator[Item]:
+    """Maps of how many splats reach each tile, each scene's densest view, all on one scale."""
+    facts, found = results.rows("work")
+    densest: dict[str, tuple[str, np.ndarray]] = {}
+    for row in found:
         name = f"{row['scene']} {row['camera']}"
         tiles = np.array(facts["density"][name])
         if tiles.ndim != 2 or not tiles.size:
             raise InputError(f"{facts.file}: density.{name}: is no table of tiles")
-        if row["scene"] not in found or tiles.mean() > found[row["scene"]][1].mean():
-            found[row["scene"]] = name, tiles
-    if not found:
-        raise InputError(f"{facts.file}: holds no row")
-    return dict(found.values())
-
-
-def density(results: Results) -> Iterator[Item]:
-    """Maps of how many splats reach each tile, all on one scale."""
-    maps = densest(results)
+        if row["scene"] not in densest or tiles.mean() > densest[row["scene"]][1].mean():
+            densest[row["scene"]] = name, tiles
+    maps = dict(densest.values())
     rows = math.ceil(len(maps) / MAPS_IN_A_ROW)
     most = max(int(tiles.max()) for tiles in maps.values())
     norm = LogNorm(1, max(2, most))
@@ -130,15 +106,14 @@ def density(results: Results) -> Iterator[Item]:
         bar.set_label(f"splats in a tile of {TILE}×{TILE} pixels")
         bar.ax.xaxis.set_major_formatter("{x:,g}")
 
-    yield Figure(
+    yield plotted(
         "density",
-        f"Length of each tile's list, {results.facts('work')['size']}, the densest view of each "
+        f"Length of each tile's list, {facts['size']}, the densest view of each "
         f"scene, on one logarithmic scale up to {most:,}; tiles without a splat are white. The "
         f"paper's map of bicycle has about {LIST:,} in most tiles and up to {LIST_MAX:,}.",
         f"Heat maps of {len(maps)} views.",
-        plot("density", 0.9 + MAP_HEIGHT * rows, draw),
-        sources=("work",),
-    )
+        0.9 + MAP_HEIGHT * rows, draw, "work",
+    )  # fmt: skip
 
 
 BLOCKS = (rates, density)

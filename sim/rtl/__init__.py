@@ -1,4 +1,4 @@
 """A component in simulation (Verilator, cocotb) or in a proof (SymbiYosys).
 
-May import: nothing.
+May import: sim.common.
 """

@@ -1,16 +1,12 @@
-"""Runs cocotb benches: a component becomes Verilog, the Verilog a simulation, a module its test.
+"""Runs a cocotb testbench, a module of `tb`, on a component in Verilator or Icarus."""
 
-`tb` holds the benches; this is what starts them, from pytest as from the command line.
-"""
-
-import fcntl
-import hashlib
 import json
 import os
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
@@ -21,16 +17,14 @@ from amaranth.back import verilog
 from amaranth.lib import wiring
 from cocotb_tools.runner import get_runner
 
+from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.rtl.verilator import environment
 
-BUILD = Path("build") / "bench"
-"""Where compiled simulations are kept, by the hash of what they were made from."""
-
-PARAMETERS = "SPLATCORE_BENCH"
-"""Environment variable that carries a bench's parameters into the simulation, as JSON."""
+PARAMETERS = "SPLATCORE_TESTBENCH"
+"""Environment variable that carries a testbench's parameters into the simulation, as JSON."""
 
 PROGRAM = {"verilator": "verilator", "icarus": "iverilog"}
-"""What each simulator's compiler is called."""
+"""The compiler of each simulator."""
 
 ARGS = {
     # Amaranth's output is full of width warnings; signals made public cost most of the speed.
@@ -42,24 +36,22 @@ LOG_LINES = 40
 """Lines of the simulation's log that a failure shows."""
 
 COMPLAINT = re.compile("WARNING|ERROR|%Error|error:")
-"""How cocotb, Verilator, Icarus and g++ mark what went wrong; not Verilator's lint warnings."""
+"""Marks of cocotb, Verilator, Icarus and g++ on what went wrong; not Verilator's lint warnings."""
 
 
-def run_bench(
+def run_testbench(
     component: wiring.Component,
     module: str,
     *,
     simulator: str | None = None,
     seed: int = 0,
-    public: dict[str, list[str]] | None = None,
     **parameters,
 ) -> None:
     """Run all cocotb tests of `module` on `component`, whose Verilog module is `top`.
 
     simulator: "verilator" or "icarus"; by default what the environment's SIM says, else Verilator.
     seed: what Python's `random` starts from in each test.
-    public: inner signals that the bench reaches besides the ports, by Verilog module.
-    parameters: what `parameters()` returns in the bench; anything that JSON can hold.
+    parameters: what `parameters()` returns in the testbench; anything that JSON can hold.
 
     The build folder is used again as long as the Verilog stays the same. With WAVES=1 in the
     environment the waveform is left there. AssertionError names the tests that failed.
@@ -69,44 +61,29 @@ def run_bench(
         raise ValueError(f"simulator {simulator!r} is not one of {', '.join(PROGRAM)}")
     variables = environment() if simulator == "verilator" else dict(os.environ)
     with _environment(variables | {PARAMETERS: json.dumps(parameters)}):
-        folder = build(component, simulator, public or {})
+        folder = build(component, simulator)
         with TemporaryDirectory() as results:
             _run(simulator, module, seed, folder, Path(results))
 
 
 def parameters() -> dict:
-    """The parameters of the running bench: for the bench's own use, inside the simulation."""
+    """The parameters of the running testbench: for its own use, inside the simulation."""
     return json.loads(os.environ[PARAMETERS])
 
 
-def build(component: wiring.Component, simulator: str, public: dict[str, list[str]]) -> Path:
+def build(component: wiring.Component, simulator: str) -> Path:
     """Folder of the compiled simulation, made unless it is there already."""
     sources = {"top.v": verilog.convert(component, name="top", emit_src=False)}
     if simulator == "verilator":
-        public = {"top": ["clk", "rst", *port_names(component)], **public}
-        sources["top.vlt"] = _control_file(public)
+        sources["top.vlt"] = _control_file(component)
     compiler = shutil.which(PROGRAM[simulator])
     if compiler is None:
         raise RuntimeError(f"no {PROGRAM[simulator]} on PATH")
     waves = os.environ.get("WAVES", "0")
     # cocotb's libraries are linked by their path, so a build belongs to one installation.
     made_from = [sources, ARGS[simulator], compiler, waves, cocotb.__version__]
-    made_from.append(str(cocotb_tools.config.libs_dir))
-    digest = hashlib.sha256(json.dumps(made_from).encode()).hexdigest()[:16]
-    folder = (BUILD / digest).absolute()
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # another process may be at the same build
-        if not (folder / "built").exists():
-            _compile(simulator, folder, sources)
-            (folder / "built").touch()
-    return folder
-
-
-def port_names(component: wiring.Component) -> list[str]:
-    """Verilog names of a component's ports."""
-    flat = component.signature.flatten(component)
-    return ["__".join(map(str, path)) for path, _, _ in flat]
+    made_from.append(cocotb_tools.config.libs_dir)
+    return kept_folder("cocotb", made_from, partial(_compile, simulator, sources))
 
 
 def failures(results: Path) -> list[str]:
@@ -123,15 +100,15 @@ def failures(results: Path) -> list[str]:
     return failed
 
 
-def _control_file(public: dict[str, list[str]]) -> str:
-    """A Verilator control file that makes the named signals of each module public."""
-    lines = ["`verilator_config"]
-    for module, names in public.items():
-        lines += [f'public_flat_rw -module "{module}" -var "{name}"' for name in names]
-    return "\n".join(lines) + "\n"
+def _control_file(component: wiring.Component) -> str:
+    """A Verilator control file that makes the ports public."""
+    flat = component.signature.flatten(component)
+    names = ["clk", "rst", *("__".join(map(str, path)) for path, _, _ in flat)]
+    lines = [f'public_flat_rw -module "top" -var "{name}"\n' for name in names]
+    return "`verilator_config\n" + "".join(lines)
 
 
-def _compile(simulator: str, folder: Path, sources: dict[str, str]) -> None:
+def _compile(simulator: str, sources: dict[str, str], folder: Path) -> None:
     """Write the sources and have cocotb's runner compile them; AssertionError with the log."""
     for name, text in sources.items():
         (folder / name).write_text(text)
@@ -150,7 +127,7 @@ def _compile(simulator: str, folder: Path, sources: dict[str, str]) -> None:
 
 
 def _run(simulator: str, module: str, seed: int, folder: Path, results: Path) -> None:
-    """Run a bench on a compiled simulation; AssertionError with failed tests and log."""
+    """Run a testbench on a compiled simulation; AssertionError with failed tests and log."""
     log, xml = results / "log", results / "results.xml"
     try:
         get_runner(simulator).test(

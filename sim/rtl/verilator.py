@@ -14,7 +14,7 @@ VERSION_MIN = (5, 36)
 WHEEL_MAKEFLAGS = (
     " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_COROUTINES=-std=c++20 OPT_FAST=-O2 OPT_GLOBAL=-O2"
 )
-"""What the wheel's makefile lacks: it was configured for another compiler."""
+"""Settings that the wheel's makefile lacks: it was configured for another compiler."""
 
 
 def environment() -> dict[str, str]:

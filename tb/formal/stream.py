@@ -1,4 +1,4 @@
-"""What every stream primitive must hold, as components to prove, and why it holds by induction.
+"""Properties of every stream primitive, as components to prove, and why they hold by induction.
 
 One item is followed through the part: any, since `pick` is free, so what holds for it holds for
 all. No part looks at its payload, so a few bits of it stand for any width.

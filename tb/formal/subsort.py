@@ -1,4 +1,4 @@
-"""What a sub-sorter must hold, as a component to prove, and why it holds by induction.
+"""Properties of a sub-sorter, as a component to prove, and why they hold by induction.
 
 The proof is of a small one with more phases than its few entries would need. That keys and entries
 are few is no loss: the trees are made by the same loops at any size.
@@ -93,7 +93,7 @@ class Given(wiring.Component):
         return m
 
     def _why(self, m: Module):
-        """Where the remaining entries are, in terms of the sub-sorter's registers."""
+        """Places of the remaining entries, in terms of the sub-sorter's registers."""
         part = self.part
         held = [Mux(full, entries, 0) for full, entries in zip(part.full, part.sets, strict=True)]
         seen = part.full[0] | part.full[1] | part.full[2]
@@ -122,7 +122,7 @@ class Given(wiring.Component):
         m.d.comb += Assert(~part.second | seen)
 
     def _half(self, m: Module, p: int):
-        """What a phase found in its first cycle."""
+        """Findings of a phase in its first cycle."""
         part, entries = self.part, self.part.sets[p]
         digits = part.phases[p][0]
         first = [

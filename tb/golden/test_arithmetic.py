@@ -1,4 +1,4 @@
-"""Twin of the float arithmetic against numpy's float16 and against exact rationals."""
+"""The golden float arithmetic against numpy's float16 and against exact rationals."""
 
 from fractions import Fraction
 from functools import partial
@@ -28,7 +28,7 @@ MILLION = 1_000_000
 
 
 def exact(format: Float, code: int) -> Fraction | float:
-    """What a code is worth; ±inf and None for NaN."""
+    """The value of a code; ±inf, and None for NaN."""
     fraction = code % 2**format.fraction
     exponent = code >> format.fraction & (2**format.exponent - 1)
     sign = -1 if code >> (format.exponent + format.fraction) else 1

@@ -20,7 +20,7 @@ ERROR_MAX = 1e-6
 """Largest difference of any pixel; 6e-8 is measured, which is how the files are rounded."""
 
 EFFECT_MIN = 1e-4
-"""What a slightly wrong convention has to change in some pixel of some scene."""
+"""The least effect of a slightly wrong convention on some pixel of some scene."""
 
 SLIGHTLY_WRONG = {
     "near_plane": 0.21,

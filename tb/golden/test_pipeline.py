@@ -1,4 +1,4 @@
-"""The whole machine's twin: pictures against the float64 reference on the same packed model."""
+"""The golden model of the whole machine: its pictures against those of the float64 reference."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from tb.helpers.scenes import needs_scenes, scene_path
 
 
 def psnr(model, camera, background=(0, 0, 0)) -> float:
-    """dB of the twin's 8-bit picture against the reference's, at most 120."""
+    """dB of the golden model's 8-bit picture against the reference's, at most 120."""
     frame = render(DEFAULT, model, camera, background)
     reference = render_reference(model.gaussians(), camera).image
     error = frame.pixels / 255 - np.clip(reference, 0, 1)

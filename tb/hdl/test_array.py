@@ -1,28 +1,38 @@
-"""Arrays under stalls: a few items of the garden through every program, both simulators."""
+"""Arrays under stalls: items of the garden through every program, both simulators."""
 
-import shutil
+from functools import cache
 
 import numpy as np
 import pytest
 
-from splatcore.golden.points import project_points
+from splatcore.golden.points import Points, project_points
 from splatcore.golden.program import Values
 from splatcore.hdl.points.array import Array
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT
-from splatcore.spec.microprogram import Program, program, projection
+from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
+from tb.helpers.icarus import check_under_icarus, needs_icarus
+from tb.helpers.parts import Beside
 
-ITEMS = 60
+ITEMS, FEW = 300, 60
 
 PROGRAMS = {
     "cull": (program("cull"), "culled"),
     "place": (program("place"), "placed"),
     "project_sh": (projection(DEFAULT), "projected"),
 }
+
+pytestmark = pytest.mark.slow
+
+
+@cache
+def garden() -> Points:
+    model, _ = pack(generate("garden", 2000))
+    return project_points(DEFAULT, model, generated_camera("garden"))
 
 
 def packed(names: tuple[str, ...], values: Values, count: int) -> np.ndarray:
@@ -36,44 +46,52 @@ def packed(names: tuple[str, ...], values: Values, count: int) -> np.ndarray:
     return record.pack(codes)
 
 
-def run(steps: Program, values: Values, folder, simulator: str):
-    np.save(folder / "fields.npy", packed(steps.fields, values, ITEMS))
-    np.save(folder / "outputs.npy", packed(steps.outputs, values, ITEMS))
-    np.save(folder / "constants.npy", packed(steps.constants, values, 1))
-    array = Array(DEFAULT, steps)
-    run_bench(
-        array, "tb.testbenches.array", simulator=simulator, folder=str(folder),
-        interval=array.plan.interval,
+def rows(name: str, count: int, **changed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fields, outputs and constants of a program's first items."""
+    steps, part = PROGRAMS[name]
+    values = garden().frame.constants | getattr(garden(), part) | changed
+    fields, outputs = (packed(names, values, count) for names in (steps.fields, steps.outputs))
+    return fields, outputs, packed(steps.constants, values, 1)
+
+
+@cache
+def arrays() -> Simulation:
+    return Simulation(
+        Beside({name: Array(DEFAULT, steps) for name, (steps, _) in PROGRAMS.items()})
+    )
+
+
+def check(given: dict[str, tuple], stall: float = 0, seed: int = 0):
+    """All items come out in order, every bit."""
+    expected = {f"{name}__o": outputs for name, (_, outputs, _) in given.items()}
+    result = arrays().run(
+        {f"{name}__i": fields for name, (fields, _, _) in given.items()},
+        constants={f"{name}__constants": constants for name, (_, _, constants) in given.items()},
+        expected={name: len(outputs) for name, outputs in expected.items()},
+        stall=stall, seed=seed,
     )  # fmt: skip
+    assert result.finished, result.stopped
+    for name, outputs in expected.items():
+        np.testing.assert_array_equal(result.outputs[name], outputs, name)
 
 
-@pytest.fixture(scope="module")
-def garden():
-    model, _ = pack(generate("garden", 2000))
-    return project_points(DEFAULT, model, generated_camera("garden"))
+def test_under_stalls():
+    given = {name: rows(name, ITEMS) for name in PROGRAMS}
+    for seed, stall in enumerate((0, 0.2, 0.5, 0.8)):
+        check(given, stall, seed)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", PROGRAMS)
-def test_under_stalls(garden, tmp_path, name):
-    steps, part = PROGRAMS[name]
-    values = garden.frame.constants | getattr(garden, part)
-    run(steps, values, tmp_path, "verilator")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not shutil.which("iverilog"), reason="needs Icarus: apt-get install iverilog")
+@needs_icarus
 @pytest.mark.parametrize("name", ["cull", "place"])
-def test_under_icarus(garden, tmp_path, name):
-    steps, part = PROGRAMS[name]
-    run(steps, garden.frame.constants | getattr(garden, part), tmp_path, "icarus")
+def test_under_icarus(tmp_path, name):
+    fields, outputs, constants = rows(name, FEW)
+    constants = {"constants": int.from_bytes(constants.tobytes(), "little")}
+    array = Array(DEFAULT, PROGRAMS[name][0])
+    check_under_icarus(array, tmp_path, {"i": fields}, {"o": outputs}, constants)
 
 
-@pytest.mark.slow
-def test_a_wrong_bit_is_named(garden, tmp_path):
-    steps, part = PROGRAMS["cull"]
-    values = garden.frame.constants | getattr(garden, part)
-    depth = values["z"].copy()
-    depth[ITEMS // 2] *= 1 + 2.0**-16
-    with pytest.raises(AssertionError, match="every_output_is_right"):
-        run(steps, values | {"z": depth}, tmp_path, "verilator")
+def test_a_wrong_bit_is_named():
+    given = {name: rows(name, ITEMS) for name in PROGRAMS}
+    given["cull"][1][ITEMS // 2, 0] ^= 1
+    with pytest.raises(AssertionError, match="cull__o"):
+        check(given)

@@ -20,7 +20,7 @@ from splatcore.spec.frame import fixed_constants
 from tb.helpers.bin_frames import Frame, bin_frame, pairs
 from tb.helpers.bin_splats import KINDS, conic, splats
 from tb.helpers.bin_squares import compare_squares, radii
-from tb.helpers.scene_frames import SCENES, scene_frame
+from tb.helpers.scene_frames import scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
 
 SQUARE = replace(DEFAULT, name="SQUARE", tile_test="3sigma")
@@ -76,12 +76,12 @@ def test_a_tile_that_is_missing_is_seen():
     assert compare_squares(SQUARE, frame, found)[1] == 1
 
 
-def check_against_reference(name: str):
+def check_against_reference(name: str, count: int | None = None):
     """No tile of the reference's squares is missing; pairs are the original renderer's, nearly.
 
     That one rounds the radius up to whole pixels.
     """
-    _, model, camera, _ = scene_frame(name, None)
+    _, model, camera, _ = scene_frame(name, count)
     points = project_points(SQUARE, model, camera)
     frame = Frame(splat_codes(SQUARE, points.projected), camera.width, camera.height)
     found = bin_frame(SQUARE, frame)
@@ -102,10 +102,9 @@ def test_garden_against_reference():
 
 @needs_scenes
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["flowers.spz", "skull.sog"])
-def test_scenes_against_reference(name):
-    assert name in SCENES
-    check_against_reference(name)
+@pytest.mark.parametrize("name, count", with_counts(["flowers.spz", "skull.sog"]))
+def test_scenes_against_reference(name, count):
+    check_against_reference(name, count)
 
 
 def test_picture_is_the_original_renderers():
@@ -120,7 +119,10 @@ def test_picture_is_the_original_renderers():
 
 
 @pytest.mark.slow
-def test_only_what_squares_need_is_built():
+def test_size_and_depth():
+    """Only what squares need is built for them."""
     found, exact = gates(Bin(SQUARE)), gates(Bin(DEFAULT))
+    assert exact.nand2 < 40_000 and exact.memory_bits < 18_000 * 8
+    assert exact.speed_depth <= DEPTH_MAX
     assert found.nand2 < 0.6 * exact.nand2 and found.memory_bits < exact.memory_bits
     assert found.speed_depth <= DEPTH_MAX

@@ -1,4 +1,4 @@
-"""The codebooks: hardware against twin, every bit; the twin against the packed model's values."""
+"""The codebooks: hardware against golden model, every bit; that against the packed model."""
 
 import gc
 from dataclasses import dataclass
@@ -84,7 +84,7 @@ def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], lis
     start. Wherever an input should not matter it is random.
     """
     rng = np.random.default_rng(7)
-    widths = {name: len(getattr(ports, name)) for name in vectors.ports(ports)[0]}
+    widths = vectors.input_widths(ports)
     rows, starts, begin = {name: [] for name in widths}, [], 0
     for frame in frames:
         model, layout = frame.model, frame.model.layout
@@ -194,7 +194,7 @@ def degrees(config: Config) -> range:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [DEFAULT, PAPER, PLAIN, MANY], ids=lambda config: config.name)
-def test_hardware_equals_twin(config):
+def test_hardware_equals_golden(config):
     """Packed scenes and all sorts of entries at all distances; the memory is written in between."""
     ports = Ports(config)
     interval = ports.part.interval
@@ -247,7 +247,7 @@ def test_a_small_memory_is_refused():
 
 @pytest.mark.parametrize("degree", [0, 1])
 @pytest.mark.parametrize("config", [DEFAULT, PAPER, MANY], ids=lambda config: config.name)
-def test_twin_reads_what_the_model_says(config, degree):
+def test_golden_reads_the_packed_values(config, degree):
     """The values of `PackedModel`, which does not know of words, rounded once."""
     for model in (garden(config, degree, FEW), altered(config, degree, any_number, count=FEW)):
         index = np.random.default_rng(13).permutation(len(model))[: len(model) // 2]
@@ -260,7 +260,7 @@ def test_twin_reads_what_the_model_says(config, degree):
             np.testing.assert_array_equal(fields[name], config.arithmetic.round(values), name)
 
 
-def test_twin_at_the_ends_of_the_exponents():
+def test_golden_at_the_ends_of_the_exponents():
     """Nothing, and the largest value."""
     for exponent, largest in ((-EXPONENT_MAX, 0.0), (EXPONENT_MAX, DEFAULT.arithmetic.max)):
         model = altered(DEFAULT, 1, highest, (exponent, exponent), FEW)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from amaranth.hdl import Assert, Cat, Module, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, connect, flipped
+from amaranth.lib.wiring import In
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
@@ -15,6 +15,7 @@ from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
+from tb.helpers.forward import forward
 
 COUNT_BITS = 10
 RANGE = Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(COUNT_BITS)})
@@ -41,8 +42,7 @@ class Memory(wiring.Component):
         request = layout(read_record())
         m.submodules.fetch = fetch = self.fetch
         m.submodules.queue = queue = Queue(request, UNDER_WAY)
-        connect(m, flipped(self).i, fetch.i)
-        connect(m, fetch.o, flipped(self.o))
+        forward(m, self, fetch, ("i", "o"))
         m.d.comb += [  # the memory has a burst no sooner than it was told of
             self.bursts.payload.eq(fetch.reads.payload),
             queue.i.payload.eq(fetch.reads.payload),

@@ -32,7 +32,7 @@ def assert_same_layout(shape, format):
 
 
 def value(constant, format, codes, index: tuple[int, ...]) -> bool:
-    """Whether a constant of the layout holds the codes of record `index`, number by number."""
+    """True if a constant of the layout holds the codes of record `index`, number by number."""
     if isinstance(format, Record):
         fields = format.fields
         return all(value(constant[name], inner, codes[name], index) for name, inner in fields)

@@ -1,7 +1,6 @@
-"""Stages 0 and 1: hardware against twins, twins against the reference, on real Gaussians."""
+"""Stages 0 and 1: hardware against golden model, that against the reference, on real Gaussians."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -12,48 +11,31 @@ from splatcore.golden.pipeline import render
 from splatcore.golden.points import Points, project_points
 from splatcore.golden.program import run
 from splatcore.golden.reference import covariance_and_conic, project
-from splatcore.model.formats.camera_file import read_camera
-from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from splatcore.spec.microprogram import projection
 from tb.helpers.point_rows import PointRows, point_rows
-from tb.helpers.point_runs import check
-from tb.helpers.scene_frames import COUNT
-from tb.helpers.scenes import needs_scenes, scene_path
-from tb.helpers.stage_cases import STAGES
-
-SCENES = {
-    "flowers.spz": "flowers", "playbot.spz": "playbot", "skull.sog": "skull",
-    "guitar.compressed.ply": "guitar", "luma-seal.splat": "luma-seal", "st-peter.sog": "st-peter",
-    "kitchen.spz": "kitchen",
-}  # fmt: skip
-"""Real scenes with 20,000 Gaussians or more, and the names of their camera files."""
+from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
+from tb.helpers.scenes import needs_scenes
+from tb.helpers.stage_cases import STAGES, check
 
 
-@cache
 def points(name: str) -> tuple:
-    """Model, camera and twin's results of a scene's first camera."""
-    if name in SCENES:
-        scene = read_scene(scene_path(name))
-        camera = read_camera(f"{scene_path(SCENES[name] + '.cameras.json')}:0")
-    else:
-        scene, camera = generate(name), generated_camera(name)
-    model, _ = pack(scene[:: max(1, len(scene) // COUNT)], sh_degree=1)
-    return model, camera, project_points(DEFAULT, model, camera)
+    """Model, camera and golden results of a scene's first camera."""
+    return scene_frame(name)[1:]
 
 
 def rows(name: str) -> PointRows:
-    """What every stream carries."""
+    """The rows of every stream."""
     model, camera, _ = points(name)
     return point_rows(DEFAULT, model, camera)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES)
-def test_stages_equal_twins_on_the_garden(stage):
+def test_stages_equal_golden_on_the_garden(stage):
     for seed, stall in enumerate((0, 0.3, 0.7)):
         check(stage, rows("garden"), stall, seed)
 
@@ -63,34 +45,31 @@ AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
 """A camera with a part of the garden behind it, and a part beside what it sees."""
 
 MACHINES = {
-    "two arrays": replace(DEFAULT, pe_arrays=2),
-    "dense, interval": replace(DEFAULT, skip_zeros=False, depth_interval=True),
-    "no harmonics": replace(DEFAULT, sh_degree=0),
-    "paper": PAPER,
-    "3σ square": replace(TINY, tile_test="3sigma"),
-    "near plane alone culls": replace(DEFAULT, culling="near"),
-    "nothing culled": replace(DEFAULT, culling="none"),
-}
+    "two arrays, nothing culled": (replace(DEFAULT, pe_arrays=2, culling="none"), 6),
+    "dense, interval, near plane alone culls": (
+        replace(DEFAULT, skip_zeros=False, depth_interval=True, culling="near"), 15
+    ),
+    "no harmonics, 3σ square": (replace(TINY, sh_degree=0, tile_test="3sigma"), 10),
+    "paper": (PAPER, 12),
+}  # fmt: skip
 """Machines that are not DEFAULT, and the cycles that each takes for a Gaussian."""
-
-CYCLES = {"two arrays": 6, "dense, interval": 15, "no harmonics": 9, "paper": 12, "3σ square": 12}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
-def test_machines_equal_twins(name):
-    config = MACHINES[name]
+def test_machines_equal_golden(name):
+    config, interval = MACHINES[name]
     model, _ = pack(generate("garden", 3000), config)
-    frame = point_rows(config, model, AMID if "cull" in name else generated_camera("garden"))
+    frame = point_rows(config, model, AMID if "cull" in name else GARDEN)
     cycles = check("points", frame, 0).cycles
     check("points", frame, 0.4)
     points, projected = len(frame.points.points), len(frame.points.inside)
-    least = max(CYCLES.get(name, 11) * projected, 4 * points)  # with few cycles cull sets the pace
+    least = max(interval * projected, 4 * points)  # with few cycles cull sets the pace
     assert least < cycles < 1.1 * least
 
 
 def test_culling_leaves_the_same_splats():
-    """What is left out for the ablation costs projections, and changes no splat in the picture."""
+    """Culling left out for the ablation costs projections, and changes no splat in the picture."""
     model, _ = pack(generate("garden", 3000), DEFAULT)
     found = {
         culling: render(replace(DEFAULT, culling=culling), model, AMID)
@@ -115,8 +94,8 @@ def test_cycles():
 
 @needs_scenes
 @pytest.mark.slow
-@pytest.mark.parametrize("file", SCENES)
-def test_points_equal_twins(file):
+@pytest.mark.parametrize("file", parameters(POINT_SCENES))
+def test_points_equal_golden(file):
     frame = rows(file)
     assert len(frame.points.points) > 20_000
     check("points", frame, 0)
@@ -145,7 +124,7 @@ def test_skipped_chunks_hold_nothing_visible():
 
 @needs_scenes
 @pytest.mark.slow
-@pytest.mark.parametrize("file", SCENES)
+@pytest.mark.parametrize("file", parameters(POINT_SCENES))
 def test_skipped_chunks_hold_nothing_visible_of_scenes(file):
     check_skipping(file)
 
@@ -215,14 +194,14 @@ def visible_indices(model, camera) -> np.ndarray:
     return splats.index[splats.depth > NEAR_PLANE * 1.001]
 
 
-def test_twins_against_the_reference_on_the_garden():
+def test_golden_against_the_reference_on_the_garden():
     check_against_reference("garden")
 
 
 @needs_scenes
 @pytest.mark.slow
-@pytest.mark.parametrize("file", SCENES)
-def test_twins_against_the_reference(file):
+@pytest.mark.parametrize("file", parameters(POINT_SCENES))
+def test_golden_against_the_reference(file):
     check_against_reference(file)
 
 

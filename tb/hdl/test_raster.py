@@ -1,4 +1,4 @@
-"""Stage 3: hardware against twin, bit for bit, and the twin against the reference."""
+"""Stage 3: hardware against golden model, bit for bit, and that against the reference."""
 
 import functools
 from dataclasses import replace
@@ -8,7 +8,7 @@ import pytest
 
 from splatcore.golden.bin import splat_codes
 from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
-from splatcore.golden.pipeline import render as render_twin
+from splatcore.golden.pipeline import render as render_golden
 from splatcore.golden.raster import WORK, rasterize
 from splatcore.golden.reference import project, render
 from splatcore.golden.sort import sort
@@ -26,12 +26,12 @@ from splatcore.spec.raster import curvature_formats, featured_record, readied_re
 from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
 from tb.helpers.needles import COUNT, long_needles
-from tb.helpers.raster_rows import prepared_codes, run_groups
-from tb.helpers.raster_runs import prepare_simulation, simulation
+from tb.helpers.raster_rows import prepare_simulation, prepared_codes, run_groups, simulation
+from tb.helpers.scene_frames import parameters
 from tb.helpers.scenes import needs_scenes, scene_path
 from tb.helpers.splat_features import random_features
 
-SCENES = ("flowers.spz", "playbot.spz", "skull.sog", "kitchen.spz", "luma-seal.splat")
+SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
 
 SIZES = ((64, 64), (61, 35), (1, 1), (33, 2))
@@ -78,7 +78,7 @@ def test_prepare(config):
 def test_nothing_is_thinner_than_the_blur(bits):
     """E's second differences have the bound that `spec.raster` reckons with, whatever is lost."""
     config, case = with_width(bits), long_needles()
-    frame = render_twin(config, pack(case.scene, config)[0], case.camera)
+    frame = render_golden(config, pack(case.scene, config)[0], case.camera)
     codes = prepared_codes(config, frame.binned.features)
     assert len(codes["cxx"]) == COUNT
     for name, format in curvature_formats(config).items():
@@ -100,7 +100,7 @@ def test_random_tiles(size, stall):
         )  # fmt: skip
         assert run.differing == 0 and run.blocks > 0
         if size == (64, 64):
-            assert run.twin.counts["contributions"] > 1000 and run.twin.counts["ended"] > 50
+            assert run.golden.counts["contributions"] > 1000 and run.golden.counts["ended"] > 50
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_groups_without_splats():
     full = (1 << TINY.weight) - 1  # of 2^weight
     bytes_ = [full * code / 2 ** (TINY.weight + TINY.colour_fraction - 8) for code in background]
     expected = [min(round(byte), 255) for byte in bytes_]
-    assert np.unique(run.twin.pixels.reshape(-1, 3), axis=0).tolist() == [expected]
+    assert np.unique(run.golden.pixels.reshape(-1, 3), axis=0).tolist() == [expected]
 
 
 @pytest.mark.slow
@@ -144,19 +144,19 @@ def test_queues_fill_and_run_empty():
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [20, 500])
 def test_counters(count):
-    """They are the twin's where no pixel ends; what ends is known some cycles later."""
+    """They are the golden model's where no pixel ends; what ends is known some cycles later."""
     size = (64, 64)
     features = random_features(TINY, count, size, 7)
     features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
     entries = random_entries(TINY, count, size, 7)
     run = run_groups(simulation(TINY), TINY, features, entries, size)
-    twin, counters = run.twin.counts, run.counters
-    assert run.differing == 0 and twin["ended"] == 0 and twin["visited"] > count
+    golden, counters = run.golden.counts, run.counters
+    assert run.differing == 0 and golden["ended"] == 0 and golden["visited"] > count
     assert counters["splats"] == count and counters["dropped"] == 0
-    assert counters["pairs"] == twin["pairs"] == np.bitwise_count(entries.mask).sum()
-    assert counters["empty"] == twin["far"] + twin["empty"] > 0
+    assert counters["pairs"] == golden["pairs"] == np.bitwise_count(entries.mask).sum()
+    assert counters["empty"] == golden["far"] + golden["empty"] > 0
     for number in range(TINY.rasterizers):
-        blended = run.twin.work[:, number, WORK.index("visited")].sum()
+        blended = run.golden.work[:, number, WORK.index("visited")].sum()
         assert counters[f"blended{number}"] == blended
         assert blended < counters[f"waited{number}"] < run.result.cycles
     assert counters["blocked"] == 0
@@ -175,22 +175,27 @@ def test_stop():
     entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
     run = run_groups(simulation(TINY), TINY, features, entries, size)
     assert run.differing == 0 and (run.result.samples["live"] == 0).any()
-    assert run.twin.counts["entries"] < 10 and run.counters["dropped"] > 500
+    assert run.golden.counts["entries"] < 10 and run.counters["dropped"] > 500
 
 
-@pytest.mark.slow
-def test_without_early_termination():
-    """No pixel ends, and nothing of a splat that is behind all others is left out."""
+@pytest.mark.parametrize("hardware", [False, pytest.param(True, marks=pytest.mark.verify)])
+def test_without_early_termination(hardware):
+    """No pixel ends, and nothing of a splat that is behind all others is left out.
+
+    Whole machines are tested without it as well (`OTHER`).
+    """
     config = replace(TINY, early_termination=False)
     size = (64, 64)
     features = random_features(config, 500, size, 3)
     features["opacity"][:] = 0
     entries = random_entries(config, 500, size, 3)
-    run = run_groups(simulation(config), config, features, entries, size)
-    assert run.differing == 0 and run.twin.counts["ended"] == 0 and run.counters["dropped"] == 0
-    ending = rasterize(TINY, features, entries.start, entries.splat, entries.mask, size)
-    assert ending.counts["ended"] > 100
-    assert ending.counts["contributions"] < run.twin.counts["contributions"]
+    arguments = (features, entries.start, entries.splat, entries.mask, size)
+    whole, ending = rasterize(config, *arguments), rasterize(TINY, *arguments)
+    assert whole.counts["ended"] == 0 and ending.counts["ended"] > 100
+    assert ending.counts["contributions"] < whole.counts["contributions"]
+    if hardware:
+        run = run_groups(simulation(config), config, features, entries, size)
+        assert run.differing == 0 and run.counters["dropped"] == 0
 
 
 FITTING = [
@@ -216,12 +221,12 @@ def test_hard_cases(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("stall", [0, 0.4])
 def test_from_splats_to_pixels(stall):
-    """Binning's and this stage's hardware, between them the sorter's twin and what binning has left
-    in memory: the pixels of the machine's twin.
+    """Binning's and this stage's hardware, between them the golden sorter and the lists in memory:
+    the pixels of the golden machine.
     """
     model, _ = pack(generate("garden", 3000), TINY)
     camera = generated_camera("garden", 64, 64)
-    frame = render_twin(TINY, model, camera)
+    frame = render_golden(TINY, model, camera)
     splats = splat_codes(TINY, frame.points.projected)
     binned, _ = check_binning("TINY", [Frame(splats, *SIZES[0])], stall)
     lists = read_memory(TINY, binned)
@@ -235,7 +240,7 @@ def test_from_splats_to_pixels(stall):
     run = run_groups(
         simulation(TINY), TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall
     )  # fmt: skip
-    assert run.differing == 0 and (run.twin.pixels == frame.pixels).all()
+    assert run.differing == 0 and (run.golden.pixels == frame.pixels).all()
     assert counts.min() > 20 and frame.pixels.std() > 10
 
 
@@ -255,7 +260,7 @@ def scene_groups(name: str):
 
 @needs_scenes
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", parameters(SCENES, 2))
 def test_scenes(name):
     features, entries, size, groups = scene_groups(name)
     for stall in (0, 0.3):
@@ -267,7 +272,7 @@ def test_scenes(name):
 
 @pytest.mark.parametrize("name", ["garden", *HARD])
 def test_against_the_reference(name):
-    """The twin's picture from the reference's splats; and marking loses nothing."""
+    """The golden picture from the reference's splats; and marking loses nothing."""
     case = HARD[name](0) if name in HARD else None
     scene = case.scene if case else generate("garden", 5_000)
     camera = case.camera if case else generated_camera("garden", 320, 180)
@@ -276,8 +281,8 @@ def test_against_the_reference(name):
     size = camera.width, camera.height
     features, entries = features_of(DEFAULT, splats), entries_of(DEFAULT, splats, camera)
     arguments = (DEFAULT, features, entries.start, entries.splat, entries.mask, size)
-    twin, all_blocks = rasterize(*arguments), rasterize(*arguments, mark_all=True)
-    assert (twin.pixels == all_blocks.pixels).all()
-    assert twin.counts["contributions"] == all_blocks.counts["contributions"]
-    error = twin.pixels / 255 - np.clip(render(gaussians, camera).image, 0, 1)
+    golden, all_blocks = rasterize(*arguments), rasterize(*arguments, mark_all=True)
+    assert (golden.pixels == all_blocks.pixels).all()
+    assert golden.counts["contributions"] == all_blocks.counts["contributions"]
+    error = golden.pixels / 255 - np.clip(render(gaussians, camera).image, 0, 1)
     assert np.mean(error**2) < 10**-5.2

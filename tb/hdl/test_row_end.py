@@ -1,9 +1,9 @@
-"""A row's end against its twin, unit for unit: tiles alone hardly tell one unit from the next."""
+"""A row's end against its golden model, in units: tiles hardly tell one unit from the next."""
 
 import numpy as np
 import pytest
 
-from splatcore.golden.footprint import right_end
+from splatcore.golden.footprint import OUTLINE, right_end
 from splatcore.hdl.binning.row_end import END_BITS, LATENCY, SLOPE_AT, WIDTH_AT, RowEnd
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.binning import FACTOR_FRACTION, HALF_BITS, lean_margin, outward
@@ -36,7 +36,7 @@ def bands(count: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_row_end_equals_twin():
+def test_row_end_equals_golden():
     count, margin, out = 20_000, lean_margin(TINY), outward(TINY)
     given, row_end = bands(count), RowEnd(TINY)
     edges = (given["low"] - margin == given["lean"], given["high"] + margin == given["lean"])
@@ -53,10 +53,12 @@ def test_row_end_equals_twin():
     found = simulation.run({}, constants=constants).samples["o"].astype(np.int64)
     found = found[LATENCY : LATENCY + count]
     found -= (found >> END_BITS - 1) << END_BITS
-    names = ("half_width", "half", "shear", "slope", "lean", "normalise")
-    columns = np.stack([given[name] for name in names], axis=1)
+    outlines = np.zeros(count, OUTLINE)
+    outlines["x"]["half"], outlines["y"]["half"] = given["half_width"], given["half"]
+    for name in ("shear", "slope", "lean", "normalise"):
+        outlines[name] = given[name]
     expected = [
-        right_end(tuple(outline), low, high, 1, margin, out)
-        for outline, low, high in zip(columns.tolist(), given["low"], given["high"], strict=True)
+        right_end(outline, low, high, 1, margin, out)
+        for outline, low, high in zip(outlines, given["low"], given["high"], strict=True)
     ]
     assert (found == np.where(given["box"], given["half_width"], expected)).all()

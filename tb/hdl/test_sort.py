@@ -1,4 +1,4 @@
-"""Stage 2 against its twin: order, what goes through scratch memory, stops, pace."""
+"""Stage 2 against its golden model: order, what goes through scratch memory, stops, pace."""
 
 from dataclasses import replace
 from functools import cache
@@ -21,15 +21,15 @@ from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.config import TINY
-from splatcore.spec.counters import COUNTER_BITS
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
 from tb.formal.planted import planted
+from tb.helpers.forward import counters, forward
 from tb.helpers.sort_runs import MACHINES, simulation
 
 NARROW = replace(TINY, sort_digits=(1,) * 8)
 CONFIGS = MACHINES | {"NARROW": NARROW}
-"""What has faults planted is narrow, as there are many of it."""
+"""Stages with planted faults are narrow, as there are many of them."""
 
 
 MIXED = (300, 5, 0, 0, 64, 65, 1, 128, 257, 16, 17, 15, 48)
@@ -39,7 +39,7 @@ MIXED = (300, 5, 0, 0, 64, 65, 1, 128, 257, 16, 17, 15, 48)
 def check(
     name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, **constants
 ) -> Result:
-    """A run, every stream compared with the twin's."""
+    """A run, every stream compared with the golden model's."""
     config = CONFIGS[name]
     rows = sort_rows(config, np.array(counts, int), entries_of(config, kind, counts, seed))
     result = (part or simulation(name)).run(
@@ -52,8 +52,8 @@ def check(
     return result
 
 
-def test_twin_in_small():
-    """What the twin says, looked through by hand: 65 entries of TINY are a job and one of one."""
+def test_golden_in_small():
+    """Results looked through by hand: 65 entries of TINY are a job and one of one."""
     keys = np.arange(65)[::-1].astype(np.uint64)
     entries = {"key": keys, "splat": np.arange(65), "mask": np.arange(65) % 16}
     found = sort(TINY, np.array([65, 0]), entries)
@@ -67,7 +67,7 @@ def test_twin_in_small():
 
 
 @pytest.mark.parametrize("kind", KEYS)
-def test_twin_reads_what_it_has_spilled(kind):
+def test_golden_reads_what_it_has_spilled(kind):
     """In each level, each entry from the position that it was spilled to."""
     for count in (65, 256, 257, 1000, 4097):
         entries = entries_of(TINY, kind, [count])
@@ -90,7 +90,7 @@ def test_twin_reads_what_it_has_spilled(kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KEYS)
-def test_tiny_equals_twin(kind):
+def test_tiny_equals_golden(kind):
     """Several levels, all lengths around the sizes of things, with and without stalls."""
     for count in (0, 1, 2, 15, 16, 17, 31, 63, 64, 65, 255, 256, 257, 1000, 1024, 1025, 4100):
         check("TINY", kind, [count])
@@ -102,7 +102,7 @@ def test_tiny_equals_twin(kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["one", "three"])
-def test_other_sizes_equal_twin(name):
+def test_other_sizes_equal_golden(name):
     for seed, (kind, stall) in enumerate(product(KEYS, (0, 0.4))):
         check(name, kind, [*MIXED, 700], stall, seed)
 
@@ -110,7 +110,7 @@ def test_other_sizes_equal_twin(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KEYS)
 @pytest.mark.parametrize("name", ["DEFAULT", "four"])
-def test_long_lists_equal_twin(name, kind):
+def test_long_lists_equal_golden(name, kind):
     config = MACHINES[name]
     check(name, kind, [20_000])
     half = half_entries(config)
@@ -166,16 +166,12 @@ def test_cycles_of_many_groups(name):
 @pytest.mark.slow
 def test_counters():
     result = check("TINY", "random", MIXED, 0.3)
-    total = result.ports["counters"]
-    counted = {
-        name: total >> k * COUNTER_BITS & (1 << COUNTER_BITS) - 1 for k, name in enumerate(COUNTED)
-    }
+    counted = counters(COUNTED, result.ports["counters"])
     assert counted["entries"] == counted["given"] == sum(MIXED)
     assert 0 < counted["sorting"] < result.cycles
     assert 0 < counted["starved"] < result.cycles and counted["blocked"] > 0
     result = check("TINY", "random", [64] * 20)
-    free = result.ports["counters"] >> COUNTED.index("blocked") * COUNTER_BITS
-    assert free & (1 << COUNTER_BITS) - 1 == 0  # nothing but the outside blocks
+    assert counters(COUNTED, result.ports["counters"])["blocked"] == 0  # only the outside blocks
 
 
 def marks_taken(result: Result) -> np.ndarray:
@@ -227,8 +223,8 @@ def test_stop(counts, stall):
 
 FAULTS = {
     "a later run wins a tie": (Merge, "_compare", "second.gone) < Cat", "second.gone) <= Cat"),
-    "heads are not waited for": (Merge, "elaborate", "(~self.live | self.there).all() & ", ""),
-    "what is found is lost": (Merge, "_advance", "there.eq(waits | here)", "there.eq(waits)"),
+    "heads are not waited for": (Merge, "elaborate", "(~self.live | self.present).all() & ", ""),
+    "what is found is lost": (Merge, "_advance", "waits | arrives", "waits"),
     "a place is read early": (Merge, "_fetch", "self.waits & left", "self.waits"),
     "a job too long": (Runs, "_cut", "count > half", "count >= half"),
     "a run in the wrong half": (Runs, "_write", "(halves[k] == number)", "(halves[0] == number)"),
@@ -257,12 +253,7 @@ class Faulty(wiring.Component):
         for number, (sort, made) in enumerate(sorts):
             m.submodules += made
             with m.If(self.fault == number):
-                for name, member in sort.signature.members.items():
-                    mine, its = getattr(self, name), getattr(sort, name)
-                    if not member.is_port:
-                        wiring.connect(m, wiring.flipped(mine), its)
-                    else:
-                        m.d.comb += its.eq(mine) if member.flow is In else mine.eq(its)
+                forward(m, self, sort)
         return m
 
 
@@ -272,7 +263,7 @@ def faulty() -> Simulation:
 
 
 def check_all(number: int):
-    """What finds every fault."""
+    """Runs that find every fault."""
     for seed, stall in enumerate((0, 0.5)):
         check("NARROW", "equal", [*MIXED, 64, 65], stall, seed, faulty(), fault=number)
         check("NARROW", "clustered", [*MIXED, 300, 64], stall, seed, faulty(), fault=number)

@@ -1,19 +1,19 @@
 """The stream primitives under all stall patterns, their promises counted in cycles."""
 
 import gc
-import shutil
 
 import pytest
 
 from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
+from tb.helpers.icarus import needs_icarus
 from tb.helpers.parts import Beside, Piped
 
 WIDTH = 16
 
 
 def part(component, latency: int, capacity: int, outputs: int = 1) -> tuple:
-    """A component and what its docstring promises."""
+    """A component and its docstring's promises."""
     level = hasattr(component, "level")
     promise = {"latency": latency, "capacity": capacity, "outputs": outputs, "level": level}
     return component, promise
@@ -38,7 +38,7 @@ PROMISES = {name: promise for name, (_, promise) in PARTS.items()}
 
 def run(simulator: str, promises: dict, few: bool):
     beside = Beside({name: component for name, (component, _) in PARTS.items()})
-    run_bench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
+    run_testbench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
 
 
 @pytest.mark.slow
@@ -52,16 +52,13 @@ def test_under_verilator():
     [("pipe_4", "latency", "throughput"), ("queue_5", "capacity", "capacity")],
 )
 def test_broken_promise_is_named(name, promise, test):
-    """The bench fails, and says where, if a part does not do what it is said to do."""
+    """The testbench fails, and says where, if a part does not do what it is said to do."""
     broken = PROMISES[name] | {promise: PROMISES[name][promise] - 1}
-    with pytest.raises(AssertionError, match=rf"tb\.bench_stream\.{test}/part={name}"):
+    with pytest.raises(AssertionError, match=rf"tb\.testbenches\.stream\.{test}/part={name}"):
         run("verilator", {name: broken, "fork": PROMISES["fork"]}, few=True)
 
 
-@pytest.mark.skipif(
-    shutil.which("iverilog") is None,
-    reason="needs Icarus Verilog: apt-get install iverilog",
-)
+@needs_icarus
 @pytest.mark.slow
 def test_under_icarus():
     run("icarus", PROMISES, few=True)

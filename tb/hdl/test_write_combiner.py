@@ -34,7 +34,7 @@ def addresses(rng: np.random.Generator) -> np.ndarray:
 
 
 def lines(slot: np.ndarray, data: np.ndarray) -> list[dict[int, int]]:
-    """What is gathered, slot → data."""
+    """Lines gathered, slot → data."""
     found = [{int(slot[0]): int(data[0])}]
     for address, value in zip(slot[1:].tolist(), data[1:].tolist(), strict=True):
         before = max(found[-1])
@@ -46,7 +46,7 @@ def lines(slot: np.ndarray, data: np.ndarray) -> list[dict[int, int]]:
 
 
 def written(rows: np.ndarray) -> list[dict[int, int]]:
-    """What bursts write, slot → data."""
+    """Lines written by bursts, slot → data."""
     codes = write_record().unpack(rows)
     assert (codes["length"] == LINE_BEATS - 1).all() and len(rows) % LINE_BEATS == 0
     beat = codes["beat"].astype(np.int64).reshape(-1, LINE_BEATS)

@@ -9,7 +9,6 @@ from collections import deque
 
 import cocotb
 import numpy as np
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, RisingEdge
 from cocotbext.axi import AxiBus, AxiRam, AxiResp, AxiSlaveRead, AxiSlaveWrite
 
@@ -25,7 +24,7 @@ from splatcore.spec.axi import (
     RENDERING,
     WRITERS,
 )
-from tb.helpers.streams import PERIOD, never, reset
+from tb.helpers.streams import Stream, never, start
 
 BURSTS = 40
 """Bursts of each client in a test."""
@@ -83,7 +82,7 @@ class Memory:
 
 
 class Bench:
-    """Clients, memory, and what both must agree about."""
+    """Clients, memory, and the bytes that both must agree about."""
 
     def __init__(self, dut, kind: str = "mixed", pattern=never):
         self.dut, self.pattern = dut, pattern
@@ -105,6 +104,9 @@ class Bench:
             getattr(writing, f"{name}_channel").set_pause_generator(pattern())
         for name in ("ar", "r"):
             getattr(reading, f"{name}_channel").set_pause_generator(pattern())
+        self.reads = [Stream(dut, f"reads__{k}") for k in range(len(READERS))]
+        self.data = [Stream(dut, f"data__{k}") for k in range(len(READERS))]
+        self.writes = [Stream(dut, f"writes__{k}") for k in range(len(WRITERS))]
         # By client: bursts to be asked for; beats expected back; beats to be written.
         self.requests = [deque() for _ in READERS]
         self.awaited = [deque() for _ in READERS]
@@ -117,14 +119,8 @@ class Bench:
 
     async def start(self):
         dut = self.dut
-        for k in range(len(READERS)):
-            getattr(dut, f"reads__{k}__valid").value = 0
-            getattr(dut, f"data__{k}__ready").value = 0
-        for k in range(len(WRITERS)):
-            getattr(dut, f"writes__{k}__valid").value = 0
         dut.failing.value = 0
-        Clock(dut.clk, PERIOD, "ns").start()
-        await reset(dut, 3)
+        await start(dut, [*self.reads, *self.writes], self.data)
         cocotb.start_soon(self.watch_port())
         cocotb.start_soon(self.watch())
         for k in range(len(READERS)):
@@ -159,20 +155,17 @@ class Bench:
 
     async def reader(self, k: int):
         """Asks for bursts."""
-        valid, payload, ready = (
-            getattr(self.dut, f"reads__{k}__{part}") for part in ("valid", "payload", "ready")
-        )
-        half, idle = list(READERS.values())[k], self.pattern()
+        stream, half, idle = self.reads[k], list(READERS.values())[k], self.pattern()
         while True:
             offers = bool(self.requests[k]) and not self.silent[half] and not next(idle)
-            valid.value = offers
+            stream.valid.value = offers
             if offers:
                 first, beats = self.requests[k][0]
-                payload.value = first | beats - 1 << BEAT_ADDRESS_BITS
+                stream.payload.value = first | beats - 1 << BEAT_ADDRESS_BITS
             await RisingEdge(self.dut.clk)
-            while offers and not ready.value and not self.silent[half]:
+            while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
-            if offers and ready.value:
+            if offers and stream.ready.value:
                 assert not self.fails(half), f"reader {k} begins though its half fails"
                 self.requests[k].popleft()
                 self.reading[half] += 1
@@ -180,18 +173,15 @@ class Bench:
 
     async def takes(self, k: int):
         """Takes beats and compares them."""
-        valid, payload, ready = (
-            getattr(self.dut, f"data__{k}__{part}") for part in ("valid", "payload", "ready")
-        )
-        half, stall = list(READERS.values())[k], self.pattern()
+        stream, half, stall = self.data[k], list(READERS.values())[k], self.pattern()
         while True:
             free = not self.silent[half] and not next(stall)
-            ready.value = free
+            stream.ready.value = free
             await RisingEdge(self.dut.clk)
             if self.fails(half):
-                assert not valid.value, f"reader {k} has a beat though its half fails"
-            if free and valid.value:
-                found = int(payload.value)
+                assert not stream.valid.value, f"reader {k} has a beat though its half fails"
+            if free and stream.valid.value:
+                found = int(stream.payload.value)
                 beat, last = self.awaited[k].popleft()
                 assert found >> DATA_BITS == last, f"reader {k}: last"
                 address = beat * BEAT
@@ -204,23 +194,20 @@ class Bench:
 
     async def writer(self, k: int):
         """Gives beats; once a burst has begun, without waiting."""
-        valid, payload, ready = (
-            getattr(self.dut, f"writes__{k}__{part}") for part in ("valid", "payload", "ready")
-        )
-        half, idle = list(WRITERS.values())[k], self.pattern()
+        stream, half, idle = self.writes[k], list(WRITERS.values())[k], self.pattern()
         while True:
             offers = bool(self.beats[k]) and not self.silent[half]
             offers = offers and (bool(self.inside[k]) or not next(idle))
-            valid.value = offers
+            stream.valid.value = offers
             if offers:
                 first, place, length, strobe, data = self.beats[k][0]
                 value = first | length - 1 << BEAT_ADDRESS_BITS
                 above = BEAT_ADDRESS_BITS + LENGTH_BITS
-                payload.value = value | strobe << above | data << above + BEAT
+                stream.payload.value = value | strobe << above | data << above + BEAT
             await RisingEdge(self.dut.clk)
-            while offers and not ready.value and not self.silent[half]:
+            while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
-            if offers and ready.value:
+            if offers and stream.ready.value:
                 assert not self.fails(half), f"writer {k} goes on though its half fails"
                 self.beats[k].popleft()
                 self.inside[k] = length - 1 - place
@@ -284,7 +271,7 @@ class Bench:
                     seen.add(error >> 1)
 
     async def done(self, halves=HALVES):
-        """All clients of some halves are through and the module says so."""
+        """Wait until all clients of some halves are through and the module says so."""
         mask = sum(1 << half for half in halves)
         mine = [*zip(READERS.values(), self.requests, strict=True)]
         mine += [*zip(WRITERS.values(), self.beats, strict=True)]

@@ -6,28 +6,27 @@ from functools import cache
 import numpy as np
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
-from numba import njit
+from amaranth.lib.wiring import In, Out
 
 from splatcore.golden.bin import Binned, Codes, bin_splats
 from splatcore.golden.lists import Lists
-from splatcore.golden.reference_tiles import smallest_q
+from splatcore.golden.reference_tiles import bin_splats as touched
 from splatcore.hdl.binning.bin import COUNTED, Bin
 from splatcore.hdl.lib.record import layout
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
-from splatcore.spec.counters import COUNTER_BITS
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import SPLAT_BITS, entry_record, feature_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Record
+from tb.helpers.forward import counters, forward
 
-SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19)
-"""A machine whose keys do not reach all depths."""
+SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19, group=1)
+"""A machine whose keys do not reach all depths, and whose groups are single tiles."""
 
 SQUARE = replace(TINY, name="SQUARE", tile_test="3sigma")
 
@@ -48,7 +47,7 @@ def frame_record() -> Record:
 
 
 def report_record() -> Record:
-    """What is known when a frame is done."""
+    """The report when a frame is done."""
     return Record("report", {"needed": Bits(PAGE_BITS)})
 
 
@@ -79,8 +78,7 @@ class BinFrames(wiring.Component):
         taken, released = Signal(SPLAT_BITS), Signal()
         settled = Signal(SETTLING)
         frame, more = self.frames.payload, Signal()
-        for name in ("features", "bursts", "groups"):
-            connect(m, getattr(flipped(self), name), getattr(inner, name))
+        forward(m, self, inner, ("features", "bursts", "groups", "near_code", "counters"))
         for name in ("width", "height", "pages"):
             m.d.comb += getattr(inner, name).eq(frame[name])
         m.d.comb += [
@@ -88,8 +86,6 @@ class BinFrames(wiring.Component):
             inner.i.payload.eq(self.i.payload),
             inner.i.valid.eq(self.i.valid & more),
             self.i.ready.eq(inner.i.ready & more),
-            inner.near_code.eq(self.near_code),
-            self.counters.eq(inner.counters),
             self.room.eq(inner.outline.room),
             self.finishing.eq(inner.finish),
             inner.finish.eq(settled[-1] & ~more & ~released),
@@ -118,10 +114,6 @@ class Frame:
 
     def __len__(self) -> int:
         return len(self.splats["u"])
-
-    def twin(self, config: Config, near_code: int) -> Binned:
-        """What becomes of it."""
-        return bin_splats(config, near_code, self.splats, self.width, self.height, self.pages)
 
 
 def rows_in(config: Config, frames: list[Frame]) -> dict[str, np.ndarray]:
@@ -152,8 +144,9 @@ def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
 
 
 def bin_frame(config: Config, frame: Frame) -> Binned:
-    """The twin's result."""
-    return frame.twin(config, near_code(config))
+    """The golden result."""
+    near = near_code(config)
+    return bin_splats(config, near, frame.splats, frame.width, frame.height, frame.pages)
 
 
 def near_code(config: Config) -> int:
@@ -168,7 +161,7 @@ def simulation(name: str) -> Simulation:
 
 
 def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
-    """Every bit of every stream, and the counters; the run and what the twin says."""
+    """Every bit of every stream, and the counters; the run and the golden results."""
     config = MACHINES[name]
     results = [bin_frame(config, frame) for frame in frames]
     expected = rows_out(config, results)
@@ -182,10 +175,7 @@ def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
         assert len(found) == len(rows), f"{port}: {len(found)} rows, not {len(rows)}"
         wrong = np.flatnonzero((found != rows).any(axis=1))
         assert not len(wrong), f"{port}: {len(wrong)} differ, first {wrong[0]}"
-    bits = run.ports["counters"]
-    counted = {
-        event: bits >> k * COUNTER_BITS & (1 << COUNTER_BITS) - 1 for k, event in enumerate(COUNTED)
-    }
+    counted = counters(COUNTED, run.ports["counters"])
     blocked = counted.pop("blocked")
     assert not blocked if stall == 0 else blocked < run.cycles
     assert counted == {
@@ -238,7 +228,7 @@ class Ellipses:
 
     @classmethod
     def of(cls, config: Config, splats: Codes) -> "Ellipses":
-        """What the splats' own codes say, in float64."""
+        """Those of the splats' own codes, in float64."""
         pixel = 2.0**config.screen_exponent
         value = {name: config.arithmetic.decode(code) for name, code in splats.items()}
         across = value["power_across"] / POWER_SCALE / pixel**2
@@ -248,14 +238,26 @@ class Ellipses:
         reach = -2 * np.log(ALPHA_MIN) - 2 * np.log(2) * OPACITY.step * value["attenuation"]
         return cls(centre, conic, reach)
 
-    def boxes(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-        """First and last columns and rows of tiles [N, 2] that may be touched, and one more."""
+    def boxes(self, width: int, height: int) -> np.ndarray:
+        """First and last columns, first and last rows of tiles [N, 4] that may be touched, and one
+        more on each side.
+        """
         a, b, c = self.conic.T
         half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
         last = np.array([width - 1, height - 1]) // TILE
         low = np.clip((self.centre - half) // TILE - 1, 0, last + 1)
         high = np.clip((self.centre + half) // TILE + 1, -1, last)
-        return low.astype(np.int64), high.astype(np.int64)
+        return np.stack([low, high], axis=2).reshape(-1, 4).astype(np.int64)
+
+
+def found_tiles(config: Config, frame: Frame, found: Binned) -> tuple[np.ndarray, ...]:
+    """Splat (its number in the frame), row and column of each pair that binning has, [N] each."""
+    side, columns = config.group, -(-frame.width // (TILE * config.group))
+    mask = found.entries["mask"].astype(np.int64)
+    entry, place = np.nonzero(mask[:, None] >> np.arange(side * side) & 1)
+    row, column = np.divmod(found.group[entry], columns)
+    splat = found.kept[found.entries["splat"][entry].astype(np.int64)]
+    return splat, row * side + place // side, column * side + place % side
 
 
 def compare_tiles(
@@ -269,51 +271,20 @@ def compare_tiles(
     """
     ellipses = ellipses or Ellipses.of(config, frame.splats)
     splats = np.arange(len(frame)) if splats is None else splats
-    owner = found.kept[found.entries["splat"].astype(np.int64)]
-    entries = np.stack([np.searchsorted(owner, splats + k) for k in (0, 1)], axis=1)
-    low, high = ellipses.boxes(frame.width, frame.height)
-    columns, rows = -(-frame.width // TILE), -(-frame.height // TILE)
-    return _compare(
-        ellipses.centre, ellipses.conic, ellipses.reach, low, high, frame.width, frame.height,
-        entries, found.group, found.entries["mask"].astype(np.int64), config.group, columns,
-        np.zeros(rows * columns, np.bool_),
+    width, height = frame.width, frame.height
+    exact = touched(
+        ellipses.centre, ellipses.conic, ellipses.reach, ellipses.boxes(width, height),
+        width, height, exact=True,
     )  # fmt: skip
+    columns = -(-width // TILE)
+    tile = np.repeat(np.arange(len(exact.start) - 1), np.diff(exact.start))
+    splat, row, column = found_tiles(config, frame, found)
+    assert (column < columns).all()
+    tiles = len(exact.start) - 1
+    there = np.isin(splats[exact.splat] * tiles + tile, splat * tiles + row * columns + column)
+    return len(tile), int((~there).sum())
 
 
 def pairs(found: Binned) -> int:
     """Pairs of splats and tiles that binning has."""
     return int(np.bitwise_count(found.entries["mask"]).sum())
-
-
-@njit(cache=True)
-def _compare(
-    centre, conic, reach, low, high, width, height, entries, group, mask, side, columns, tiles
-):  # fmt: skip
-    """Exact pairs and missing ones; entries[n] says where those of ellipse n begin and end."""
-    exact = missing = 0
-    for n in range(len(centre)):
-        for set_to in (True, False):
-            _mark(tiles, entries[n], group, mask, side, columns, set_to)
-            if not set_to:
-                break
-            for row in range(low[n, 1], high[n, 1] + 1):
-                y0 = row * TILE - centre[n, 1]
-                y1 = min(row * TILE + TILE, height) - 1 - centre[n, 1]
-                for column in range(low[n, 0], high[n, 0] + 1):
-                    x0 = column * TILE - centre[n, 0]
-                    x1 = min(column * TILE + TILE, width) - 1 - centre[n, 0]
-                    if smallest_q(conic[n], x0, x1, y0, y1) <= reach[n]:
-                        exact += 1
-                        missing += not tiles[row * columns + column]
-    return exact, missing
-
-
-@njit(cache=True)
-def _mark(tiles, entries, group, mask, side, columns, value):
-    """Set the tiles of a splat's entries."""
-    across = -(-columns // side)
-    for entry in range(entries[0], entries[1]):
-        row, column = group[entry] // across * side, group[entry] % across * side
-        for k in range(side * side):
-            if mask[entry] >> k & 1:
-                tiles[(row + k // side) * columns + column + k % side] = value

@@ -5,7 +5,7 @@ import numpy as np
 from splatcore.golden.bin import Binned
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SIGMA_EXTENT, TILE
-from tb.helpers.bin_frames import Ellipses, Frame
+from tb.helpers.bin_frames import Ellipses, Frame, found_tiles
 
 
 def radii(covariance: np.ndarray) -> np.ndarray:
@@ -33,20 +33,14 @@ def square_tiles(centre: np.ndarray, radius: np.ndarray, size: tuple[int, int]) 
     return boxes
 
 
-def found_tiles(config: Config, frame: Frame, found: Binned) -> np.ndarray:
-    """The same [N, 4] of what binning has, all of whose tiles must fill their box."""
-    side, columns = config.group, -(-frame.width // (TILE * config.group))
+def found_boxes(config: Config, frame: Frame, found: Binned) -> np.ndarray:
+    """The same [N, 4] of the tiles that binning has, all of which must fill their box."""
     boxes = np.tile(np.array([1 << 30, -1, 1 << 30, -1]), (len(frame), 1))
-    owner = found.kept[found.entries["splat"].astype(np.int64)]
-    mask, count = found.entries["mask"].astype(np.int64), np.zeros(len(frame), np.int64)
-    for place in range(side * side):
-        has = np.flatnonzero(mask >> place & 1)
-        row = found.group[has] // columns * side + place // side
-        column = found.group[has] % columns * side + place % side
-        for k, tile in enumerate((column, row)):
-            np.minimum.at(boxes[:, 2 * k], owner[has], tile)
-            np.maximum.at(boxes[:, 2 * k + 1], owner[has], tile)
-        count += np.bincount(owner[has], minlength=len(frame))
+    splat, row, column = found_tiles(config, frame, found)
+    for k, tile in enumerate((column, row)):
+        np.minimum.at(boxes[:, 2 * k], splat, tile)
+        np.maximum.at(boxes[:, 2 * k + 1], splat, tile)
+    count = np.bincount(splat, minlength=len(frame))
     boxes[count == 0] = [0, -1, 0, -1]
     assert (areas(boxes) == count).all()
     return boxes
@@ -70,7 +64,7 @@ def compare_squares(
     if centre is None:
         ellipses = Ellipses.of(config, frame.splats)
         centre, radius = ellipses.centre, radii(covariances(ellipses.conic))
-    boxes = found_tiles(config, frame, found)
+    boxes = found_boxes(config, frame, found)
     boxes = boxes if splats is None else boxes[splats]
     exact = square_tiles(centre, radius, (frame.width, frame.height))
     lacking = (exact[:, [0, 2]] < boxes[:, [0, 2]]) | (exact[:, [1, 3]] > boxes[:, [1, 3]])

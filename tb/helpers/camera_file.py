@@ -3,9 +3,9 @@
 import struct
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from splatcore.spec.camera import Camera, look_at
-from splatcore.spec.scene import rotation_matrix
 
 EXPECTED = [
     look_at([3, -1, 2], [0, 0.5, 0], 640, 480, 500.0, name="4"),
@@ -70,9 +70,5 @@ def colmap_binary(model: int = 1) -> dict[str, bytes]:
 
 
 def quaternion(camera: Camera) -> list[float]:
-    """(w, x, y, z) of a camera's rotation: the eigenvector of eigenvalue 1 of its action."""
-    r = camera.rotation
-    w = np.sqrt(1 + np.trace(r)) / 2
-    q = [w, *(np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / (4 * w))]
-    assert np.allclose(rotation_matrix(np.array([q]))[0], r)
-    return [float(x) for x in q]
+    """(w, x, y, z) of a camera's rotation."""
+    return Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True).tolist()

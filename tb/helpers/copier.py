@@ -5,11 +5,11 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.spec.axi import (
     BEAT,
     BEAT_BITS,
     DATA_BITS,
-    ID_BITS,
     LITE_ADDRESS_BITS,
     LITE_DATA_BITS,
 )
@@ -17,7 +17,7 @@ from splatcore.spec.config import TINY
 from splatcore.spec.registers import CODE_BITS, ErrorCode, addresses
 
 FAULTS = ("none", "ar", "aw", "w", "last", "boundary", "size", "outside", "hang", "early")
-"""What the device does wrong, chosen by FEATURES_MAX less `FAULT`."""
+"""Errors of the device, chosen by FEATURES_MAX less `FAULT`."""
 
 FAULT = 1000
 BURST = 4
@@ -31,33 +31,13 @@ PAGES = 9
 """List pages that the device says it needs."""
 
 
-def bus() -> dict:
-    """Ports as the machine has them."""
-    address = {"id": ID_BITS, "addr": 32, "len": 8, "size": 3, "burst": 2, "cache": 4, "prot": 3}
-    master = {"wdata": DATA_BITS, "wstrb": BEAT, "wlast": 1}
-    master |= {f"{c}{name}": n for c in ("ar", "aw") for name, n in address.items()}
-    answers = {"rid": ID_BITS, "rdata": DATA_BITS, "rresp": 2, "rlast": 1, "bid": ID_BITS}
-    answers |= {"bresp": 2}
-    members = {f"m_axi__{name}": Out(n) for name, n in master.items()}
-    members |= {f"m_axi__{name}": In(n) for name, n in answers.items()}
-    for channel, flow in (("ar", Out), ("aw", Out), ("w", Out), ("r", In), ("b", In)):
-        members[f"m_axi__{channel}valid"] = flow(1)
-        members[f"m_axi__{channel}ready"] = (In if flow is Out else Out)(1)
-        members[f"s_axi__{channel}valid"] = (In if flow is Out else Out)(1)
-        members[f"s_axi__{channel}ready"] = flow(1)
-    members |= {f"s_axi__{c}addr": In(LITE_ADDRESS_BITS) for c in ("ar", "aw")}
-    members |= {"s_axi__wdata": In(LITE_DATA_BITS), "s_axi__wstrb": In(LITE_DATA_BITS // 8)}
-    members |= {"s_axi__rdata": Out(LITE_DATA_BITS), "s_axi__rresp": Out(2), "s_axi__bresp": Out(2)}
-    return members | {"interrupt": Out(1)}
-
-
 class Copier(wiring.Component):
     """Copies the bytes at MODEL to the image: what the host sees of it is a machine's."""
 
     NAMES = ("MODEL", "PIXELS", "STRIDE", "HEIGHT", "LISTS_PAGES", "FEATURES_MAX")
 
     def __init__(self):
-        super().__init__(bus())
+        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi()), "interrupt": Out(1)})
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -78,18 +58,18 @@ class Copier(wiring.Component):
     def _lite(self, m: Module):
         places = addresses(TINY)
         address, data = Signal(LITE_ADDRESS_BITS), Signal(LITE_DATA_BITS)
-        here, there, b, r = Signal(), Signal(), self.s_axi__bvalid, self.s_axi__rvalid
+        here, there, b, r = Signal(), Signal(), self.s_axi.bvalid, self.s_axi.rvalid
         m.d.comb += [
-            self.s_axi__awready.eq(~here),
-            self.s_axi__wready.eq(~there),
-            self.s_axi__arready.eq(~r | self.s_axi__rready),
+            self.s_axi.awready.eq(~here),
+            self.s_axi.wready.eq(~there),
+            self.s_axi.arready.eq(~r | self.s_axi.rready),
             self.start.eq(0),
         ]
-        with m.If(self.s_axi__awvalid & ~here):
-            m.d.sync += [address.eq(self.s_axi__awaddr), here.eq(1)]
-        with m.If(self.s_axi__wvalid & ~there):
-            m.d.sync += [data.eq(self.s_axi__wdata), there.eq(1)]
-        with m.If(b & self.s_axi__bready):
+        with m.If(self.s_axi.awvalid & ~here):
+            m.d.sync += [address.eq(self.s_axi.awaddr), here.eq(1)]
+        with m.If(self.s_axi.wvalid & ~there):
+            m.d.sync += [data.eq(self.s_axi.wdata), there.eq(1)]
+        with m.If(b & self.s_axi.bready):
             m.d.sync += b.eq(0)
         m.d.sync += self.interrupts.eq(self.interrupts | self.events)
         with m.If(here & there & ~b):
@@ -106,14 +86,14 @@ class Copier(wiring.Component):
                     m.d.comb += self.start.eq(1)
         read = {"INTERRUPT": self.interrupts, "ERROR": self.error, "STATUS": self.ready}
         read |= {"NEEDED": PAGES, "POINTS_POINTS": self.beats}
-        with m.If(self.s_axi__rready):
+        with m.If(self.s_axi.rready):
             m.d.sync += r.eq(0)
-        with m.If(self.s_axi__arvalid & self.s_axi__arready):
-            m.d.sync += [r.eq(1), self.s_axi__rdata.eq(0)]
-            with m.Switch(self.s_axi__araddr):
+        with m.If(self.s_axi.arvalid & self.s_axi.arready):
+            m.d.sync += [r.eq(1), self.s_axi.rdata.eq(0)]
+            with m.Switch(self.s_axi.araddr):
                 for name, value in read.items():
                     with m.Case(places[name]):
-                        m.d.sync += self.s_axi__rdata.eq(value)
+                        m.d.sync += self.s_axi.rdata.eq(value)
 
     def _first_half(self, m: Module):
         left = Signal(range(POINTS + 1))
@@ -135,46 +115,46 @@ class Copier(wiring.Component):
     def _copy(self, m: Module):
         m.submodules.queue = queue = Queue(DATA_BITS, DEPTH, memory=True)
         asked, promised, given, answered = (Signal(16) for _ in range(4))
-        ar, aw, w = self.m_axi__arvalid, self.m_axi__awvalid, self.m_axi__wvalid
+        ar, aw, w = self.m_axi.arvalid, self.m_axi.awvalid, self.m_axi.wvalid
         wrong = {name: self.fault == k for k, name in enumerate(FAULTS)}
         flip = Signal(8)
         m.d.sync += flip.eq(flip + 1)
         busy = self.rendering
         m.d.comb += [
             ar.eq(busy & (asked < self.beats) & (asked - given <= DEPTH - BURST)),
-            self.m_axi__araddr.eq(
+            self.m_axi.araddr.eq(
                 Mux(wrong["outside"] & (asked == 2 * BURST), 0, self.source + (asked << BEAT_BITS))
                 + Mux(wrong["boundary"], 16, 0)
                 | Mux(wrong["ar"], flip[2] << 8, 0)
             ),
-            self.m_axi__arlen.eq(Mux(wrong["boundary"], 255, BURST - 1)),
-            self.m_axi__arsize.eq(BEAT_BITS),
+            self.m_axi.arlen.eq(Mux(wrong["boundary"], 255, BURST - 1)),
+            self.m_axi.arsize.eq(BEAT_BITS),
             aw.eq(busy & (promised < self.beats) & ~(wrong["aw"] & flip[2])),
-            self.m_axi__awaddr.eq(self.target + (promised << BEAT_BITS)),
-            self.m_axi__awlen.eq(BURST - 1),
-            self.m_axi__awsize.eq(BEAT_BITS - wrong["size"]),
+            self.m_axi.awaddr.eq(self.target + (promised << BEAT_BITS)),
+            self.m_axi.awlen.eq(BURST - 1),
+            self.m_axi.awsize.eq(BEAT_BITS - wrong["size"]),
             w.eq(busy & queue.o.valid),
-            self.m_axi__wdata.eq(queue.o.payload ^ Mux(wrong["w"], flip[2], 0)),
-            self.m_axi__wstrb.eq((1 << BEAT) - 1),
-            self.m_axi__wlast.eq(given[:2] == BURST - 1 - wrong["last"]),
-            queue.o.ready.eq(self.m_axi__wready & busy),
-            queue.i.valid.eq(self.m_axi__rvalid & ~wrong["hang"]),
-            queue.i.payload.eq(self.m_axi__rdata),
-            self.m_axi__rready.eq(queue.i.ready & ~wrong["hang"]),
-            self.m_axi__bready.eq(1),
+            self.m_axi.wdata.eq(queue.o.payload ^ Mux(wrong["w"], flip[2], 0)),
+            self.m_axi.wstrb.eq((1 << BEAT) - 1),
+            self.m_axi.wlast.eq(given[:2] == BURST - 1 - wrong["last"]),
+            queue.o.ready.eq(self.m_axi.wready & busy),
+            queue.i.valid.eq(self.m_axi.rvalid & ~wrong["hang"]),
+            queue.i.payload.eq(self.m_axi.rdata),
+            self.m_axi.rready.eq(queue.i.ready & ~wrong["hang"]),
+            self.m_axi.bready.eq(1),
         ]
-        m.d.comb += [self.m_axi__arburst.eq(1), self.m_axi__awburst.eq(1)]
+        m.d.comb += [self.m_axi.arburst.eq(1), self.m_axi.awburst.eq(1)]
         for signal, now, step in (
-            (asked, ar & self.m_axi__arready, BURST),
-            (promised, aw & self.m_axi__awready, BURST),
-            (given, w & self.m_axi__wready, 1),
-            (answered, self.m_axi__bvalid, BURST),
+            (asked, ar & self.m_axi.arready, BURST),
+            (promised, aw & self.m_axi.awready, BURST),
+            (given, w & self.m_axi.wready, 1),
+            (answered, self.m_axi.bvalid, BURST),
         ):
             with m.If(now):
                 m.d.sync += signal.eq(signal + step)
         for name, now in (
-            (ErrorCode.READ, self.m_axi__rvalid & self.m_axi__rready & self.m_axi__rresp[1]),
-            (ErrorCode.WRITE, self.m_axi__bvalid & self.m_axi__bresp[1]),
+            (ErrorCode.READ, self.m_axi.rvalid & self.m_axi.rready & self.m_axi.rresp[1]),
+            (ErrorCode.WRITE, self.m_axi.bvalid & self.m_axi.bresp[1]),
         ):
             with m.If(now & (self.error == 0)):
                 m.d.sync += self.error.eq(name | 3 << CODE_BITS)

@@ -46,18 +46,18 @@ KINDS = (
     "read", "write", "pages", "features", "scratch", "magic", "version", "format", "size",
     "alignment", "reset", "abort", "start", "locked",
 )  # fmt: skip
-"""What can go wrong."""
+"""Kinds of what can go wrong."""
 
 ALL = INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR
 
 
 @dataclass
 class Fault:
-    """What is to go wrong, and what must come of it.
+    """A thing that goes wrong, and what must come of it.
 
     code, detail: of ERROR (None: any). values: registers of the bad frame. header: fields of its
-    model's header. timing: memory's faults. after: what the host does when the frame has been
-    started. survives: the frame is complete all the same. told: the bits that the host waits for.
+    model's header. timing: memory's faults. after: cycles from the frame's start, and what the host
+    does then. survives: the frame is complete all the same. told: the bits that the host waits for.
     """
 
     code: ErrorCode
@@ -65,7 +65,7 @@ class Fault:
     values: dict[str, int] | None = None
     header: dict[str, int] | None = None
     timing: dict | None = None
-    after: Callable[[Script], None] | None = None
+    after: tuple | None = None
     survives: bool = False
     told: int = INTERRUPT_ERROR
 
@@ -77,8 +77,8 @@ def job() -> Job:
 
 
 @cache
-def twin():
-    """What the twin makes of it."""
+def golden():
+    """The golden model's frame of it."""
     return render(TINY, *job())
 
 
@@ -137,7 +137,9 @@ def run_fault(fault: Fault, seed: int) -> Outcome:
     script.write("INTERRUPT_ENABLE", ALL)
     start(script, areas, BAD, fault.values)
     if fault.after:
-        fault.after(script)
+        cycles, command, *values = fault.after
+        script.cycles(cycles)
+        getattr(script, command)(*values)
     if fault.told:
         script.wait(fault.told)
     error = script.read("ERROR")
@@ -187,7 +189,7 @@ def drawn(kind: str, seed: int) -> Fault:
     def below(n: int) -> int:
         return int(generator.integers(n))
 
-    frame = twin()
+    frame = golden()
     if kind in ("read", "write"):
         report, *_ = run_frame(seed)
         if kind == "read":
@@ -239,42 +241,22 @@ def drawn_host(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
     report, begin, ready = run_frame(seed)
     whole, points = report.cycles - begin, ready - begin
     if kind == "reset":
-        wait = below(whole + 100)
-
-        def after(script: Script):
-            script.cycles(wait + 1)
-            script.reset()
-
-        return Fault(ErrorCode.NONE, after=after, told=0)
+        return Fault(ErrorCode.NONE, after=(below(whole + 100) + 1, "reset"), told=0)
     if kind == "abort":
-        wait = below(whole * 3 // 4)
-
-        def after(script: Script):
-            script.cycles(wait + 1)
-            script.write("CONTROL", ABORT)
-
+        after = below(whole * 3 // 4) + 1, "write", "CONTROL", ABORT
         return Fault(ErrorCode.NONE, after=after, told=0)
-    wait = below(points - 300)
+    wait = below(points - 300) + 1
     if kind == "start":
-
-        def after(script: Script):
-            script.cycles(wait + 1)
-            script.write("CONTROL", START)
-
-        return Fault(ErrorCode.START, after=after, survives=True)
+        return Fault(ErrorCode.START, after=(wait, "write", "CONTROL", START), survives=True)
     registers = frame_registers(TINY)
     number, value = below(len(registers)), below(1 << 32)
-
-    def after(script: Script):
-        script.cycles(wait + 1)
-        script.write(registers[number].name, value)
-
-    assert addresses(TINY)[registers[number].name] == FRAME_START + number * WORD
-    return Fault(ErrorCode.LOCKED, number, after=after, survives=True)
+    name = registers[number].name
+    assert addresses(TINY)[name] == FRAME_START + number * WORD
+    return Fault(ErrorCode.LOCKED, number, after=(wait, "write", name, value), survives=True)
 
 
 def check_outcome(fault: Fault, outcome: Outcome):
-    """What was told is what went wrong; all is quiet, and the good frame is the twin's."""
+    """The right error was told; all is quiet, and the good frame is the golden model's."""
     code, detail = outcome.error & ((1 << CODE_BITS) - 1), outcome.error >> CODE_BITS
     assert ErrorCode(code) == fault.code
     if fault.detail is not None:
@@ -284,6 +266,6 @@ def check_outcome(fault: Fault, outcome: Outcome):
     assert outcome.status == READY
     if fault.code != ErrorCode.READ:  # what was read wrong may be an address
         assert not outcome.report.outside, outcome.report.why
-    assert np.array_equal(outcome.good, twin().pixels)
+    assert np.array_equal(outcome.good, golden().pixels)
     if fault.survives:
-        assert np.array_equal(outcome.bad, twin().pixels)
+        assert np.array_equal(outcome.bad, golden().pixels)

@@ -1,4 +1,4 @@
-"""Pairs of float codes, weighted to where arithmetic goes wrong, for twins and hardware alike.
+"""Pairs of float codes, weighted to where arithmetic goes wrong, for golden model and hardware.
 
 Everything is put together from fields, so a format's codes that `encode` never gives (other NaN,
 the sign alone, fractions below the smallest normal value) are among them.

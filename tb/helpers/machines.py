@@ -33,8 +33,7 @@ def view(width: int = 64, height: int = 48, step: float = 0.0) -> Camera:
 
 
 def counted(config: Config, frame: Frame) -> dict[str, int]:
-    """What counters must say about a frame that the twin has made, of what does not depend on
-    time."""
+    """Values of the counters that do not depend on time, from the golden model's frame."""
     points, binned = frame.points, frame.binned
     return {
         "points_chunks": len(points.read),
@@ -55,7 +54,7 @@ def counted(config: Config, frame: Frame) -> dict[str, int]:
 
 
 def check(config: Config, job: Job, run: Run, number: int = -1):
-    """A frame of a run is the twin's, and so are its counters."""
+    """A frame of a run is the golden model's, and so are its counters."""
     assert run.done, run.why
     assert not run.report.outside, run.why
     rendered = run.frames[number]

@@ -1,4 +1,4 @@
-"""What the streams of stages 0 and 1 must carry for a model and a camera, from the twins.
+"""Rows of the streams of stages 0 and 1 for a model and a camera, from the golden model.
 
 Rows are packed records, uint8 [N, size], as `sim.rtl.streams` takes and gives them.
 """
@@ -34,7 +34,7 @@ class PointRows:
 
     @property
     def counts(self) -> dict[str, int]:
-        """What the counters must hold after the frame."""
+        """The counters after the frame."""
         points = self.points
         return {
             "chunks": len(points.read),
@@ -47,7 +47,7 @@ class PointRows:
 
 
 def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
-    """Run the twins and say what every stream carries."""
+    """Run the golden model: the rows of every stream."""
     points = project_points(config, model, camera)
     streams = {
         "headers": model.image[model.layout.chunks :][: len(points.read) * CHUNK_HEADER.size]
@@ -72,7 +72,7 @@ def counts(model: PackedModel) -> np.ndarray:
 
 
 def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> dict:
-    """Codes of the fields of a record that a twin has values for."""
+    """Codes of the fields of a record that the golden model has values for."""
     return {
         name: format.encode(source[name][index]) for name, format in record.fields if name in source
     }

@@ -1,17 +1,19 @@
-"""Stage 3's streams: rows that go in and what must come out, from the twins."""
+"""Stage 3 in simulation: rows that go in and must come out, from the golden model."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from amaranth.hdl import Cat, Module
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import Out
 
 from splatcore.golden.exact import Entries
 from splatcore.golden.raster import Raster, rasterize
 from splatcore.golden.setup import prepare
+from splatcore.hdl.raster.prepare import Prepare
 from splatcore.hdl.raster.raster import Raster as Hardware
-from splatcore.hdl.raster.raster import counted
+from splatcore.hdl.raster.raster import counted as counters_of
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
@@ -23,10 +25,11 @@ from splatcore.spec.raster import (
     featured_record,
     owned,
     pixels_record,
-    place_record,
+    position_record,
     prepared_record,
 )
 from splatcore.spec.record import Codes
+from tb.helpers.forward import counters, forward
 
 
 class Watched(wiring.Component):
@@ -47,15 +50,7 @@ class Watched(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.inner = inner = self.inner
-        for name, member in inner.signature.members.items():
-            here, there = getattr(self, name), getattr(inner, name)
-            if member.is_port:
-                target, source = (there, here) if member.flow is In else (here, there)
-                m.d.comb += target.eq(source)
-            else:
-                streams = (here, there) if member.dimensions else ([here], [there])
-                for outside, inside in zip(*streams, strict=True):
-                    connect(m, flipped(outside), inside)
+        forward(m, self, inner)
         pairs = [part.pairs for part in inner.rasterizers]
         finished = [(part.finished, part.blocks) for part in inner.rasterizers]
         m.d.comb += [
@@ -101,10 +96,10 @@ def featured_rows(config: Config, features: Codes, entries: Entries) -> np.ndarr
 
 
 def place_rows(config: Config, groups: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Where the groups are."""
+    """Rows of the groups' places."""
     _, columns = group_grid(config, *size)
     row, column = (part.astype(np.uint64) for part in np.divmod(groups, columns))
-    return place_record(config).pack({"column": column, "row": row})
+    return position_record(config).pack({"column": column, "row": row})
 
 
 def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tuple[int, int]):
@@ -129,22 +124,13 @@ def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tupl
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What the hardware made of groups, beside what its twin did."""
+    """A run of some groups, and the golden model's picture."""
 
     result: Result
-    twin: Raster
+    golden: Raster
     differing: int  # blocks
     blocks: int
     counters: dict[str, int]
-
-    @property
-    def busy(self) -> float:
-        """Share of the cycles of groups in which a rasterizer blended a block."""
-        total = {name: 0 for name in ("blended", "waited")}
-        for name, count in self.counters.items():
-            if name.rstrip("0123456789") in total:
-                total[name.rstrip("0123456789")] += count
-        return total["blended"] / max(total["waited"], 1)
 
 
 def run_groups(
@@ -158,7 +144,9 @@ def run_groups(
     **options,
 ) -> Run:
     """Run `Watched` on some groups of an image, or on all of them."""
-    twin = rasterize(config, features, entries.start, entries.splat, entries.mask, size, background)
+    golden = rasterize(
+        config, features, entries.start, entries.splat, entries.mask, size, background
+    )
     if groups is None:
         groups = np.arange(np.prod(group_grid(config, *size)))
     bits = colour_format(config).width
@@ -166,7 +154,7 @@ def run_groups(
     result = simulation.run(
         {
             "i": featured_rows(config, features, entries.of(groups)),
-            "places": place_rows(config, groups, size),
+            "positions": place_rows(config, groups, size),
         },
         constants={
             "width": size[0],
@@ -183,14 +171,13 @@ def run_groups(
         codes = pixels_record(config).unpack(result.outputs[f"o__{number}"])
         assert len(codes["column"]) == len(found)
         assert (np.stack([codes["column"], codes["row"]], axis=1) == found).all()
-        differing += differing_blocks(codes["pixels"], twin.pixels, found)
-    value = result.ports["counters"]
-    counters = {name: value >> 32 * k & 0xFFFFFFFF for k, name in enumerate(counted(config))}
-    return Run(result, twin, differing, sum(map(len, places)), counters)
+        differing += differing_blocks(codes["pixels"], golden.pixels, found)
+    counted = counters(counters_of(config), result.ports["counters"])
+    return Run(result, golden, differing, sum(map(len, places)), counted)
 
 
 def differing_blocks(blocks: np.ndarray, pixels: np.ndarray, places: np.ndarray) -> int:
-    """How many blocks [N, 16, 3] differ from an image [H, W, 3] at their places [N, 2] in it."""
+    """The number of blocks [N, 16, 3] differ from an image [H, W, 3] at their places [N, 2]."""
     height, width = pixels.shape[:2]
     padded = np.zeros((height + BLOCK, width + BLOCK, 3), np.uint8)
     padded[:height, :width] = pixels
@@ -204,6 +191,17 @@ def differing_blocks(blocks: np.ndarray, pixels: np.ndarray, places: np.ndarray)
         .any((1, 2, 3))
         .sum()
     )
+
+
+@cache
+def simulation(config: Config) -> Simulation:
+    """Stage 3, compiled."""
+    return Simulation(Watched(config), samples=("live", "full", "empty"))
+
+
+@cache
+def prepare_simulation(config: Config) -> Simulation:
+    return Simulation(Prepare(config))
 
 
 assert TILE % BLOCK == 0

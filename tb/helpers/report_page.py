@@ -1,4 +1,4 @@
-"""What tests of the report ask a page and the files beside it."""
+"""The report's page and the files beside it, as tests ask for them."""
 
 import json
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ VOID = {"meta", "img", "br", "link", "hr", "input"}
 
 @dataclass
 class Figure:
-    """What a figure of the page holds."""
+    """Tags within a figure of the page, and its command."""
 
     tags: set[str] = field(default_factory=set)
     command: str = ""
@@ -66,7 +66,7 @@ class Page(HTMLParser):
 
 @dataclass
 class Report:
-    """What a run of the command left and said."""
+    """Files that a run of the command left, its exit status and messages."""
 
     folder: Path
     status: int

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from splatcore.sim.common.paper import ABLATION, GATES_ALL, LOGIC, MEMORY_POWER, POWER
 from splatcore.sim.common.picture import write_png
-from splatcore.sim.power.estimate import PAPER_ALL, PAPER_LOGIC, PAPER_MEMORY
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.programs import TEXTS
+from splatcore.spec.stages import NAMES
 
 SIZE = "64x48"
 
@@ -19,9 +20,6 @@ VIEWS = {
 
 DENSITY = {"0": 100, "door": 10, "roof": 30}
 """Splats of a camera's tiles, in steps from one to the next."""
-
-STEPS = {"none": 20.4, "+ near-plane culling": 46.4, "+ guard band": None, "+ zero skipping": 97.7,
-         "+ early termination": 129.0}  # fmt: skip
 
 COUNTS = {
     "points_read": 900, "projected": 700, "splats": 600, "group_entries": 1000,
@@ -37,12 +35,12 @@ def write(path: Path, value: dict):
 
 def halves(frame: int) -> dict:
     """Cycles by stage and half."""
-    stages = dict.fromkeys(("chunk", "cull", "place", "project", "bin", "sort", "raster"), 1000)
+    stages = dict.fromkeys(NAMES, 1000)
     return stages | {"preprocessing": frame // 2, "rendering": frame, "frame": frame}
 
 
 def of_view(scene: str, camera: str, frame: int) -> dict:
-    """What rows of all campaigns have."""
+    """Keys that rows of all campaigns have."""
     return {
         "scene": scene, "camera": camera, "cycles": halves(frame),
         "fps_at_800mhz": CLOCK_HZ / frame, "psnr_db": 55.5, "ssim": 0.999, "max_error": 2 / 255,
@@ -108,7 +106,7 @@ def machine(folder: Path):
         )
     }  # fmt: skip
     nand2 = sum(part["nand2"] for part in parts.values())
-    top = {"nand2": nand2, "speed_nand2": nand2, "paper_nand2": 1_143_800, "parts": parts}
+    top = {"nand2": nand2, "speed_nand2": nand2, "paper_nand2": GATES_ALL, "parts": parts}
     write(folder / "synth.json", {"preset": "DEFAULT", "top": top})
     stages = {"sort": [{"words": 1024, "bits": 16, "count": 2}]}
     write(
@@ -118,9 +116,10 @@ def machine(folder: Path):
 
 def campaigns(folder: Path):
     """`bench ablation` and `bench work`."""
-    rows, work, density = [], [], {}
+    none, near, *more = ABLATION
+    steps, rows, work, density = [none, near, "+ guard band", *more], [], [], {}
     for (scene, camera), frame in VIEWS.items():
-        for number, step in enumerate(STEPS):
+        for number, step in enumerate(steps):
             row = {"step": step, **of_view(scene, camera, frame * (5 - number))}
             rtl = frame if number == 4 else None
             rows.append(row | {"rtl_cycles": rtl, "rtl_identical": rtl and True})
@@ -131,10 +130,10 @@ def campaigns(folder: Path):
         })  # fmt: skip
         tiles = np.arange(12).reshape(3, 4) * DENSITY[camera]
         density[f"{scene} {camera}"] = tiles.tolist()
-    steps = [{"name": name, "fields": {}, "paper_fps": fps} for name, fps in STEPS.items()]
+    told = [{"name": step, "fields": {}, "paper_fps": ABLATION.get(step)} for step in steps]
     write(
         folder / "ablation" / "ablation.json",
-        {"preset": "DEFAULT", "size": SIZE, "steps": steps, "rows": rows, "failed": []},
+        {"preset": "DEFAULT", "size": SIZE, "steps": told, "rows": rows, "failed": []},
     )
     write(
         folder / "work" / "work.json",
@@ -151,12 +150,12 @@ def others(folder: Path):
     write(folder / "power.json", {
         "preset": "DEFAULT", "scene": "vase.ply", "camera": "0", "size": [64, 48], "fps": 100.0,
         "power_w": 0.125, "dram_w": 0.05, "pixels_per_j": 1e9,
-        "stages": dict.fromkeys(PAPER_LOGIC, logic),
-        "stage_memories": dict.fromkeys(PAPER_MEMORY, memory),
+        "stages": dict.fromkeys(LOGIC, logic),
+        "stage_memories": dict.fromkeys(MEMORY_POWER, memory),
         "paper": {
-            "power_w": PAPER_ALL,
-            "logic_w": {name: watts for name, (_, watts) in PAPER_LOGIC.items()},
-            "memory_w": dict(PAPER_MEMORY.values()),
+            "power_w": POWER,
+            "logic_w": {name: watts for name, (_, watts) in LOGIC.items()},
+            "memory_w": dict(MEMORY_POWER.values()),
         },
     })  # fmt: skip
     for name, preset, engine in (

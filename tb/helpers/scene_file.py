@@ -1,15 +1,21 @@
-"""Writers of small scene files for tests, independent of the readers in `model`."""
+"""Writers of small scene files for tests, independent of the readers in `model`; refused files."""
 
+import copy
 import gzip
 import io
 import json
 import struct
 import zipfile
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+import pytest
 import zstandard
 from PIL import Image
 
+from splatcore.model.formats.read import read_scene
+from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
 
 FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -23,8 +29,43 @@ CHUNK_BOUNDS = [
 PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
 
 
+def read_written(path: Path, data: bytes) -> Scene:
+    """The scene of a file with this content."""
+    path.write_bytes(data)
+    return read_scene(path)
+
+
+def check_refused(read: Callable[[Path], object], path: Path | str, message: str) -> None:
+    """`read` refuses the file in one line that names it and says `message`."""
+    with pytest.raises(InputError) as error:
+        read(path)
+    assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
+    assert message.strip() in str(error.value)
+
+
+def check_bad_scene(path: Path, data: bytes, message: str) -> None:
+    """A scene file with this content is refused with its path, a colon and `message`."""
+    path.write_bytes(data)
+    check_refused(read_scene, path, message)
+    check_refused(read_scene, path, f"{path}: ")
+
+
+def edited(value: object, *keys: object) -> object:
+    """A copy of nested tables with one value replaced (the last of `keys`) or removed (None)."""
+    value = copy.deepcopy(value)
+    *path, last, new = keys
+    table = value
+    for key in path:
+        table = table[key]
+    if new is None:
+        del table[last]
+    else:
+        table[last] = new
+    return value
+
+
 def ply_columns(scene: Scene) -> dict[str, np.ndarray]:
-    """What a 3DGS PLY stores of a scene: property → float32 [N]."""
+    """The columns of a 3DGS PLY of a scene: property → float32 [N]."""
     columns = dict(zip("xyz", scene.position.T, strict=True))
     for group, values in [
         ("f_dc", scene.sh[:, 0]),

@@ -1,6 +1,9 @@
 """Frames of scenes, as binning sees them."""
 
+from collections.abc import Sequence
 from functools import cache
+
+import pytest
 
 from splatcore.golden.bin import splat_codes
 from splatcore.golden.points import project_points
@@ -10,20 +13,38 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT
 from tb.helpers.bin_frames import Frame
-from tb.helpers.scenes import scene_path
+from tb.helpers.scenes import GAUSSIANS, scene_path
 
 COUNT = 30_000
 """About as many Gaussians of each real scene are taken, evenly."""
 
-SCENES = {"flowers.spz": "flowers", "skull.sog": "skull", "kitchen.spz": "kitchen"}
+SCENES = ("flowers.spz", "skull.sog", "kitchen.spz")
+
+POINT_SCENES = (
+    "flowers.spz", "skull.sog", "luma-seal.splat", "playbot.spz", "guitar.compressed.ply",
+    "st-peter.sog", "kitchen.spz",
+)  # fmt: skip
+"""Real scenes with 20,000 Gaussians or more."""
+
+
+def parameters(names: Sequence[str], first: int = 3) -> list:
+    """Parameters of a test: the first scenes, and further ones that only `make verify` runs."""
+    marks = [()] * first + [pytest.mark.verify] * (len(names) - first)
+    return [pytest.param(name, marks=mark) for name, mark in zip(names, marks, strict=True)]
+
+
+def with_counts(names: Sequence[str]) -> list:
+    """Parameters of a test: a part of each scene, and all of it, which only `make verify` runs."""
+    whole = [pytest.param(name, None, marks=pytest.mark.verify) for name in names]
+    return [(name, COUNT) for name in names] + whole
 
 
 @cache
 def scene_frame(name: str, count: int | None = COUNT) -> tuple:
     """A scene's frame with about `count` Gaussians (None: all), model, camera and their points."""
-    if name in SCENES:
+    if name in GAUSSIANS:
         scene = read_scene(scene_path(name))
-        camera = read_camera(f"{scene_path(SCENES[name] + '.cameras.json')}:0")
+        camera = read_camera(f"{scene_path(name.split('.')[0] + '.cameras.json')}:0")
     else:
         scene, camera = generate(name), generated_camera(name)
     model, _ = pack(scene[:: max(1, len(scene) // count) if count else 1], sh_degree=1)

@@ -10,7 +10,7 @@ from splatcore.spec.config import DEFAULT, PAPER, TINY
 MACHINES = {
     "TINY": TINY,
     "DEFAULT": DEFAULT,
-    "four": replace(PAPER, sub_sorter_entries=32),
+    "four": replace(TINY, sub_sorters=4, merge_ways=16, sort_digits=PAPER.sort_digits),
     "one": replace(TINY, sub_sorters=1, merge_ways=2, sort_digits=(1,) * 23),
     "three": replace(TINY, sub_sorters=3, merge_ways=8, sub_sorter_entries=32, sort_digits=(5, 3)),
 }

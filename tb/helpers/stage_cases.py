@@ -1,7 +1,8 @@
-"""A stage of the point half with what goes in and what must come out: for tests and mutation."""
+"""Stages of the point half in simulation: rows that go in, rows that must come out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from amaranth.lib import wiring
@@ -9,10 +10,12 @@ from amaranth.lib import wiring
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.cull import Cull
 from splatcore.hdl.points.place import Place
-from splatcore.hdl.points.points import Points
+from splatcore.hdl.points.points import COUNTED, Points
 from splatcore.hdl.points.project import Project
+from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.config import Config
 from splatcore.spec.point import chunk_record, culling_record, placing_record, projecting_record
+from tb.helpers.forward import counters
 from tb.helpers.point_rows import PointRows, only_flags
 
 Rows = dict[str, np.ndarray]
@@ -61,7 +64,7 @@ class Case:
 
 
 def case(stage: str, rows: PointRows) -> Case:
-    """A stage's part of what the twins say about a frame."""
+    """A stage's part of the golden results of a frame."""
     config, streams = rows.config, dict(rows.streams)
     chunks = chunk_record(config).unpack(streams["chunks"])
     for record in (culling_record(config), placing_record(config), projecting_record()):
@@ -83,7 +86,7 @@ def settled(config: Config, stream: str, rows: np.ndarray) -> np.ndarray:
 
 
 def settled_outputs(stage: str, config: Config, outputs: Rows) -> Rows:
-    """What a stage gave, without what does not matter in it."""
+    """A stage's output without what does not matter in it."""
     sinks = STREAMS[stage][1]
     return {port: settled(config, name, outputs[port]) for port, name in sinks.items()}
 
@@ -96,3 +99,28 @@ def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
         rows.registers["constants"][name] << k * width for k, name in enumerate(names)
     )
     return {name: found[name] for name in component.signature.members if name in found}
+
+
+@cache
+def simulation(stage: str, config: Config) -> Simulation:
+    """A stage, compiled."""
+    return Simulation(STAGES[stage](config))
+
+
+def check(stage: str, frame: PointRows, stall: float, seed: int = 0) -> Result:
+    """A stage's outputs against the golden model's, every bit, and the counters."""
+    given = case(stage, frame)
+    result = simulation(stage, frame.config).run(
+        given.inputs, constants=given.constants, expected=given.counts, first=given.first,
+        stall=stall, seed=seed,
+    )  # fmt: skip
+    assert result.finished, f"{stage}: {result.stopped}"
+    for port, found in settled_outputs(stage, frame.config, result.outputs).items():
+        expected = given.expected[port]
+        assert len(found) == len(expected), f"{stage}.{port}: {len(found)}, not {len(expected)}"
+        wrong = np.flatnonzero((found != expected).any(axis=1))
+        assert not len(wrong), f"{stage}.{port}: {len(wrong)} differ, first {wrong[0]}"
+    if stage == "points":
+        counted = counters(COUNTED, result.ports["counters"])
+        assert {name: counted[name] for name in frame.counts} == frame.counts
+    return result

@@ -1,4 +1,4 @@
-"""What benches do with streams: send, receive, watch, stall, and payloads as integers.
+"""Streams in testbenches: send, receive, watch, stall, and payloads as integers.
 
 For components whose streams carry one vector (`i__payload`, `i__valid`, `i__ready`), under
 cocotb's `Clock`, with which a read after a rising edge sees the values before it.
@@ -75,7 +75,7 @@ class Stream:
         self.ready = getattr(dut, f"{name}__ready")
 
     def passes(self) -> bool:
-        """Whether an item passes at the edge just seen."""
+        """True if an item passes at the edge just seen."""
         return bool(self.valid.value) and bool(self.ready.value)
 
 

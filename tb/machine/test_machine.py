@@ -1,6 +1,8 @@
-"""The whole machine in simulation: every pixel and every count is the twin's."""
+"""The whole machine in simulation: every pixel and every count is the golden model's; waveforms."""
 
+import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,12 +10,15 @@ import pytest
 from splatcore.golden.pipeline import render
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
-from splatcore.sim.machine.machine import Job
+from splatcore.sim.fit.preset_file import write_preset
+from splatcore.sim.machine.machine import Job, Machine
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
+from splatcore.sim.machine.waves import signals
 from splatcore.spec.config import TINY
 from splatcore.spec.group import feature_record
 from splatcore.spec.sort import half_entries
 from splatcore.spec.work import FEATURE
+from tb.helpers.command import run as command
 from tb.helpers.machines import check, garden, machine, view
 from tb.helpers.needles import long_needles
 
@@ -24,6 +29,26 @@ NEAR = ("near_plane", "camera_inside")
 
 ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
 """Slow memory that idles at random."""
+
+OTHER = replace(
+    TINY, name="OTHER", group=1, tile_test="3sigma", culling="none", skip_zeros=False,
+    early_termination=False, sub_sorters=1, rasterizers=1,
+)  # fmt: skip
+"""All that can be chosen otherwise: the smallest groups, of which tiles and groups have the same
+numbers; tiles by the original renderer's square; the ablation's machine, in which nothing is
+culled, zeros are multiplied and no pixel ends early; one of each unit."""
+
+FIRST, LAST = 300, 420
+"""Cycles whose waveforms are recorded."""
+
+STREAMS = ("preprocess.points", "preprocess.bin", "render.sort", "render.raster", "axi")
+"""Modules whose streams the view of waveforms must show."""
+
+
+@cache
+def other() -> Machine:
+    """Compiled once for its frames and for waveforms."""
+    return Machine(OTHER, trace=True)
 
 
 @pytest.mark.parametrize("timing", [IDEAL, LPDDR4, ROUGH], ids=lambda timing: timing.name)
@@ -42,15 +67,6 @@ def test_hard_cases(name):
     if name == "long_list":
         longest = np.diff(render(TINY, *job).start).max()
         assert longest > half_entries(TINY) * TINY.merge_ways**2  # several levels in memory
-
-
-def test_groups_of_one_tile():
-    """The smallest groups, of which tiles and groups have the same numbers."""
-    config = replace(TINY, name="TILES", group=1)
-    jobs = [Job(garden(TINY, 400), view(*size)) for size in ((64, 48), (33, 17))]
-    run = machine(config).run(jobs, LPDDR4)
-    for number, job in enumerate(jobs):
-        check(config, job, run, number)
 
 
 def test_long_needles():
@@ -84,28 +100,41 @@ def test_path():
         assert frame < 1.05 * max(first, second) + 1000
 
 
-def test_everything_left_out():
-    """The ablation's machine: nothing culled, zeros multiplied, no pixel ended early."""
-    config = replace(TINY, name="FULL", culling="none", skip_zeros=False, early_termination=False)
+@pytest.mark.parametrize("timing", [LPDDR4, ROUGH], ids=lambda timing: timing.name)
+def test_other_choices(timing):
+    jobs = [Job(garden(OTHER, 400), view(*size), (40, 200, 511)) for size in ((64, 48), (33, 17))]
     middle = replace(view(), translation=view().translation - [0, 0, 4])
-    jobs = [Job(garden(TINY, 400), camera) for camera in (view(), middle)]
-    jobs += [Job(pack(HARD[name](0).scene, config)[0], HARD[name](0).camera) for name in NEAR]
-    run = machine(config).run(jobs, LPDDR4)
+    jobs.append(Job(garden(OTHER, 400), middle))
+    cases = [HARD[name](0) for name in NEAR]
+    jobs += [Job(pack(case.scene, OTHER)[0], case.camera) for case in cases]
+    run = other().run(jobs, timing, settings=lambda areas: {"window": "0 0"})
     for number, job in enumerate(jobs):
-        check(config, job, run, number)
-
-
-def test_square():
-    """Tiles by the original renderer's square: more pairs, and all else as ever."""
-    config = replace(TINY, name="SQUARE", tile_test="3sigma")
-    job = Job(garden(config, 400), view(), (40, 200, 511))
-    check(config, job, machine(config).run([job], ROUGH))
-    pairs = [render(c, *job).counts["tile_pairs"] for c in (config, TINY)]
+        check(OTHER, job, run, number)
+    pairs = [render(config, *jobs[0]).counts["tile_pairs"] for config in (OTHER, TINY)]
     assert pairs[0] > 1.2 * pairs[1]
 
 
+def test_waves_of_a_window(tmp_path):
+    """The window alone is recorded, and the view shows signals that are there."""
+    other()
+    preset, vcd = tmp_path / "other.toml", tmp_path / "w.vcd"
+    write_preset(preset, OTHER, TINY)
+    assert command("render", "needles", "--engine", "rtl", "--preset", preset, "--size", "16x16",
+                   "-o", tmp_path / "w.png", "--waves", vcd,
+                   "--window", f"{FIRST}:{LAST}") == 0  # fmt: skip
+    times = [int(line[1:]) for line in vcd.read_text().splitlines() if line.startswith("#")]
+    assert times[0] // 10 >= FIRST and times[-1] // 10 <= LAST + 1
+    assert len({time // 10 for time in times}) >= LAST - FIRST
+    names = {f"{scope}.{name}" for scope, name, _ in signals(vcd)}
+    view = (tmp_path / "w.gtkw").read_text().splitlines()
+    shown = [re.sub(r"\[.*", "", line) for line in view if line.startswith("TOP.top.")]
+    assert shown and set(shown) <= names
+    for module in STREAMS:
+        assert any(line.startswith(f"TOP.top.{module}.") for line in shown), module
+
+
 def test_work_area():
-    """Features, lists and table in memory are the twin's."""
+    """Features, lists and table in memory are the golden model's."""
     job = Job(garden(TINY, 400), view())
     run = machine(TINY).run([job])
     frame = render(TINY, *job)

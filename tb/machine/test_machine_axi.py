@@ -3,11 +3,13 @@
 import pytest
 
 from splatcore.hdl.top import Top
-from splatcore.sim.rtl.cocotb_runner import run_bench
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.spec.config import TINY
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pattern", ["never", "at_random", "bursts"])
+@pytest.mark.parametrize(
+    "pattern", ["never", "bursts", pytest.param("at_random", marks=pytest.mark.verify)]
+)
 def test_frames(pattern):
-    run_bench(Top(TINY), "tb.testbenches.machine", pattern=pattern)
+    run_testbench(Top(TINY), "tb.testbenches.machine", pattern=pattern)

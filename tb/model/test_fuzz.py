@@ -39,7 +39,7 @@ ODD_VALUES = (None, True, -1, 0, 1.5, 2**31, 2**64, 1e308, "", "x", [], {}, [[]]
 ODD_NUMBERS = (b"0", b"-1", b"255", b"65536", b"4294967295", b"1099511627776", b"nan", b"1e999")
 
 Files = dict[str, bytes]
-"""What a reader opens: file name → content; one file, or several in a folder."""
+"""Files for a reader: name → content; one file, or several in a folder."""
 
 
 def _ply_files() -> dict[str, Files]:
@@ -52,7 +52,8 @@ def _ply_files() -> dict[str, Files]:
 
 
 SPZ = {f"spz {v}": {"scene.spz": spz_bytes(v, spz_codes(v, 40, 1), 1)} for v in (1, 2, 3, 4)}
-SOG = {f"sog {v}": {"scene.sog": sog_bytes(sog_meta(v, 6, 1), sog_codes(6, 1, 3))} for v in (1, 2)}
+SOG_IMAGES = {name: image_bytes(pixels) for name, pixels in sog_codes(6, 1, 3).items()}
+SOG = {f"sog {v}": {"scene.sog": sog_bytes(sog_meta(v, 6, 1), SOG_IMAGES)} for v in (1, 2)}
 SCENES = _ply_files() | SPZ | SOG | {"splat": {"scene.splat": splat_bytes(5)}}
 CAMERAS = {
     "inria": {"cameras.json": json.dumps(inria()).encode()},
@@ -121,12 +122,12 @@ def mutated_files(kind: str, rng: np.random.Generator) -> Files:
     elif inside and kind in ("inria", "transforms"):
         data = json.dumps(mutated_json(json.loads(data), rng)).encode()
     elif inside and kind in SOG:
-        meta, images = sog_meta(int(kind[4]), 6, 1), dict(sog_codes(6, 1, 3))
+        meta, images = sog_meta(int(kind[4]), 6, 1), dict(SOG_IMAGES)
         if rng.random() < 0.6:
             meta = mutated_json(meta, rng)
         else:
             image = [*images][rng.integers(len(images))]
-            images[image] = mutated(image_bytes(images[image]), rng)
+            images[image] = mutated(images[image], rng)
         data = sog_bytes(meta, images)
     else:
         data = mutated(data, rng)
@@ -136,6 +137,7 @@ def mutated_files(kind: str, rng: np.random.Generator) -> Files:
 def check(kind: str, files: Files, folder: Path) -> str:
     """Reads the files; the outcome "read" or "refused" if it is sound."""
     for name, data in files.items():
+        (folder / name).unlink(missing_ok=True)  # some file systems flush what is overwritten
         (folder / name).write_bytes(data)
     path = folder / next(iter(files)) if len(files) == 1 else folder
     try:

@@ -242,8 +242,7 @@ def test_errors(arguments, message):
         generated_camera("lawn")
 
 
-def test_garden_errors():
-    with pytest.raises(InputError, match="count 0"):
-        garden(0)
-    with pytest.raises(InputError, match="seed -1"):
-        garden(5, -1)
+@pytest.mark.parametrize("arguments, message", [((0,), "count 0"), ((5, -1), "seed -1")])
+def test_garden_errors(arguments, message):
+    with pytest.raises(InputError, match=message):
+        garden(*arguments)

@@ -38,7 +38,7 @@ def on_screen(case: HardCase) -> np.ndarray:
 
 
 def most_in_a_tile(case: HardCase, which: np.ndarray) -> int:
-    """How many of the centres `which` lie in the fullest tile."""
+    """Number of the centres `which` that lie in the fullest tile."""
     tile = np.floor((on_screen(case)[which] + 0.5) / TILE).astype(int)
     return np.unique(tile, axis=0, return_counts=True)[1].max()
 

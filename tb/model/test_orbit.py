@@ -1,4 +1,4 @@
-"""Views on the path of cameras: where they stand, what they look at, what is refused."""
+"""Views on the path of cameras: their places, their target, refused arguments."""
 
 from dataclasses import replace
 
@@ -80,7 +80,7 @@ def test_one_camera_looks_at_the_middle():
 
 
 def test_cameras_everywhere_leave_room():
-    """Where cameras stand closer than the gap it narrows; there is no hang."""
+    """The gap narrows if cameras stand closer than it; no endless search."""
     given = ring(200)
     views = orbiting_views(given, CENTRE, 8, 0.0, 1.0)
     between = np.arccos(np.clip(directions(views) @ directions(given).T, -1, 1))

@@ -152,12 +152,9 @@ def test_paper_stores_absolute_half_floats():
     scene.position[:] += 100
     model, report = pack(scene, PAPER)
     expected = scene.position.astype(np.float16).astype(np.float64)
-    assert {tuple(p) for p in model.position} == {tuple(p) for p in expected[keepable(scene)]}
+    kept = expected[scene.opacity >= ALPHA_MIN]
+    assert {tuple(p) for p in model.position} == {tuple(p) for p in kept}
     assert report.position_error > 0.01
-
-
-def keepable(scene) -> np.ndarray:
-    return scene.opacity >= ALPHA_MIN
 
 
 def test_degrees():
@@ -209,18 +206,16 @@ def test_chunk_headers_are_bounds():
     model, _ = pack(scene)
     chunks, gaussians = model.chunks, model.gaussians()
     of = np.arange(len(model)) // CHUNK
-    step = np.ldexp(
-        1.0, int(HEADER["position_exponent"].decode(model.header["position_exponent"])[0])
-    )
+    exponent = HEADER["position_exponent"].decode(model.header["position_exponent"])
+    step = np.ldexp(1.0, int(exponent[0]))
     low = chunks["origin"][of] * step
     side = (chunks["extent"][of] + 1.0) * 256 * 2.0 ** chunks["shift"][of] * step
     assert (gaussians.position >= low).all() and (gaussians.position < low + side).all()
     sigma = np.linalg.svd(gaussians.factor, compute_uv=False)[:, 0]
     reach = sigma * np.sqrt(2 * np.log(255 * gaussians.opacity))
     assert (chunks["reach"][of] >= reach * (1 - 1e-12)).all()
-    assert (
-        chunks["reach"] <= 1.01 * np.maximum.reduceat(reach, np.arange(0, len(model), CHUNK))
-    ).all()
+    largest = np.maximum.reduceat(reach, np.arange(0, len(model), CHUNK))
+    assert (chunks["reach"] <= 1.01 * largest).all()
 
 
 def test_a_packed_model_renders_like_its_scene():
@@ -233,7 +228,7 @@ def test_a_packed_model_renders_like_its_scene():
 
 
 def test_deterministic():
-    assert (pack(cloud(11, count=5000))[0].image == pack(cloud(11, count=5000))[0].image).all()
+    assert (pack(cloud(11, count=1000))[0].image == pack(cloud(11, count=1000))[0].image).all()
 
 
 def test_files(tmp_path):

@@ -104,11 +104,8 @@ def test_a_photograph_of_two_cameras(folder):
     """It counts once: it must not be learned from and judged by."""
     path = folder / "sparse" / "0" / "images.txt"
     path.write_text(path.read_text() + f"9 {POSE} 1 a.png\n\n")
-    assert [target.name for target in read_photographs(folder).targets] == [
-        "a.png",
-        "b.png",
-        "c.png",
-    ]
+    names = [target.name for target in read_photographs(folder).targets]
+    assert names == ["a.png", "b.png", "c.png"]
 
 
 def test_orientation_is_as_stored(folder):

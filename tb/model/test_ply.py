@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 from plyfile import PlyData
 
-from splatcore.model.formats.ply import OPACITY_MARGIN, SCALE_MIN, read_ply, write_ply
+from splatcore.model.formats.ply import OPACITY_MARGIN, SCALE_MIN, read, write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
 from tb.helpers.scene_file import (
     CHUNK_BOUNDS,
     FORMATS,
+    check_bad_scene,
     compressed_ply_bytes,
     ply_bytes,
     ply_columns,
+    read_written,
 )
 from tb.helpers.scenes import GAUSSIANS, needs_scenes, random_scene, scene_path
 
@@ -48,35 +50,32 @@ def test_any_layout_reads_alike(tmp_path, degree, form, extra):
     elements = (
         {"camera": {"focal": np.ones(2)}, "vertex": columns} if extra else {"vertex": columns}
     )
-    path = tmp_path / "scene.ply"
-    path.write_bytes(ply_bytes(elements, form, types))
-    scene = read_scene(path)
+    scene = read_written(tmp_path / "scene.ply", ply_bytes(elements, form, types))
     check_equal(scene, expected)
-    assert (scene.name, scene.sh_degree, scene.notes) == (str(path), degree, ())
+    assert (scene.name, scene.sh_degree) == (f"{tmp_path}/scene.ply", degree)
+    assert scene.notes == ()
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
 def test_header_line_ends(tmp_path, newline):
     expected = random_scene(3, 1)
-    path = tmp_path / "scene.ply"
-    path.write_bytes(ply_bytes({"vertex": ply_columns(expected)}, newline=newline))
-    check_equal(read_scene(path), expected)
+    data = ply_bytes({"vertex": ply_columns(expected)}, newline=newline)
+    check_equal(read_written(tmp_path / "scene.ply", data), expected)
 
 
 def test_sh_is_channel_major(tmp_path):
     """f_rest_[channel·K + k] is coefficient 1 + k of that channel."""
     columns = ply_columns(random_scene(1, 2))
     columns |= {f"f_rest_{i}": np.array([i]) for i in range(24)}
-    path = tmp_path / "scene.ply"
-    path.write_bytes(ply_bytes({"vertex": columns}))
-    assert np.array_equal(read_ply(path).sh[0, 1:], np.arange(24).reshape(3, 8).T)
+    scene = read_written(tmp_path / "scene.ply", ply_bytes({"vertex": columns}))
+    assert np.array_equal(scene.sh[0, 1:], np.arange(24).reshape(3, 8).T)
 
 
 @pytest.mark.parametrize("degree", range(4))
 def test_written_scene_reads_back(tmp_path, degree):
     expected = random_scene(300, degree)
     write_ply(tmp_path / "scene.ply", expected)
-    check_equal(read_ply(tmp_path / "scene.ply"), expected)
+    check_equal(read(tmp_path / "scene.ply"), expected)
     vertex = PlyData.read(str(tmp_path / "scene.ply"))["vertex"]
     rest = [f"f_rest_{i}" for i in range(3 * ((degree + 1) ** 2 - 1))]
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *rest]
@@ -91,7 +90,7 @@ def test_written_extremes_are_finite(tmp_path):
     write_ply(tmp_path / "scene.ply", scene)
     vertex = PlyData.read(str(tmp_path / "scene.ply"))["vertex"].data
     assert all(np.isfinite(vertex[name]).all() for name in vertex.dtype.names)
-    back = read_ply(tmp_path / "scene.ply")
+    back = read(tmp_path / "scene.ply")
     assert np.allclose(back.scale, SCALE_MIN, rtol=1e-5)
     assert np.abs(back.opacity - scene.opacity).max() < 1.01 * OPACITY_MARGIN
 
@@ -103,9 +102,8 @@ def test_odd_gaussians_are_noted(tmp_path):
     for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
         columns[name][3] = 0
         columns[name][4] *= 1e6
-    path = tmp_path / "scene.ply"
-    path.write_bytes(ply_bytes({"vertex": columns}))
-    assert read_scene(path).notes == (
+    scene = read_written(tmp_path / "scene.ply", ply_bytes({"vertex": columns}))
+    assert scene.notes == (
         "2 Gaussians with NaN or Inf",
         "1 quaternions of norm 0",
         "1 quaternions of a norm beyond 0.001 … 1000",
@@ -136,9 +134,8 @@ def test_compressed(tmp_path, degree, coloured):
     count = 600
     bounds, packed, sh = _compressed(count, degree)
     names = CHUNK_BOUNDS if coloured else CHUNK_BOUNDS[:12]
-    path = tmp_path / "scene.ply"
-    path.write_bytes(compressed_ply_bytes(bounds[:, : len(names)], packed, sh, names))
-    scene = read_scene(path)
+    data = compressed_ply_bytes(bounds[:, : len(names)], packed, sh, names)
+    scene = read_written(tmp_path / "scene.ply", data)
 
     low, high = np.repeat(bounds.reshape(-1, 3, 2, 3), 256, axis=0)[:count].transpose(2, 1, 0, 3)
     position, quaternion, log_scale, colour = (
@@ -216,12 +213,7 @@ BAD = {
 
 @pytest.mark.parametrize("message", BAD)
 def test_bad_file(tmp_path, message):
-    path = tmp_path / "bad.ply"
-    path.write_bytes(BAD[message])
-    with pytest.raises(InputError) as error:
-        read_scene(path)
-    assert str(error.value).startswith(f"{path}: ") and "\n" not in str(error.value)
-    assert message.strip() in str(error.value)
+    check_bad_scene(tmp_path / "bad.ply", BAD[message], message)
 
 
 def test_bad_path(tmp_path):
@@ -242,7 +234,7 @@ def test_bad_path(tmp_path):
 
 
 NOTES = {"kitchen.spz": ("trained with antialiasing: rendered without",)}
-"""What is odd in the real files."""
+"""Notes of the real files."""
 
 
 @needs_scenes

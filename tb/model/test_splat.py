@@ -7,14 +7,12 @@ import pytest
 
 from splatcore.model.formats.read import read_scene
 from splatcore.spec.error import InputError
-from tb.helpers.scene_file import ply_bytes, ply_columns, splat_bytes
+from tb.helpers.scene_file import ply_bytes, ply_columns, read_written, splat_bytes
 from tb.helpers.scenes import random_scene
 
 
 def read(tmp_path, data: bytes):
-    path = tmp_path / "scene.splat"
-    path.write_bytes(data)
-    return read_scene(path)
+    return read_written(tmp_path / "scene.splat", data)
 
 
 def test_one_record(tmp_path):

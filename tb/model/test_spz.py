@@ -7,20 +7,17 @@ import numpy as np
 import pytest
 import zstandard
 
-from splatcore.model.formats.read import read_scene
-from splatcore.model.formats.spz import SH_SIGN, read_spz, turned
-from splatcore.spec.error import InputError
+from splatcore.model.formats import spz
+from splatcore.model.formats.spz import SH_SIGN, turned
 from splatcore.spec.scene import rotation_matrix
-from tb.helpers.scene_file import spz_bytes, spz_codes
+from tb.helpers.scene_file import check_bad_scene, check_refused, read_written, spz_bytes, spz_codes
 from tb.helpers.scenes import random_scene
 
 VERSIONS = (1, 2, 3, 4)
 
 
 def read(tmp_path, data: bytes):
-    path = tmp_path / "scene.spz"
-    path.write_bytes(data)
-    return read_scene(path)
+    return read_written(tmp_path / "scene.spz", data)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -132,26 +129,21 @@ ZIPPED = spz_bytes(4, spz_codes(4, 4, 1), 1)
 FRAME = zstandard.compress(bytes(4 * 9))
 
 
+def _zipped(offset: int, layout: str, value: int, data: bytes = ZIPPED) -> bytes:
+    """A version 4 file with one field replaced."""
+    size = struct.calcsize(layout)
+    return data[:offset] + struct.pack(layout, value) + data[offset + size :]
+
+
 def _raw(offset: int, layout: str, value: int) -> bytes:
     """A version 2 file with one field of its header replaced."""
-    data = bytearray(RAW)
-    struct.pack_into(layout, data, offset, value)
-    return gzip.compress(bytes(data))
-
-
-def _zipped(offset: int, layout: str, value: int) -> bytes:
-    """A version 4 file with one field replaced."""
-    data = bytearray(ZIPPED)
-    struct.pack_into(layout, data, offset, value)
-    return bytes(data)
+    return gzip.compress(_zipped(offset, layout, value, RAW))
 
 
 def _first_stream(frame: bytes) -> bytes:
     """A version 4 file whose first stream is `frame`."""
     stored = struct.unpack_from("<Q", ZIPPED, 32)[0]
-    data = bytearray(ZIPPED[:128] + frame + ZIPPED[128 + stored :])
-    struct.pack_into("<Q", data, 32, len(frame))
-    return bytes(data)
+    return _zipped(32, "<Q", len(frame), ZIPPED[:128] + frame + ZIPPED[128 + stored :])
 
 
 BAD = {
@@ -193,13 +185,9 @@ BAD = {
 
 @pytest.mark.parametrize("message", BAD)
 def test_bad_file(tmp_path, message):
-    with pytest.raises(InputError) as error:
-        read(tmp_path, BAD[message])
-    assert str(error.value).startswith(f"{tmp_path}/scene.spz: ")
-    assert message.strip() in str(error.value) and "\n" not in str(error.value)
+    check_bad_scene(tmp_path / "scene.spz", BAD[message], message)
 
 
 def test_other_file(tmp_path):
     (tmp_path / "scene.spz").write_bytes(b"hello")
-    with pytest.raises(InputError, match="is no SPZ file"):
-        read_spz(tmp_path / "scene.spz")
+    check_refused(spz.read, tmp_path / "scene.spz", "is no SPZ file")

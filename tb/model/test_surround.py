@@ -1,6 +1,7 @@
-"""Views of a scene without photographs: where they stand, what they see, what is refused."""
+"""Views of a scene without photographs: their places, what they see, refused arguments."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,32 +10,14 @@ from splatcore.golden.reference import project
 from splatcore.model.cameras.surround import perturbed, surrounding_views
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
-from splatcore.model.generate.garden_splats import random_directions
 from splatcore.model.generate.generate import generate, generated_camera
-from splatcore.spec.camera import look_at
+from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.error import InputError
-from splatcore.spec.scene import Gaussians
+from splatcore.spec.scene import Gaussians, Scene
+from tb.helpers.round_gaussians import ball, boxes, gaussians, joined
 from tb.helpers.scenes import needs_scenes, scene_path
 
 VIEWS = 48
-
-
-def gaussians(position, scale=0.05, opacity=0.9) -> Gaussians:
-    """Round Gaussians at `position` [N, 3]."""
-    count = len(position)
-    factor = np.zeros((count, 3, 3))
-    factor[:, range(3), range(3)] = scale
-    opacity = np.broadcast_to(np.asarray(opacity, float), count)
-    return Gaussians(np.asarray(position, float), factor, opacity, np.zeros((count, 1, 3)))
-
-
-def ball(count=4_000, radius=1.0) -> np.ndarray:
-    return random_directions(np.random.default_rng(0), count) * radius
-
-
-def joined(*parts: Gaussians) -> Gaussians:
-    names = ("position", "factor", "opacity", "sh")
-    return Gaussians(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def eyes(views) -> np.ndarray:
@@ -42,7 +25,7 @@ def eyes(views) -> np.ndarray:
 
 
 def hits(scene: Gaussians, views) -> np.ndarray:
-    """How many of the views hold each Gaussian, [N]."""
+    """Number of the views that hold each Gaussian, [N]."""
     count = np.zeros(len(scene), int)
     for camera in views:
         count[project(scene, camera)[0].index] += 1
@@ -76,7 +59,7 @@ def test_a_seed_decides():
 def test_all_round_an_object_and_not_inside():
     """From every side, above it, outside the hollow ball, and each part held by two views."""
     middle = np.array([5.0, -2, 1])
-    scene = gaussians(ball() + middle)
+    scene = gaussians(ball(4_000, middle))
     views = surrounding_views(scene, VIEWS, 96, 54)
     away = eyes(views) - middle
     assert np.linalg.norm(away, axis=1).min() > 1
@@ -89,17 +72,14 @@ def test_all_round_an_object_and_not_inside():
 
 def test_room_is_seen_from_inside_and_not_through_walls():
     """A room that is open at +z: eyes within it, none behind its walls."""
-    rng = np.random.default_rng(6)
-    walls = [
-        rng.uniform(-1, 1, (count, 3)) * half + np.array(middle)
-        for count, half, middle in (
-            (12_000, [2, 1.2, 0.02], [0, 0, -1.6]),
-            (9_000, [0.02, 1.2, 1.6], [-2, 0, 0]),
-            (9_000, [0.02, 1.2, 1.6], [2, 0, 0]),
-            (9_000, [2, 0.02, 1.6], [0, 1.2, 0]),
-        )
-    ]
-    scene = gaussians(np.concatenate(walls), 0.04)
+    walls = boxes(
+        6,
+        (4_000, [2, 1.2, 0.02], [0, 0, -1.6]),
+        (3_000, [0.02, 1.2, 1.6], [-2, 0, 0]),
+        (3_000, [0.02, 1.2, 1.6], [2, 0, 0]),
+        (3_000, [2, 0.02, 1.6], [0, 1.2, 0]),
+    )
+    scene = gaussians(walls, 0.07)
     views = surrounding_views(scene, VIEWS, 96, 54)
     x, y, z = eyes(views).T
     above = y < -1.2  # there is no ceiling
@@ -111,25 +91,24 @@ def test_room_is_seen_from_inside_and_not_through_walls():
 
 def test_a_screen_is_not_looked_at():
     """Matter before the object on one side keeps views from there that do not pass it."""
-    rng = np.random.default_rng(5)
-    screen = rng.uniform(-1, 1, (900, 3)) * [1.2, 1.5, 0.01] + np.array([0, -0.6, -1.5])
-    subject = gaussians(ball(20_000))
+    screen = boxes(5, (225, [1.2, 1.5, 0.01], [0, -0.6, -1.5]))
+    subject = gaussians(ball(5_000), 0.1)
 
     def behind(scene):
         x, y, z = eyes(surrounding_views(scene, VIEWS, 96, 54)).T
         return np.sum((z < -1.6) & (np.abs(x) < 0.4 * -z) & (y > -1.2))
 
     assert behind(subject) >= 3
-    assert behind(joined(subject, gaussians(screen, 0.1))) == 0
+    assert behind(joined(subject, gaussians(screen, 0.2))) == 0
 
 
 def test_what_cannot_be_seen_does_not_matter():
     """Transparent and broken Gaussians, however many, change no view."""
     scene = gaussians(ball(500))
     bad = gaussians(np.tile([[np.nan, 0, 0], [0, np.inf, 0]], (700, 1)))
-    clear = gaussians(ball(9_000, 50.0), opacity=0.003)
-    odd = gaussians(ball(900, 30.0), opacity=np.nan)
-    wide = gaussians(ball(900, 20.0), scale=np.inf)
+    clear = gaussians(ball(9_000, radius=50.0), opacity=0.003)
+    odd = gaussians(ball(900, radius=30.0), opacity=np.nan)
+    wide = gaussians(ball(900, radius=20.0), scale=np.inf)
     plain = surrounding_views(scene, 6, 64, 36)
     views = surrounding_views(joined(scene, bad, clear, odd, wide), 6, 64, 36)
     assert np.allclose(eyes(views), eyes(plain))
@@ -203,6 +182,13 @@ def test_perturbed():
     assert np.allclose(numbers([still]), numbers([camera]), atol=1e-12)
 
 
+@cache
+def real_scene(file: str) -> tuple[Scene, list[Camera]]:
+    """A real scene and views that surround it."""
+    whole = read_scene(scene_path(file))
+    return whole, surrounding_views(whole.gaussians(), VIEWS, 480, 270)
+
+
 @needs_scenes
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -217,8 +203,7 @@ def test_perturbed():
 )
 def test_views_hold_what_the_scenes_cameras_see(file, cameras):
     """≥ 95 % of what each of a scene's own cameras sees is in at least two of 48 views."""
-    whole = read_scene(scene_path(file))
-    views = surrounding_views(whole.gaussians(), VIEWS, 480, 270)
+    whole, views = real_scene(file)
     some = whole[:: max(len(whole) // 8_000, 1)].with_sh_degree(0).gaussians()
     count = hits(some, views)
     for camera in read_cameras(scene_path(f"{cameras}.cameras.json")):
@@ -229,9 +214,9 @@ def test_views_hold_what_the_scenes_cameras_see(file, cameras):
 @needs_scenes
 def test_kitchen_from_inside():
     """Some eyes are within the room: matter on both sides of them along x and z."""
-    scene = read_scene(scene_path("kitchen.spz"))
+    scene, views = real_scene("kitchen.spz")
     solid = scene.position[scene.opacity > 0.5]
     low, high = np.percentile(solid, (10, 90), axis=0)
-    place = eyes(surrounding_views(scene.gaussians(), VIEWS, 96, 54))
+    place = eyes(views)
     inside = ((place > low) & (place < high))[:, [0, 2]].all(axis=1)
     assert inside.sum() >= VIEWS // 8

@@ -8,28 +8,9 @@ from splatcore.model.cameras.view import NEAREST, sensible_view
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.garden import garden
-from splatcore.model.generate.garden_splats import random_directions
 from splatcore.spec.convention import NEAR_PLANE
-from splatcore.spec.scene import Gaussians
+from tb.helpers.round_gaussians import ball, boxes, gaussians, joined
 from tb.helpers.scenes import needs_scenes, scene_path
-
-
-def gaussians(position, scale=0.02, opacity=0.9) -> Gaussians:
-    """Round Gaussians at `position` [N, 3]."""
-    count = len(position)
-    factor = np.eye(3) * np.broadcast_to(scale, count)[:, None, None]
-    opacity = np.broadcast_to(np.asarray(opacity, float), count)
-    return Gaussians(np.asarray(position, float), factor, opacity, np.zeros((count, 1, 3)))
-
-
-def ball(count=2_000, middle=(0, 0, 0), radius=1.0, seed=0) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return random_directions(rng, count) * radius + middle
-
-
-def joined(*all_gaussians: Gaussians) -> Gaussians:
-    names = ("position", "factor", "opacity", "sh")
-    return Gaussians(*(np.concatenate([getattr(g, n) for g in all_gaussians]) for n in names))
 
 
 def seen(camera, position) -> float:
@@ -120,16 +101,14 @@ def test_two_gaussians():
 
 def test_broad_side():
     """A wall is not seen edge-on."""
-    rng = np.random.default_rng(4)
-    wall = rng.uniform(-1, 1, (3_000, 3)) * [0.02, 1, 2]
+    wall = boxes(4, (3_000, [0.02, 1, 2], [0, 0, 0]))
     camera = sensible_view(gaussians(wall), 320, 180)
     assert abs(camera.rotation[2, 0]) > 0.85
 
 
 def test_open_side():
     """A screen between the default viewpoint and the object makes it go round."""
-    rng = np.random.default_rng(5)
-    screen = rng.uniform(-1, 1, (200, 3)) * [2.4, 1.2, 0.01] + np.array([0, -1.0, -3.2])
+    screen = boxes(5, (200, [2.4, 1.2, 0.01], [0, -1.0, -3.2]))
     subject = gaussians(ball(20_000))
     x, _, z = sensible_view(subject, 320, 180).position
     assert abs(x) < 0.1 and z < -3.5
@@ -139,17 +118,13 @@ def test_open_side():
 
 def test_room():
     """A room without its wall at +z is looked into from there, not at its back from outside."""
-    rng = np.random.default_rng(6)
-    walls = [
-        rng.uniform(-1, 1, (count, 3)) * half + np.array(middle)
-        for count, half, middle in (
-            (12_000, [2, 1.2, 0.0], [0, 0, -1.6]),
-            (4_000, [0.02, 1.2, 1.6], [-2, 0, 0]),
-            (4_000, [0.02, 1.2, 1.6], [2, 0, 0]),
-            (4_000, [2, 0.02, 1.6], [0, 1.2, 0]),
-        )
-    ]
-    room = np.concatenate(walls)
+    room = boxes(
+        6,
+        (12_000, [2, 1.2, 0.0], [0, 0, -1.6]),
+        (4_000, [0.02, 1.2, 1.6], [-2, 0, 0]),
+        (4_000, [0.02, 1.2, 1.6], [2, 0, 0]),
+        (4_000, [2, 0.02, 1.6], [0, 1.2, 0]),
+    )
     camera = sensible_view(gaussians(room, 0.04), 320, 180)
     assert camera.rotation[2, 2] < -0.8
     assert seen(camera, room) > 0.9

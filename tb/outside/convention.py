@@ -15,4 +15,4 @@ GSPLAT = Convention(
     pixel_centre=0.5,
     principal_point_shift=0.0,
 )
-"""What gsplat's CPU path renders. Black behind, unless a stored scene names a background."""
+"""The rules of gsplat's CPU path. The background is black unless a stored scene names one."""

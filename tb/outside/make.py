@@ -23,7 +23,7 @@ from tb.outside.scenes import CASES
 from tb.outside.stored import VERSIONS, Case, Stored, save
 
 MARGIN = 1e-9
-"""How far, relatively, every quantity that is compared with a threshold keeps from it, so that
+"""Least relative distance of every quantity from the threshold that it is compared with, so that
 rounding in float64 decides nothing."""
 
 Tensor = torch.Tensor

@@ -18,7 +18,7 @@ ATTRIBUTES = ("position", "scale", "quaternion", "opacity", "sh")
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is rendered. Every number of `scene` is exact in float32."""
+    """A scene to render. Every number of `scene` is exact in float32."""
 
     scene: Scene
     camera: Camera  # cx = width/2, cy = height/2
@@ -60,23 +60,9 @@ def load(name: str) -> Stored:
         field = dict(file)
     width, height = (int(side) for side in field["size"])
     fx, fy = (float(focal) for focal in field["focal"])
-    return Stored(
-        Case(
-            Scene(**{key: field[key] for key in ATTRIBUTES}, name=name),
-            Camera(
-                width,
-                height,
-                fx,
-                fy,
-                width / 2,
-                height / 2,
-                field["rotation"],
-                field["translation"],
-                name,
-            ),
-            tuple(field["background"].tolist()),
-        ),
-        field["image"],
-        field["transmittance"],
-        {key: str(field[key]) for key in VERSIONS},
-    )
+    pose = field["rotation"], field["translation"]
+    camera = Camera(width, height, fx, fy, width / 2, height / 2, *pose, name)
+    scene = Scene(**{key: field[key] for key in ATTRIBUTES}, name=name)
+    case = Case(scene, camera, tuple(field["background"].tolist()))
+    versions = {key: str(field[key]) for key in VERSIONS}
+    return Stored(case, field["image"], field["transmittance"], versions)

@@ -1,1 +1,1 @@
-"""Faults planted in the hardware's Python, and what judges whether tests catch them."""
+"""Faults planted in the Python source of `hdl`, one at a time, and whether the tests catch them."""

@@ -7,8 +7,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.stream import Fork, Queue, Register
-from splatcore.sim.rtl.build import TAIL
-from splatcore.sim.rtl.streams import Simulation, SimulationError, StreamRuleError, run_streams
+from splatcore.sim.rtl.streams import TAIL, Simulation, SimulationError, StreamRuleError
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 from tb.helpers.parts import Beside
@@ -218,25 +217,17 @@ def test_noise_while_not_valid(beside):
 
 
 @pytest.mark.parametrize("stall", STALLS)
-def test_a_lost_item(beside, stall):
+def test_an_item_lost_twice_or_stuck(beside, stall):
+    """The row too many comes within the 64 cycles after the last: all inputs are awaited."""
     result, rows = run_fault(beside, "lost", stall=stall)
     assert not result.finished
     assert f"lost__o gave {COUNT - 1} of {COUNT} rows" in result.stopped
     assert "nothing moved" in result.stopped
     np.testing.assert_array_equal(result.outputs["lost__o"], np.delete(rows, LOST, 0))
-
-
-@pytest.mark.parametrize("stall", STALLS)
-def test_an_item_given_twice(beside, stall):
-    """The row too many comes within the 64 cycles after the last: all inputs are awaited."""
     result, rows = run_fault(beside, "twice", stall=stall)
     assert result.finished
     twice = np.insert(rows, LOST, rows[LOST], 0)
     np.testing.assert_array_equal(result.outputs["twice__o"], twice)
-
-
-@pytest.mark.parametrize("stall", STALLS)
-def test_a_component_that_stops(beside, stall):
     result, _ = run_fault(beside, "stuck", stall=stall)
     assert not result.finished
     assert f"stuck__i took {LOST} of {COUNT}" in result.stopped
@@ -298,6 +289,7 @@ def test_what_cannot_be_run(join):
     constants = {"key": 0, "mask": 0}
     for wrong, message in (
         ({"inputs": {"a": rows["a"]}}, "inputs .* are not"),
+        ({"inputs": {}}, "inputs .* are not"),
         ({"constants": {"key": 0}}, "constants .* are not"),
         ({"constants": constants | {"mask": 256}}, "mask: 256 does not fit in 8 bits"),
         ({"constants": constants | {"mask": np.array([1, 256])}}, "mask: a number does not fit"),
@@ -311,8 +303,5 @@ def test_what_cannot_be_run(join):
         given = {"inputs": rows, "constants": constants} | wrong
         with pytest.raises(ValueError, match=message):
             join.run(given.pop("inputs"), **given)
-    component = Join()
-    with pytest.raises(ValueError, match="inputs"):
-        run_streams(component, {}, constants=constants, samples=join.samples)
     with pytest.raises(ValueError, match="no output level"):
-        Simulation(component, samples=["level"])
+        Simulation(Join(), samples=["level"])

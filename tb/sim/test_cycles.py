@@ -14,12 +14,12 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.bench.sort_rows import sort_rows
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import DEFAULT
-from tb.helpers import bin_frames, point_runs, raster_runs, sort_runs
+from splatcore.spec.stages import OF_POINTS
+from tb.helpers import bin_frames, raster_rows, sort_runs, stage_cases
 from tb.helpers.point_rows import point_rows
-from tb.helpers.raster_rows import run_groups
 
 WITHIN = 0.03
-"""How far off the model may be (design's figures)."""
+"""The model's relative error at most."""
 
 GAUSSIANS = 20_000
 
@@ -40,10 +40,10 @@ def check(modelled: int, cycles: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", ["chunk", "cull", "place", "project"])
+@pytest.mark.parametrize("stage", OF_POINTS)
 def test_stages_0_and_1(stage):
     rows = point_rows(DEFAULT, model(), generated_camera("garden"))
-    check(getattr(garden()[1], stage), point_runs.check(stage, rows, 0).cycles)
+    check(getattr(garden()[1], stage), stage_cases.check(stage, rows, 0).cycles)
 
 
 @pytest.mark.slow
@@ -75,8 +75,8 @@ def test_stage_3():
     frame, cycles = garden()
     camera = generated_camera("garden")
     entries = frame.binned.entries
-    run = run_groups(
-        raster_runs.simulation(DEFAULT), DEFAULT, frame.binned.features,
+    run = raster_rows.run_groups(
+        raster_rows.simulation(DEFAULT), DEFAULT, frame.binned.features,
         Entries(frame.start, entries["splat"][frame.order], entries["mask"][frame.order]),
         (camera.width, camera.height),
     )  # fmt: skip

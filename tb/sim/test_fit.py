@@ -31,6 +31,7 @@ from tb.helpers.command import run
 
 SIZE = 160, 96
 FPS, PSNR = 16_000, 46.0
+FPS_CONFIRMED = 6000
 
 PRICES = dict.fromkeys(SHARES, 100.0) | {"arithmetic": 1000.0, "sort_digits": 2000.0}
 """NAND2 of a bit, as if they had been synthesised."""
@@ -241,12 +242,19 @@ def test_a_bit_takes_what_synthesis_says():
         assert abs(found - (lanes[0] - lanes[1])) < 0.35 * found
 
 
+@pytest.mark.verify
+@pytest.mark.parametrize("field", SHARES)
+def test_a_bit_of_every_format_takes_gates(field):
+    assert bit_gates(DEFAULT, field) > 0
+
+
 @pytest.mark.slow
-def test_confirmed_by_the_hardware(tmp_path, capsys):
+def test_confirmed_by_the_hardware(monkeypatch, tmp_path, capsys, scene):
     """In RTL it is as fast as was asked for, and its picture is the golden model's."""
+    monkeypatch.setattr(fit_formats, "bit_gates", lambda config, field: PRICES[field])
     path, facts = tmp_path / "small.toml", tmp_path / "facts.json"
-    options = ("--size", "96x64", "--fps", 800, "--psnr", 42, "--confirm", "-o", path)
-    assert run("fit", "garden", *options, "--json", facts) == 0, capsys.readouterr()
+    options = ("--size", "64x48", "--fps", FPS_CONFIRMED, "--psnr", 42, "--confirm", "-o", path)
+    assert run("fit", scene, *options, "--json", facts) == 0, capsys.readouterr()
     found = json.loads(facts.read_text())["confirmed"]
     assert found["reached"] and found["identical"] and not found["difference"]
-    assert found["cycles"]["frame"] <= CLOCK_HZ / 800
+    assert found["cycles"]["frame"] <= CLOCK_HZ / FPS_CONFIRMED

@@ -9,6 +9,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
+from splatcore.sim.common.cache import VARIABLE
 from splatcore.sim.eda import fpga
 from splatcore.sim.eda.fpga import NotPlaced, Placed, from_report, placed, register, used, why_not
 from splatcore.sim.eda.fpga_wrap import Lanes, Wrap
@@ -136,7 +137,7 @@ def test_lanes():
     assert 4 * len(four.o.as_value()) == len(all.o.as_value())
     assert four.blend.blocks == block_count(TINY)
     names = {"quadratic", "number", "enable", "valid", "block", "colour", "inside", "rest"}
-    assert names < set(four.signature.members) and "powers" not in four.signature.members
+    assert names < set(four.signature.members) and "log2_alphas" not in four.signature.members
 
 
 def test_unknown_names(capsys):
@@ -154,7 +155,7 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
         asked.append(device)
         return (None, LOG) if len(asked) == 1 else (REPORT, "")
 
-    monkeypatch.setattr(fpga, "BUILD", tmp_path)
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
     monkeypatch.setattr(fpga, "place", place)
     monkeypatch.setattr("splatcore.sim.cli.fpga.PARTS", {"wide": lambda c: Small(), "add": Add})
     out = tmp_path / "f.json"
@@ -185,10 +186,10 @@ class Add(wiring.Component):
 @pytest.mark.slow
 def test_small_part(monkeypatch, tmp_path):
     """A multiplier's numbers are those that stand in the log."""
-    monkeypatch.setattr(fpga, "BUILD", tmp_path)
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
     part = fpga.PARTS["multiply"](TINY)
     found = placed(part, "25k")
-    (path,) = tmp_path.glob("*.json")
+    (path,) = tmp_path.glob("fpga/*.json")
     log, wrap = json.loads(path.read_text())["log"], Wrap(fpga.PARTS["multiply"](TINY))
     cells = used(log)
     assert found.multipliers == cells["MULT18X18D"][0] == 1
@@ -221,6 +222,6 @@ class Large(wiring.Component):
 
 @pytest.mark.slow
 def test_too_large(monkeypatch, tmp_path):
-    monkeypatch.setattr(fpga, "BUILD", tmp_path)
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
     with pytest.raises(NotPlaced, match="does not fit: multipliers 30 of 28"):
         placed(Large(), "25k")

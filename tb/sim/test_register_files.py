@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatcore.sim.eda.register_header import sizes
-from splatcore.sim.eda.register_page import write_register_files
+from splatcore.sim.eda.register_files import sizes, write_register_files
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY
 from splatcore.spec.frame import frame_constants
@@ -105,7 +104,7 @@ def test_page(files):
 
 
 def run(config, folder: Path, name: str, main: str, *, status: int = 0) -> list[tuple[int, ...]]:
-    """What a C program prints: lines of whole numbers."""
+    """Lines of whole numbers that a C program prints."""
     (folder / f"{name}.c").write_text(main)
     shutil.copy(EXAMPLE, folder)  # another machine's header may lie beside the original
     program = folder / name

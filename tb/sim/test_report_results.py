@@ -1,17 +1,16 @@
-"""`splatcore report`: what is missing is named, and only that is measured."""
+"""`splatcore report` names what is missing; `make report` measures that and nothing else."""
 
 import json
-import re
-from dataclasses import dataclass, field
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from splatcore.sim.report import results as report_results
-from splatcore.sim.report.options import Options
-from splatcore.sim.report.results import SOURCES, Results
+from splatcore.sim.report.results import SOURCES, Options, Results
 from splatcore.sim.report.sections import SECTIONS
-from tb.helpers.command import run
+from tb.helpers.command import ROOT, run
 from tb.helpers.report_page import Page, Report, report
 from tb.helpers.report_samples import SIZE, VIEWS, everything, write
 
@@ -24,7 +23,7 @@ def results(tmp_path):
 
 
 def test_equal_results_make_equal_pages(results, capsys):
-    arguments = ("--no-run", "--section", "work", "--section", "scenes")
+    arguments = ("--section", "work", "--section", "scenes")
     assert report(results, capsys, *arguments).status == 0
     first = (results / "out" / "report.html").read_bytes()
     report(results, capsys, *arguments)
@@ -58,7 +57,7 @@ def broken(path: Path, what: str):
 @pytest.mark.parametrize(
     "what, named",
     {
-        "missing": "fpga.json: is not there; made by: splatcore fpga --json",
+        "missing": "fpga.json: is not there; made by: make RESULTS=",
         "no JSON": "fpga.json: is not JSON",
         "NaN": "fpga.json: is not JSON (NaN is no number)",
         "no object": "fpga.json: holds no object",
@@ -69,7 +68,7 @@ def broken(path: Path, what: str):
 )
 def test_what_is_missing_is_named(results, capsys, what, named):
     broken(results / "results" / "fpga.json", what)
-    found = report(results, capsys, "--no-run", "--section", "fpga", "--section", "power")
+    found = report(results, capsys, "--section", "fpga", "--section", "power")
     assert found.status == 1
     page = Page(found.text)
     for text in (found.said, page.sections["fpga"], page.sections["missing"]):
@@ -81,13 +80,12 @@ def test_what_is_missing_is_named(results, capsys, what, named):
 
 
 def test_everything_is_missing(tmp_path, capsys):
-    found = report(tmp_path, capsys, "--no-run")
+    found = report(tmp_path, capsys)
     assert found.status == 1
     for name, section in found.sections.items():
         assert bool(section["problems"]) == (name != "fit"), name
-    assert found.table("paper", "checks")  # needs no result
-    for source in SOURCES.values():
-        assert source.file in found.said, source
+    for file, _ in SOURCES.values():
+        assert file in found.said, file
     Page(found.text)
 
 
@@ -95,7 +93,7 @@ def test_a_campaign_that_failed_in_parts(results, capsys):
     path = results / "results" / "work" / "work.json"
     value = json.loads(path.read_text())
     write(path, value | {"failed": [{"what": "work vase.ply", "why": "memory exhausted"}]})
-    found = report(results, capsys, "--no-run", "--section", "work")
+    found = report(results, capsys, "--section", "work")
     assert found.status == 1 and "work vase.ply: memory exhausted" in found.said
     assert len(found.table("work", "work")) == 2 + len(VIEWS) + 1
 
@@ -104,7 +102,7 @@ def test_only_some_scenes(results, capsys, monkeypatch):
     monkeypatch.chdir(results)
     for name in ("vase.ply", "new.spz"):
         Path(name).write_text("scene")
-    words = ("--no-run", "--section", "work", "--scene", "vase.ply")
+    words = ("--section", "work", "--scene", "vase.ply")
     found = report(results, capsys, *words)
     assert found.status == 0
     scenes = [row["scene"] for row in found.table("work", "work")]
@@ -114,7 +112,7 @@ def test_only_some_scenes(results, capsys, monkeypatch):
 
 
 def test_another_size_or_machine(results, capsys):
-    words = ("--no-run", "--section", "work")
+    words = ("--section", "work")
     assert report(results, capsys, *words, "--size", SIZE, "--preset", "default").status == 0
     found = report(results, capsys, *words, "--size", "32x32")
     assert found.status == 1 and f"work.json: is for size {SIZE}, not 32x32" in found.said
@@ -122,110 +120,138 @@ def test_another_size_or_machine(results, capsys):
     assert found.status == 1 and "work.json: is for preset DEFAULT, not TINY" in found.said
 
 
-@dataclass
-class Ran:
-    """Stands for running commands: what they were, what they end with, and what they leave."""
-
-    status: int = 0
-    leaves: dict[str, Path] = field(default_factory=dict)
-    commands: list[list[str]] = field(default_factory=list)
-
-    def __call__(self, arguments: list[str]) -> tuple[int, str]:
-        self.commands.append(arguments)
-        for name, path in self.leaves.items():
-            if arguments[0] == name:
-                everything(path)
-        return self.status, "error: no luck" if self.status else ""
-
-
-def test_only_what_is_missing_is_run(results, capsys, monkeypatch):
-    ran = Ran(leaves={"memories": results / "results"})
-    monkeypatch.setattr(report_results, "run", ran)
-    (results / "results" / "memories.json").unlink()
-    found = report(results, capsys, "--section", "paper", "--section", "fpga")
-    path = str(results / "results" / "memories.json")
-    assert found.status == 0 and ran.commands == [["memories", "--json", path]]
-    assert f"$ splatcore memories --json {path}" in found.said.replace("\n", " ")
+COMMANDS = {
+    "scenes": "bench scenes --out DIR/scenes SCENES SIZE PRESET",
+    "sweep": "bench sweep --out DIR/sweep SCENES SIZE",
+    "programs": "programs --json DIR/programs.json PRESET",
+    "programs-paper": "programs --preset PAPER --json DIR/programs-paper.json",
+    "synth": "synth --stage top --json DIR/synth.json PRESET",
+    "memories": "memories --json DIR/memories.json PRESET",
+    "ablation": "bench ablation --out DIR/ablation SCENES SIZE PRESET",
+    "work": "bench work --out DIR/work SCENES SIZE PRESET",
+    "power": "power --json DIR/power.json x.ply SIZE PRESET",
+    "hard": "hard --engine golden -o DIR/hard --json DIR/hard/hard.json PRESET",
+    "hard-rtl": "hard --engine rtl --preset TINY -o DIR/hard-rtl --json DIR/hard-rtl/hard.json",
+    "hard-paper": "hard --engine golden --preset PAPER -o DIR/hard-paper "
+    "--json DIR/hard-paper/hard.json",
+    "fpga-tiny": "fpga --preset TINY --json DIR/fpga-tiny.json",
+    "fpga": "fpga --json DIR/fpga.json PRESET",
+}
 
 
-def test_a_command_that_fails_is_named(results, capsys, monkeypatch):
-    monkeypatch.setattr(report_results, "run", Ran(status=2))
-    path = results / "results" / "fpga.json"
-    path.unlink()
-    found = report(results, capsys, "--section", "fpga")
-    assert found.status == 1
-    assert f"splatcore fpga --json {path}: exit status 2, error: no luck" in found.text
-    assert found.table("fpga", "fpga")  # TINY's stand
+def make(*words: str, **variables: str) -> subprocess.CompletedProcess:
+    """Run make in the repository as if all was installed."""
+    variables = [f"{name}={value}" for name, value in variables.items()]
+    return subprocess.run(
+        ["make", "-o", "install", "-o", ".venv/installed", *variables, *words],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
 
 
-@pytest.mark.parametrize("name, status", [("hard", 0), ("memories", 1)])
-def test_what_exit_status_1_means(results, capsys, monkeypatch, name, status):
-    """A hard case that fails is a result; a command that fails and leaves a file is told."""
-    ran = Ran(status=1, leaves={name: results / "results"})
-    monkeypatch.setattr(report_results, "run", ran)
-    (results / "results" / SOURCES[name].file).unlink()
-    section = {"memories": "paper"}.get(name, name)
-    found = report(results, capsys, "--section", section)
-    assert found.status == status and len(ran.commands) == 1
-    assert ("exit status 1, error: no luck" in found.text) == bool(status)
+def commands(*words: str, **variables: str) -> list[list[str]]:
+    """Arguments of the commands that make would run."""
+    made = make("-n", *words, SPLATCORE="splatcore", **variables)
+    assert made.returncode == 0, made.stderr
+    lines = [line.partition("&& splatcore ") for line in made.stdout.splitlines()]
+    return [after.split() for _, found, after in lines if found]
+
+
+def test_the_command_that_is_named_makes_the_result(tmp_path):
+    found = Results(tmp_path, Options(("x.ply", "y.ply"), "32x16", "TINY"))
+    variables = {"SCENES": "x.ply y.ply", "SIZE": "--size 32x16", "PRESET": "--preset TINY"}
+    assert set(COMMANDS) == set(SOURCES)
+    for name, command in COMMANDS.items():
+        for word, value in variables.items():
+            command = command.replace(f" {word}", f" {value}")
+        program, *words = shlex.split(found.command(name))
+        assert program == "make" and str(tmp_path / SOURCES[name][0]) == words[-1]
+        assert commands(*words) == [command.replace("DIR", str(tmp_path)).split()], name
+
+
+def test_what_is_measured_by_default(tmp_path):
+    """All scenes of the folder, without it a generated one."""
+    asked = {"RESULTS": str(tmp_path), "SPLATCORE_SCENES": str(tmp_path / "nowhere")}
+    work, power = (f"{tmp_path}/{file}" for file in ("work/work.json", "power.json"))
+    words = ["bench", "work", "--out", f"{tmp_path}/work"]
+    generated = ["garden", "--size", "640x360"]
+    assert commands(work, **asked) == [[*words, *generated]]
+    assert commands(power, **asked) == [["power", "--json", power, *generated]]
+    asked["SPLATCORE_SCENES"] = str(tmp_path)
+    for name in ("b.spz", "a.x.ply", "a.cameras.json"):
+        (tmp_path / name).write_text("")
+    assert commands(work, **asked) == [words]
+    one = [f"{tmp_path}/a.x.ply", "--camera", f"{tmp_path}/a.cameras.json"]
+    assert commands(power, **asked) == [["power", "--json", power, *one]]
+
+
+def test_only_what_is_missing_is_measured(results):
+    place = results / "results"
+    (place / "memories.json").unlink()
+    (place / "hard" / "hard.json").unlink()
+    hard = f"hard --engine golden -o {place}/hard --json {place}/hard/hard.json"
+    memories = f"memories --json {place}/memories.json"
+    assert commands("results", RESULTS=str(place)) == [hard.split(), memories.split()]
+    (results / "new.spz").write_text("scene")
+    newer = commands("results", RESULTS=str(place), SCENES=str(results / "new.spz"))
+    assert len(newer) == 2 + 5  # campaigns and power, too
+
+
+def test_a_measurement_that_fails(results):
+    """The others are made, the report is written, and a file that is left is a result."""
+    place, program, log = results / "results", results / "program", results / "log"
+    for file in ("fpga.json", "hard/hard.json", "synth.json"):
+        (place / file).unlink()
+    program.write_text(
+        f'#!/bin/sh\necho "$@" >> {log}\n'
+        f'case "$1" in report|synth) exit 0;; hard) echo {{}} > {place}/hard/hard.json; exit 1;; '
+        "*) exit 2;; esac\n"
+    )
+    program.chmod(0o755)
+    asked = {"SPLATCORE": str(program), "RESULTS": str(place), "REPORT": str(results / "out")}
+    assert make("report", **asked).returncode == 0
+    *made, last = log.read_text().splitlines()
+    assert [line.split()[0] for line in made] == ["hard", "synth", "fpga"]
+    assert last == f"report -o {results}/out --results {place}"
+    assert (place / "hard" / "hard.json").exists()
+    log.unlink()
+    make("report", **asked)
+    assert [line.split()[0] for line in log.read_text().splitlines()] == ["synth", "fpga", "report"]
 
 
 @pytest.mark.slow
-def test_commands_are_run(tmp_path, capfd):
-    """Truly: one that works, and one whose message is passed on and kept."""
+def test_make_report(tmp_path):
+    """Truly: a command that works, and one whose message is passed on and result is missing."""
     everything(tmp_path / "results")
     for name in ("programs.json", "power.json"):
         (tmp_path / "results" / name).unlink()
     (tmp_path / "odd.ply").write_text("no scene")
     place = tmp_path / "results"
-    words = ["--results", str(place), "--section", "paper", "--section", "power"]
-    status = run("report", "-o", str(tmp_path), *words, "--scene", str(tmp_path / "odd.ply"))
-    said = capfd.readouterr().err
-    made = json.loads((place / "programs.json").read_text())["programs"]["project_sh"]
-    found = Report(tmp_path, status, said)
+    made = make(
+        "report", SPLATCORE=f"{sys.executable} -m splatcore", REPORT=str(tmp_path / "out"),
+        RESULTS=str(place), SCENE=str(tmp_path / "odd.ply"),
+    )  # fmt: skip
+    found = Report(tmp_path / "out", made.returncode, made.stderr)
+    programs = json.loads((place / "programs.json").read_text())["programs"]["project_sh"]
     row = found.table("paper", "operations")[3]
-    assert row["all, operations"] == made["operations"] != 100
-    assert status == 1 and said.count("error: ") == 2
-    assert re.search(r"splatcore power .*odd.ply: exit status 2, error: .*odd.ply", found.text)
+    assert row["all, operations"] == programs["operations"] != 100
+    assert found.status and found.said.count("error: ") == 1 and "odd.ply" in found.said
+    assert f"power.json: is not there; made by: make RESULTS={place}" in found.text
     assert found.table("paper", "gates") and not found.sections["power"]["tables"]
 
 
-def test_what_is_measured_by_default(tmp_path, monkeypatch):
-    """All scenes of the folder, without it a generated one; options reach who takes them."""
-    words = ["bench", "work", "--out", f"{tmp_path}/work"]
-    monkeypatch.setenv("SPLATCORE_SCENES", str(tmp_path / "nowhere"))
-    assert Results(tmp_path).arguments("work") == [*words, "garden", "--size", "640x360"]
-    power = Results(tmp_path).arguments("power")
-    assert power[3:] == ["garden", "--size", "640x360"]
-    monkeypatch.setenv("SPLATCORE_SCENES", str(tmp_path))
-    for name in ("b.spz", "a.ply"):
-        (tmp_path / name).write_text("")
-    (tmp_path / "a.cameras.json").write_text("")
-    assert Results(tmp_path).arguments("work") == words
-    one = [f"{tmp_path}/a.ply", "--camera", f"{tmp_path}/a.cameras.json"]
-    assert Results(tmp_path).arguments("power")[3:] == one
-    given = Results(tmp_path, Options(("x.ply", "y.ply"), "32x16", "TINY"))
-    assert given.arguments("work") == [
-        *words, "x.ply", "y.ply", "--size", "32x16", "--preset", "TINY"
-    ]  # fmt: skip
-    assert given.arguments("programs-paper")[:3] == ["programs", "--preset", "PAPER"]
-    assert "--preset" not in given.arguments("sweep")
-
-
-def test_the_command_is_that_of_the_result(results, monkeypatch):
-    """What is shown below a figure makes that figure, not what would be measured now."""
-    monkeypatch.setenv("SPLATCORE_SCENES", str(results / "nowhere"))
+def test_the_command_is_that_of_the_result(results):
+    """The command below a figure makes that figure, not what would be measured now."""
     place = results / "results"
     found = Results(place)
-    assert found.command("work").endswith(" garden --size 640x360")  # it would be run so
+    start, path = f"make RESULTS={place} ", place / "work" / "work.json"
+    assert found.command("work") == f"{start}{path}"  # it would be run so
     found.facts("work")
-    assert found.command("work") == f"splatcore bench work --out {place}/work --size {SIZE}"
-    path = place / "work" / "work.json"
+    assert found.command("work") == f"{start}SIZE={SIZE} {path}"
     value = json.loads(path.read_text())
     rows = [row | {"scene": "garden"} for row in value["rows"]]
     write(path, value | {"rows": rows, "size": "1920x1080", "preset": "TINY"})
     found.facts("work")
-    assert found.command("work").endswith("/work garden --preset TINY")
+    assert found.command("work") == f"{start}SCENES=garden PRESET=TINY {path}"
 
 
 @pytest.mark.parametrize(
@@ -249,5 +275,6 @@ def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
 def test_help(capsys):
     assert run("report", "--help") == 0
     text = " ".join(capsys.readouterr().out.split())
-    for word in ("--no-run", "--section", "report.html", "needs no network", *SECTIONS):
+    assert "--no-run" not in text
+    for word in ("make report", "--section", "report.html", "needs no network", *SECTIONS):
         assert word in text

@@ -3,6 +3,7 @@
 import csv
 import re
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,31 +12,33 @@ from amaranth.back import verilog
 
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.place import Place
-from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES
+from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES, WHOLE
 from splatcore.sim.eda.check import faults
 from splatcore.sim.eda.gate_table import synthesise_machine
 from splatcore.sim.eda.machine_gates import (
     PARTS,
     Size,
     examined,
+    flip_flops_before,
     netlist,
     pieces,
-    synthesised,
     whole,
 )
 from splatcore.sim.eda.macros import Macros, module
-from splatcore.sim.eda.synth import DEPTH_MAX, gates, memories
+from splatcore.sim.eda.synth import DEPTH_MAX, depth, gates, memories
 from splatcore.sim.eda.verilog import (
     MEMORIES_FILE,
     TOP,
     WAIVERS,
     lint,
     stage_source,
-    write_stages,
     write_top,
 )
 from splatcore.sim.rtl.streams import Simulation, StreamRuleError
-from splatcore.spec.config import DEFAULT, MEMORY_MAX, PRESETS, TINY
+from splatcore.spec import config
+from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
+from splatcore.spec.stages import OF_POINTS
+from tb.helpers.command import run
 
 DEEP = ("sub_sorter", "merge", "prepare", "setup", "mark", "evaluate", "lane")
 """Parts of the stages that take too long to synthesise."""
@@ -61,16 +64,38 @@ module unsound(input [3:0] i, output reg latch, output loop, output reg twice, o
 endmodule
 """
 
-WHOLE = ("points", "bin", "sort", "raster")
+SIZES = {name: getattr(TINY, name) for name in config.SIZES}
+"""Sizes of a small machine."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda config: config.name)
-def test_stages_are_clean(preset, tmp_path):
-    *paths, waivers = write_stages(preset, tmp_path)
-    assert [path.stem for path in paths] == [f"splatcore_{name}" for name in STAGES]
-    assert waivers.read_bytes() == WAIVERS.read_bytes()
-    for path in paths:
+def test_stages_are_clean(tmp_path):
+    """As the command writes them, each on its own."""
+    assert run("verilog", "--preset", "tiny", "--part", "stages", "-o", tmp_path) == 0
+    for name in STAGES:
+        path = tmp_path / f"splatcore_{name}.v"
+        text = path.read_text()
+        assert text.startswith(f"// Splatcore {name}, preset TINY")
+        assert f"module splatcore_{name}(" in text
+        assert lint(path.stem, path) == []
+    assert (tmp_path / WAIVERS.name).read_bytes() == WAIVERS.read_bytes()
+    assert len(list(tmp_path.iterdir())) == len(STAGES) + 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "machine",
+    [
+        replace(PAPER, **SIZES),
+        *(pytest.param(c, marks=pytest.mark.verify) for c in (DEFAULT, PAPER)),
+    ],
+    ids=["PAPER, small", "DEFAULT", "PAPER"],
+)
+def test_blocks_are_clean(machine, tmp_path):
+    """All stages are in blocks."""
+    for name in (block for block in WHOLE if block != "control"):
+        path = tmp_path / f"splatcore_{name}.v"
+        path.write_text(stage_source(name, STAGES[name](machine), machine))
         assert lint(path.stem, path) == []
 
 
@@ -123,8 +148,7 @@ def test_the_machine_is_clean(tmp_path):
         {(int(row["words"]), int(row["bits"])): len(row["instances"].split()) for row in rows}
     )
     assert all(int(row["count"]) == len(row["instances"].split()) for row in rows)
-    stages = [STAGES[name] for name in WHOLE]
-    expected = [size for make in (*stages, *CONTROL.values()) for size in memories(make(TINY))]
+    expected = [size for parts in WHOLE.values() for make in parts for size in memories(make(TINY))]
     assert listed == Counter(expected)
     for row in rows:
         assert f"module {row['module']} (" in text
@@ -135,16 +159,14 @@ def test_the_machine_is_clean(tmp_path):
 
 
 @pytest.mark.slow
-def test_parts_are_the_whole(monkeypatch, tmp_path):
+def test_parts_are_the_whole():
     """Each flip-flop is in one part; parts of one kind are one piece."""
-    monkeypatch.setattr("splatcore.sim.eda.machine_gates.BUILD", tmp_path)
-    monkeypatch.setattr("splatcore.sim.eda.machine_gates.mapped", lambda text, library: {})
     hierarchy = netlist(TINY)
     about = examined(whole(hierarchy))
     assert about["faults"] == []
     work = pieces(hierarchy)
     assert {part for part, _ in work} == set(PARTS)
-    found = {part.name: synthesised(piece)["flip_flops_before"] for part, piece in work}
+    found = {part.name: flip_flops_before(piece) for part, piece in work}
     times = Counter(part.name for part, _ in work)
     assert times["blend"] == times["evaluate"] == TINY.rasterizers and times["chunk"] == 1
     counted = sum(count * times[name] for name, count in found.items())
@@ -196,18 +218,32 @@ def test_memories_are_amaranths(fault):
         assert np.array_equal(result.outputs["o"], rows)
 
 
+def parts_but(names: tuple[str, ...], *parts: str) -> list:
+    """Parts; those of these names take minutes."""
+    marks = pytest.mark.verify
+    return [pytest.param(name, marks=marks) if name in names else name for name in parts]
+
+
+FLAT = [name for name in STAGES if name not in LARGE]
+"""Stages that are synthesised whole."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*(name for name in STAGES if name not in LARGE), *DEEP, *CONTROL])
+@pytest.mark.parametrize("name", parts_but(OF_POINTS, *FLAT, *DEEP, *CONTROL))
 def test_no_path_is_too_deep(name):
-    found = gates((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT))
-    assert found.speed_depth <= DEPTH_MAX
-    if name not in CONTROL:
-        least, most = (0.95, 1.15) if name in DEEP else (1, 1.1)
-        assert least * found.nand2 < found.speed_nand2 < most * found.nand2
+    """All stages that work on points are in `points` once more."""
+    assert depth((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT)) <= DEPTH_MAX
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", parts_but(("points", "project", "setup"), *FLAT, *DEEP))
+def test_speed_takes_few_gates(name):
+    found = gates((STAGES | PRIMITIVES)[name](DEFAULT))
+    least, most = (0.95, 1.15) if name in DEEP else (1, 1.1)
+    assert least * found.nand2 < found.speed_nand2 < most * found.nand2
 
 
 def test_memories_fit():
     """All of DEFAULT's parts together stay within what the paper's machine has."""
-    parts = [*(STAGES[name] for name in WHOLE), *CONTROL.values()]
-    sizes = [size for make in parts for size in memories(make(DEFAULT))]
+    sizes = [size for parts in WHOLE.values() for make in parts for size in memories(make(DEFAULT))]
     assert 0 < sum(words * bits for words, bits in sizes) / 8 <= MEMORY_MAX

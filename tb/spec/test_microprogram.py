@@ -154,7 +154,7 @@ def run_names(plan: Schedule, outputs, latency: dict[str, int], gaussians: int) 
 
 
 def visible(plan, value, cycle, results, registers) -> set:
-    """What can be read of a value's unit in a cycle: its result and its bank's registers."""
+    """Values that can be read of a value's unit in a cycle: its result and its bank's registers."""
     place = next(p for p in plan.places if p.step.name == value)
     unit = (place.step.unit, place.number)
     seen = {held for (bank, _), held in registers.items() if bank == unit}

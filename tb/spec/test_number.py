@@ -76,7 +76,7 @@ def some_codes(rng: np.random.Generator, first: int, end: int, count: int) -> np
 
 
 def float_value(format: Float, magnitude: int) -> Fraction:
-    """What a code without its sign is worth, as if the highest exponent were a normal one."""
+    """Value of a code without its sign, as if the highest exponent were a normal one."""
     biased, fraction = divmod(magnitude, 2**format.fraction)
     if biased == 0 and not format.subnormal:
         return Fraction(0)
@@ -133,7 +133,7 @@ def test_float_encode(format):
 
 @pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
 def test_float_decode(format):
-    """What finite codes are worth, with and without sign; what codes above them hold."""
+    """Values of finite codes, with and without sign; and of codes above them."""
     codes = some_codes(np.random.default_rng(2), 0, infinity_code(format), 300)
     expected = np.array([float(float_value(format, int(code))) for code in codes])
     np.testing.assert_array_equal(format.decode(codes), expected)

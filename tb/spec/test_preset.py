@@ -9,11 +9,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from splatcore.sim.fit.preset_file import preset_text, write_preset
-from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY, Config
+from splatcore.spec.config import DEFAULT, FORMATS, PAPER, PRESETS, TINY, Config
 from splatcore.spec.energy import Energy
 from splatcore.spec.error import InputError
 from splatcore.spec.number import FP16, FP24, Float
-from splatcore.spec.preset import BITS, EXPONENT_BITS, FRACTION_BITS, check_buildable, find_preset
+from splatcore.spec.preset import EXPONENT_BITS, FRACTION_BITS, check_buildable, find_preset
 from tb.helpers.command import ROOT, run
 
 POWERS = (1, 2, 4, 8, 16)
@@ -29,7 +29,7 @@ FIELDS = {
     "depth": st.builds(Float, st.integers(2, 10), st.integers(1, 52), st.booleans()),
     "energy": st.builds(Energy, supply=st.floats(0, 9), memory_words=st.integers(1, 99)),
     "colour_index": st.sampled_from([((9,), (9,)), ((9, 9), (7, 6)), ((8, 7), (7, 5))]),
-} | {name: st.integers(*limits) for name, limits in BITS.items()}  # fmt: skip
+} | {name: st.integers(*format.limits) for name, format in FORMATS.items()}  # fmt: skip
 
 
 @st.composite

@@ -1,4 +1,4 @@
-"""The bench of `hdl.memory.axi`: traffic, errors, and halves that fail."""
+"""The testbench of `hdl.memory.axi`: traffic, errors, and halves that fail."""
 
 import logging
 import random
@@ -13,7 +13,7 @@ from tb.helpers.streams import PERIOD, at_random, bursts, mostly, never
 PATTERNS = [never, at_random, mostly, bursts]
 
 ROUNDS, WAIT_MAX = 6, 60
-"""How often a half fails, and after how many cycles at most."""
+"""Failures of a half, and the cycles after which each comes at most."""
 
 TIMEOUT = 20_000 * PERIOD
 """Time in ns in which every test ends."""

@@ -1,4 +1,4 @@
-"""The bench of `hdl.top`: AXI models that nobody here wrote, with pauses on all channels."""
+"""The testbench of `hdl.top`: AXI models that nobody here wrote, with pauses on all channels."""
 
 import logging
 
@@ -52,7 +52,7 @@ class Host:
         await self.write("CONTROL", START)
 
     async def wait(self, bit: int):
-        """Until the interrupt has said so."""
+        """Until the interrupt has had that bit."""
         seen = 0
         while not seen & bit:
             while not int(self.dut.interrupt.value):
@@ -74,8 +74,8 @@ def pause(model, pattern):
 async def frames(dut):
     """Two frames from two cameras, the second one's points while the first is rendered."""
     pattern = PATTERNS[parameters()["pattern"]]
-    model = garden(TINY, 120)
-    jobs = [Job(model, view(36, 24, step)) for step in (0.0, 0.3)]
+    model = garden(TINY, 60)
+    jobs = [Job(model, view(34, 18, step)) for step in (0.0, 0.3)]
     areas = place_areas(TINY, [model], [(job.camera.width, job.camera.height) for job in jobs])
     size = 1 << (areas.end - BASE).bit_length()
     ram = AxiRam(AxiBus.from_prefix(dut, "m_axi_"), dut.clk, dut.rst, size=size)

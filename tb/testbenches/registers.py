@@ -1,4 +1,4 @@
-"""The bench of `hdl.registers`: a host on AXI4-Lite with pauses, and the machine's side of it."""
+"""Testbench of `hdl.registers`: a host on AXI4-Lite with pauses, and the machine's side of it."""
 
 import logging
 import random
@@ -41,7 +41,7 @@ logging.getLogger("cocotb").setLevel(logging.WARNING)  # the host tells of every
 
 @dataclass
 class Host:
-    """What software does."""
+    """The accesses of software."""
 
     dut: object
     master: AxiLiteMaster
@@ -139,7 +139,7 @@ async def every_address_is_read(dut, pattern):
 
 @test(pattern=PATTERNS)
 async def every_address_is_written(dut, pattern):
-    """What can be written holds what was written; nothing else changes."""
+    """Writable registers hold the written values; nothing else changes."""
     host = await Host.begin(dut, pattern)
     assert not any(host.frame().values())
     expected = {}

@@ -1,4 +1,4 @@
-"""The bench of a stage: rows of its in streams under stalls, rows of its out streams back.
+"""The testbench of a stage: rows of its in streams under stalls, rows of its out streams back.
 
 Parameters: the folder with `in_NAME` and `out_NAME` as rows of packed records, the values of the
 ports that stay, the streams that are through before the others begin.

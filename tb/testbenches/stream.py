@@ -1,4 +1,4 @@
-"""The bench of `hdl.lib.stream`: parts that stand side by side in one simulation, each on its own.
+"""Testbench of `hdl.lib.stream`: parts side by side in one simulation, each on its own.
 
 Parameters: by part its latency, how many items it holds, its count of outputs and whether it has
 a level.
@@ -29,7 +29,7 @@ PARTS = parameters()["parts"]
 FEW = parameters()["few"]
 """Fewer items and patterns, for a slow simulator."""
 
-COUNT = 30 if FEW else 120
+COUNT = 30 if FEW else 40
 PATTERNS = [at_random] if FEW else STALLS
 
 TIMEOUT = 50 * COUNT * PERIOD
@@ -39,7 +39,7 @@ AFTERMATH = 20
 """Cycles after the last item in which another would show."""
 
 
-class Bench:
+class Probe:
     """One part with monitors on all its streams, reset."""
 
     def __init__(self, dut, name: str):
@@ -97,45 +97,45 @@ class Bench:
 @cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
 @cocotb.parametrize(part=list(PARTS), idle=PATTERNS, stall=PATTERNS)
 async def order(dut, part, idle, stall):
-    bench = Bench(dut, part)
-    await bench.start()
-    await bench.pass_on(bench.items(COUNT), idle, stall)
+    probe = Probe(dut, part)
+    await probe.start()
+    await probe.pass_on(probe.items(COUNT), idle, stall)
 
 
 @cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
 @cocotb.parametrize(part=list(PARTS))
 async def throughput(dut, part):
     """Without stalls an item passes in every cycle, `latency` cycles after it went in."""
-    bench = Bench(dut, part)
-    await bench.start()
-    items = bench.items(COUNT)
-    for o in bench.o:
+    probe = Probe(dut, part)
+    await probe.start()
+    items = probe.items(COUNT)
+    for o in probe.o:
         o.ready.value = 1
-    await send(bench.i, items)
-    await ClockCycles(dut.clk, bench.latency + 1)
-    first = bench.monitor_i.cycles[0]
-    assert bench.monitor_i.cycles == list(range(first, first + COUNT))
-    for monitor in bench.monitors:
+    await send(probe.i, items)
+    await ClockCycles(dut.clk, probe.latency + 1)
+    first = probe.monitor_i.cycles[0]
+    assert probe.monitor_i.cycles == list(range(first, first + COUNT))
+    for monitor in probe.monitors:
         assert monitor.payloads == items
-        assert monitor.cycles == list(range(first + bench.latency, first + bench.latency + COUNT))
+        assert monitor.cycles == list(range(first + probe.latency, first + probe.latency + COUNT))
 
 
 @cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
 @cocotb.parametrize(part=list(PARTS))
 async def capacity(dut, part):
     """Behind an output that never takes, just so many items fit; then all leave without a gap."""
-    bench = Bench(dut, part)
-    await bench.start()
-    items = bench.items(COUNT)
-    cocotb.start_soon(send(bench.i, items))
-    stalled = cocotb.start_soon(receive(bench.o[0], 1, always()))
-    await ClockCycles(dut.clk, bench.capacity + bench.latency + AFTERMATH)
-    assert len(bench.monitor_i.payloads) == bench.capacity
+    probe = Probe(dut, part)
+    await probe.start()
+    items = probe.items(COUNT)
+    cocotb.start_soon(send(probe.i, items))
+    stalled = cocotb.start_soon(receive(probe.o[0], 1, always()))
+    await ClockCycles(dut.clk, probe.capacity + probe.latency + AFTERMATH)
+    assert len(probe.monitor_i.payloads) == probe.capacity
     stalled.cancel()
-    for o in bench.o:
+    for o in probe.o:
         o.ready.value = 1
     await ClockCycles(dut.clk, COUNT + 1)
-    for monitor in bench.monitors:
+    for monitor in probe.monitors:
         assert monitor.payloads == items
         assert monitor.cycles == list(range(monitor.cycles[0], monitor.cycles[0] + COUNT))
 
@@ -144,28 +144,28 @@ async def capacity(dut, part):
 @cocotb.parametrize(part=list(PARTS))
 async def reset_empties(dut, part):
     """After a reset at any moment nothing that went in before comes out."""
-    bench = Bench(dut, part)
-    await bench.start()
+    probe = Probe(dut, part)
+    await probe.start()
     for before in range(2 if FEW else 12):
-        sender = cocotb.start_soon(send(bench.i, bench.items(COUNT), at_random(0.3)))
-        receivers = [cocotb.start_soon(receive(o, COUNT, at_random(0.7))) for o in bench.o]
+        sender = cocotb.start_soon(send(probe.i, probe.items(COUNT), at_random(0.3)))
+        receivers = [cocotb.start_soon(receive(o, COUNT, at_random(0.7))) for o in probe.o]
         await ClockCycles(dut.clk, 1 + before)
         for task in [sender, *receivers]:
             task.cancel()
         await reset(dut)
-        await bench.pass_on(bench.items(2), never, never)
+        await probe.pass_on(probe.items(2), never, never)
 
 
 @cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
 @cocotb.parametrize(part=[name for name, part in PARTS.items() if part["outputs"] > 1])
 async def outputs_do_not_wait(dut, part):
     """An output has its item while another has not taken it, and has it once."""
-    bench = Bench(dut, part)
-    await bench.start()
-    items = bench.items(2)
-    cocotb.start_soon(send(bench.i, items))
-    for k, o in enumerate(bench.o):
+    probe = Probe(dut, part)
+    await probe.start()
+    items = probe.items(2)
+    cocotb.start_soon(send(probe.i, items))
+    for k, o in enumerate(probe.o):
         o.ready.value = 1
         await ClockCycles(dut.clk, 5)
-        last = k == len(bench.o) - 1
-        assert bench.monitors[k].payloads == (items if last else items[:1])
+        last = k == len(probe.o) - 1
+        assert probe.monitors[k].payloads == (items if last else items[:1])

@@ -1,11 +1,26 @@
-"""The host beside the machine, as C++ for `sim.machine.program`: it runs a script over AXI4-Lite.
+// The host beside the machine: it runs a script over AXI4-Lite.
+//
+// A wait takes what the interrupt says into `pending`, each time with the cycle at which it rose,
+// and ends when a bit that it waits for is there. An error that nobody waits for, or a machine that
+// stands still, ends the script; its last part, from `finally` on, is done all the same.
 
-A wait takes what the interrupt says into `pending`, each time with the cycle at which it rose, and
-ends when a bit that it waits for is there. An error that nobody waits for, or a machine that stands
-still, ends the script; its last part, from `finally` on, is done all the same.
-"""
+#pragma once
 
-HOST = r"""
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "Vtop.h"
+#include "config.hpp"
+#include "memory.hpp"
+#include "random.hpp"
+#include "settings.hpp"
+
+#define LITE(signal) top.s_axi___05F##signal
+#define INTERRUPT top.__SYM__interrupt  // as Verilator calls it: `interrupt` is a word of C++
+
 // One access of the host's AXI4-Lite master at a time.
 struct Lite {
     Vtop& top;
@@ -21,40 +36,40 @@ struct Lite {
     void forget() {
         aw_left = w_left = ar_left = aw_on = w_on = ar_on = writing = reading = false;
         b_held = r_held = false;
-        top.@S@awvalid = top.@S@wvalid = top.@S@arvalid = 0;
+        LITE(awvalid) = LITE(wvalid) = LITE(arvalid) = 0;
     }
     void write(uint32_t address, uint32_t data) {
         writing = aw_left = w_left = true;
-        top.@S@awaddr = address, top.@S@wdata = data, top.@S@wstrb = 15;
+        LITE(awaddr) = address, LITE(wdata) = data, LITE(wstrb) = 15;
     }
     void read(uint32_t address) {
         reading = ar_left = true;
-        top.@S@araddr = address;
+        LITE(araddr) = address;
     }
     void drive() {
         aw_on = aw_left && (aw_on || !aw.idle());
         w_on = w_left && (w_on || !w.idle());
         ar_on = ar_left && (ar_on || !ar.idle());
-        top.@S@awvalid = aw_on, top.@S@wvalid = w_on, top.@S@arvalid = ar_on;
-        top.@S@bready = !b.idle(), top.@S@rready = !r.idle();
+        LITE(awvalid) = aw_on, LITE(wvalid) = w_on, LITE(arvalid) = ar_on;
+        LITE(bready) = !b.idle(), LITE(rready) = !r.idle();
     }
     void clock() {
         moved = false;
-        if (top.@S@bvalid && (!writing || aw_left || w_left)) rule = "B without a write";
-        if (top.@S@rvalid && (!reading || ar_left)) rule = "R without a read";
-        if (b_held && !top.@S@bvalid) rule = "B was not kept";
-        if (r_held && !(top.@S@rvalid && top.@S@rdata == r_value)) rule = "R was not kept";
-        b_held = top.@S@bvalid && !top.@S@bready;
-        r_held = top.@S@rvalid && !top.@S@rready;
-        r_value = top.@S@rdata;
-        if (aw_on && top.@S@awready) aw_left = aw_on = false, moved = true;
-        if (w_on && top.@S@wready) w_left = w_on = false, moved = true;
-        if (ar_on && top.@S@arready) ar_left = ar_on = false, moved = true;
-        if (top.@S@bvalid && top.@S@bready) {
-            writing = false, moved = true, response = top.@S@bresp;
+        if (LITE(bvalid) && (!writing || aw_left || w_left)) rule = "B without a write";
+        if (LITE(rvalid) && (!reading || ar_left)) rule = "R without a read";
+        if (b_held && !LITE(bvalid)) rule = "B was not kept";
+        if (r_held && !(LITE(rvalid) && LITE(rdata) == r_value)) rule = "R was not kept";
+        b_held = LITE(bvalid) && !LITE(bready);
+        r_held = LITE(rvalid) && !LITE(rready);
+        r_value = LITE(rdata);
+        if (aw_on && LITE(awready)) aw_left = aw_on = false, moved = true;
+        if (w_on && LITE(wready)) w_left = w_on = false, moved = true;
+        if (ar_on && LITE(arready)) ar_left = ar_on = false, moved = true;
+        if (LITE(bvalid) && LITE(bready)) {
+            writing = false, moved = true, response = LITE(bresp);
         }
-        if (top.@S@rvalid && top.@S@rready) {
-            reading = false, moved = true, response = top.@S@rresp, value = top.@S@rdata;
+        if (LITE(rvalid) && LITE(rready)) {
+            reading = false, moved = true, response = LITE(rresp), value = LITE(rdata);
         }
     }
 };
@@ -116,9 +131,9 @@ struct Host {
             uint32_t found = pending & mask;
             pending &= ~mask;
             tell(found);
-        } else if (pending & @ERROR@) {
+        } else if (pending & INTERRUPT_ERROR) {
             fail("error");
-        } else if (top.@INTERRUPT@) {
+        } else if (INTERRUPT) {
             lite.read(interrupt_register);
             doing = asking;
         }
@@ -131,8 +146,8 @@ struct Host {
     }
     void clock() {
         moved = doing == counting || doing == resetting || lite.moved;
-        if (top.@INTERRUPT@ && !raised) rose = cycle;
-        raised = top.@INTERRUPT@;
+        if (INTERRUPT && !raised) rose = cycle;
+        raised = INTERRUPT;
         cycle++;
         if (doing == resetting || doing == counting) {
             if (--left == 0) tell(0);
@@ -154,4 +169,3 @@ struct Host {
         }
     }
 };
-"""

@@ -1,22 +1,38 @@
-"""The memory behind the machine's AXI4 master, as C++ for `sim.machine.program`.
+// The memory behind the machine's AXI4 master: an array that a file holds, and in it the regions
+// that may be accessed. What is outside of them, or written where it must not be, is answered by a
+// decode error and counted. Reads and writes have paths of their own and share the bandwidth; all
+// answers come in the order of their requests.
+//
+// A read gives what memory held when it was asked for, and a write is seen from its answer on: a
+// machine that relies on more gives wrong results here. Whatever breaks AXI's rules ends the run:
+// an offer that is not kept, bursts that are no whole beats, cross a boundary or end where WLAST is
+// not.
+//
+// Timing: `latency` cycles from a request's being taken to its first beat, and from a burst's last
+// beat to its answer; at most `outstanding` requests of a path are inside. `bandwidth` bytes a
+// cycle (0 for any number), of which an access takes a `granule` for each one that it touches. With
+// `stall` each side that memory has idles with that probability, in phases.
 
-One array that a file holds, and in it the regions that may be accessed; what is outside of them, or
-written where it must not be, is answered by a decode error and counted. Reads and writes have paths
-of their own and share the memory's bandwidth; all answers come in the order of their requests.
+#pragma once
 
-A read gives what memory held when it was asked for, and a write is seen from its answer on: a
-machine that relies on more gives wrong results here. Whatever breaks AXI's rules ends the run: an
-offer that is not kept, bursts that are no whole beats, cross a boundary or end where WLAST is not.
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <deque>
+#include <functional>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
 
-**Timing**: `latency` cycles from a request's being taken to its first beat, and from a burst's last
-beat to its answer; at most `outstanding` requests of a path are inside. `bandwidth` bytes a cycle
-(0 for any number), of which an access takes a `granule` for each one that it touches. With `stall`
-each side that memory has idles with that probability, in phases (`sim.rtl.build.Stall`).
-"""
+#include "Vtop.h"
+#include "config.hpp"
+#include "random.hpp"
+#include "settings.hpp"
 
-MEMORY = r"""
-constexpr uint64_t BEAT = @BEAT@, BOUNDARY = @BOUNDARY@;
-constexpr uint32_t WHOLE = (1u << BEAT) - 1, BEAT_SIZE = @BEAT_BITS@, INCREASING = 1;
+#define AXI(signal) top.m_axi___05F##signal
+
+constexpr uint32_t WHOLE = (1u << BEAT) - 1, INCREASING = 1;
 constexpr uint8_t OKAY = 0, SLAVE_ERROR = 2, DECODE_ERROR = 3;
 constexpr size_t BEATS_WAITING = 32;  // written ones that wait for their request or for bandwidth
 constexpr size_t OUTSIDE_TOLD = 8;
@@ -119,7 +135,7 @@ struct Memory {
         read_beats.clear(), bursts.clear(), answers.clear(), write_beats.clear();
         reading = answering = ar_held.waiting = aw_held.waiting = w_held.waiting = false;
         reads_inside = 0;
-        top.@M@rvalid = top.@M@bvalid = top.@M@arready = top.@M@awready = top.@M@wready = 0;
+        AXI(rvalid) = AXI(bvalid) = AXI(arready) = AXI(awready) = AXI(wready) = 0;
     }
     bool costs(uint64_t address, bool first) {
         return bandwidth && (first || !granule || address % granule == 0);
@@ -149,7 +165,7 @@ struct Memory {
         if (rule.empty()) rule = what;
     }
     void check(const Request& request) {
-        if (request.size != BEAT_SIZE || request.burst != INCREASING || request.address % BEAT)
+        if (request.size != BEAT_BITS || request.burst != INCREASING || request.address % BEAT)
             break_rule("a burst that is not of whole beats");
         if (request.address % BOUNDARY + request.bytes() > BOUNDARY)
             break_rule("a burst crosses a boundary");
@@ -162,29 +178,29 @@ struct Memory {
         if (turn) { offer_read(); perform(); } else { perform(); offer_read(); }
         if (!answering)
             answering = !answers.empty() && answers.front().due <= cycle && !b.idle();
-        top.@M@bvalid = answering;
+        AXI(bvalid) = answering;
         if (answering) {
-            top.@M@bid = answers.front().request.id;
-            top.@M@bresp = answers.front().response;
+            AXI(bid) = answers.front().request.id;
+            AXI(bresp) = answers.front().response;
         }
-        top.@M@arready = reads_inside < outstanding && !ar.idle();
-        top.@M@awready = bursts.size() + answers.size() < outstanding && !aw.idle();
-        top.@M@wready = write_beats.size() < BEATS_WAITING && !w.idle();
+        AXI(arready) = reads_inside < outstanding && !ar.idle();
+        AXI(awready) = bursts.size() + answers.size() < outstanding && !aw.idle();
+        AXI(wready) = write_beats.size() < BEATS_WAITING && !w.idle();
     }
     void offer_read() {
         if (!reading && !read_beats.empty() && read_beats.front().due <= cycle && !r.idle() &&
             afford(read_beats.front().costs)) {
             const ReadBeat& beat = read_beats.front();
             reading = true;
-            std::memcpy(&top.@M@rdata, beat.data, BEAT);
-            top.@M@rid = beat.id;
-            top.@M@rresp = beat.response;
-            top.@M@rlast = beat.last;
+            std::memcpy(&AXI(rdata), beat.data, BEAT);
+            AXI(rid) = beat.id;
+            AXI(rresp) = beat.response;
+            AXI(rlast) = beat.last;
         } else if (!reading && scrambled) {
             uint64_t words[2] = {noise(), noise()};
-            std::memcpy(&top.@M@rdata, words, BEAT);
+            std::memcpy(&AXI(rdata), words, BEAT);
         }
-        top.@M@rvalid = reading;
+        AXI(rvalid) = reading;
     }
     void perform() {  // a written beat, which has its request, at most
         if (write_beats.empty() || bursts.empty()) return;
@@ -211,35 +227,35 @@ struct Memory {
 
     void clock() {
         moved = false;
-        if (top.@M@rvalid && top.@M@rready) {
+        if (AXI(rvalid) && AXI(rready)) {
             moved = true, reading = false;
             reads_inside -= read_beats.front().last;
             read_beats.pop_front();
         }
-        if (top.@M@bvalid && top.@M@bready) {
+        if (AXI(bvalid) && AXI(bready)) {
             moved = true, answering = false;
             store(answers.front());
             answers.pop_front();
         }
-        Request read{top.@M@arid, top.@M@araddr, top.@M@arlen, top.@M@arsize, top.@M@arburst};
-        Request write{top.@M@awid, top.@M@awaddr, top.@M@awlen, top.@M@awsize, top.@M@awburst};
-        WriteBeat beat{top.@M@wstrb, bool(top.@M@wlast), {}};
-        std::memcpy(beat.data, &top.@M@wdata, BEAT);
-        if (ar_held.broken(top.@M@arvalid, read)) break_rule("AR was not kept");
-        if (aw_held.broken(top.@M@awvalid, write)) break_rule("AW was not kept");
-        if (w_held.broken(top.@M@wvalid, beat)) break_rule("W was not kept");
-        ar_held.clock(top.@M@arvalid, top.@M@arready, read);
-        aw_held.clock(top.@M@awvalid, top.@M@awready, write);
-        w_held.clock(top.@M@wvalid, top.@M@wready, beat);
-        if (top.@M@arvalid && top.@M@arready) { moved = true; ask(read); }
-        if (top.@M@awvalid && top.@M@awready) {
+        Request read{AXI(arid), AXI(araddr), AXI(arlen), AXI(arsize), AXI(arburst)};
+        Request write{AXI(awid), AXI(awaddr), AXI(awlen), AXI(awsize), AXI(awburst)};
+        WriteBeat beat{AXI(wstrb), bool(AXI(wlast)), {}};
+        std::memcpy(beat.data, &AXI(wdata), BEAT);
+        if (ar_held.broken(AXI(arvalid), read)) break_rule("AR was not kept");
+        if (aw_held.broken(AXI(awvalid), write)) break_rule("AW was not kept");
+        if (w_held.broken(AXI(wvalid), beat)) break_rule("W was not kept");
+        ar_held.clock(AXI(arvalid), AXI(arready), read);
+        aw_held.clock(AXI(awvalid), AXI(awready), write);
+        w_held.clock(AXI(wvalid), AXI(wready), beat);
+        if (AXI(arvalid) && AXI(arready)) { moved = true; ask(read); }
+        if (AXI(awvalid) && AXI(awready)) {
             moved = true;
             check(write);
             Region* region = find(write, true);
             uint8_t response = !region ? DECODE_ERROR : write_errors.next() ? SLAVE_ERROR : OKAY;
             bursts.push_back({write, response, region});
         }
-        if (top.@M@wvalid && top.@M@wready) { moved = true; write_beats.push_back(beat); }
+        if (AXI(wvalid) && AXI(wready)) { moved = true; write_beats.push_back(beat); }
         cycle++;
     }
     void ask(const Request& request) {
@@ -275,4 +291,3 @@ struct Memory {
         }
     }
 };
-"""

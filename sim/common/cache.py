@@ -1,0 +1,81 @@
+"""What takes long is made once and kept: folders and JSON files, named by a hash of their origin.
+
+All of it lies in `build/` of the current folder, or in the folder that SPLATCORE_CACHE names.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from splatcore.sim.common.output import write
+
+VARIABLE = "SPLATCORE_CACHE"
+"""Environment variable that names the folder of everything that is kept."""
+
+T = TypeVar("T")
+
+
+def cache_root() -> Path:
+    """The folder of everything that is kept."""
+    return Path(os.environ.get(VARIABLE) or "build").absolute()
+
+
+def kept_folder(kind: str, made_from: Any, make: Callable[[Path], None]) -> Path:
+    """The folder that `make` has filled, now or in an earlier run.
+
+    kind: a folder for all folders of the kind. made_from: all that decides on the content; see
+    `digest`. make: is given the folder, which may hold what an attempt that failed has left.
+    """
+    folder = cache_root() / kind / digest(made_from)
+    with _locked(folder / "lock"):
+        if not (folder / "built").exists():
+            make(folder)
+            (folder / "built").touch()
+    return folder
+
+
+def kept_json(kind: str, made_from: Any, compute: Callable[[], T]) -> T:
+    """What `compute` returns, or returned in an earlier run, as it comes back from JSON."""
+    path = cache_root() / kind / f"{digest(made_from)}.json"
+    with _locked(path.with_suffix(".lock")):
+        if not path.exists():
+            write(path, json.dumps(compute()).encode())
+    return json.loads(path.read_text())
+
+
+def digest(made_from: Any) -> str:
+    """A hash of anything that JSON can hold; bytes, arrays, dataclasses and paths may be inside."""
+    text = json.dumps(made_from, default=_plain, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not know, as something that it knows."""
+    if isinstance(value, bytes):
+        return hashlib.sha256(value).hexdigest()
+    if isinstance(value, np.ndarray):
+        return [str(value.dtype), value.shape, _plain(value.tobytes())]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Path):
+        return str(value)
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    raise TypeError(f"{type(value).__name__} has no hash: {value!r}")
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold a lock: another process may be at the same work."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield

@@ -1,0 +1,142 @@
+"""The register map for people and for drivers: a page, and a C header with sizes and numbers."""
+
+import re
+from inspect import getsource
+from math import frexp
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.sim.common.output import write
+from splatcore.sim.eda.template import filled
+from splatcore.spec import registers
+from splatcore.spec.axi import READERS, WRITERS
+from splatcore.spec.binning import groups_max
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.convention import FRUSTUM_MARGIN, PRINCIPAL_POINT_SHIFT
+from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS, frame_constants
+from splatcore.spec.memory import ALIGNMENT, HEADER
+from splatcore.spec.number import Float
+from splatcore.spec.registers import CODE_BITS, FRAME_START, WORD, ErrorCode, register_map
+from splatcore.spec.sort import AREAS
+from splatcore.spec.work import FEATURE, PIXEL, SLOT, STRIDE_ALIGNMENT, WORK_ALIGNMENT, page_bytes
+
+FILES = ("registers.md", "splatcore.h")
+
+BITS = {
+    "CONTROL": {
+        "START": (registers.START, "begin a frame"),
+        "ABORT": (registers.ABORT, "give up all frames that have begun"),
+    },
+    "STATUS": {
+        "READY": (registers.READY, "START is taken and a frame's registers may be written"),
+        "PREPROCESSING": (registers.PREPROCESSING, "points are being made"),
+        "RENDERING": (registers.RENDERING, "tiles are being rendered"),
+    },
+    "INTERRUPT": {
+        "READY": (registers.INTERRUPT_READY, "STATUS's READY has come"),
+        "FRAME": (registers.INTERRUPT_FRAME, "all pixels of a frame are in memory"),
+        "ERROR": (registers.INTERRUPT_ERROR, "something went wrong: ERROR says what"),
+    },
+}
+"""Bits of registers: mask and meaning by name. INTERRUPT_ENABLE has those of INTERRUPT."""
+
+DETAILS = {
+    ErrorCode.LOCKED: f"which one: (address − {FRAME_START:#x}) / {WORD}",
+    ErrorCode.SIZE: "0 WIDTH, 1 HEIGHT, 2 STRIDE",
+    ErrorCode.READ: ", ".join(f"{k} {name}" for k, name in enumerate(READERS)),
+    ErrorCode.WRITE: ", ".join(f"{k} {name}" for k, name in enumerate(WRITERS)),
+}
+"""The detail, of errors that have one."""
+
+
+def write_register_files(config: Config, folder: Path) -> list[Path]:
+    """Write the page and the C header into a folder; their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    facts = {
+        "config": config,
+        "registers": register_map(config),
+        "bits": BITS,
+        "errors": error_meanings(),
+        "details": DETAILS,
+        "sizes": sizes(config),
+        "model": header_offsets(),
+        "constants": camera_constants(config),
+        "near_plane": near_plane(config),
+        "number": number_facts(config.arithmetic),
+    } | {"READERS": READERS, "WRITERS": WRITERS, "WORD": WORD, "CODE_BITS": CODE_BITS}
+    for name in FILES:
+        write(folder / name, filled(name, **facts).encode())
+    return [folder / name for name in FILES]
+
+
+def error_meanings() -> dict[ErrorCode, str]:
+    """The meaning of each error, as `ErrorCode`'s comments have it."""
+    said = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
+    return {code: said.get(code.name, "no error") for code in ErrorCode}
+
+
+def sizes(config: Config) -> dict[str, int]:
+    """Sizes that a host needs, by their names in C."""
+    return {
+        "WIDTH_MAX": config.width_max,
+        "HEIGHT_MAX": config.height_max,
+        "GROUPS_MAX": groups_max(config),
+        "MODEL_ALIGNMENT": ALIGNMENT,
+        "WORK_ALIGNMENT": WORK_ALIGNMENT,
+        "SLOT_BYTES": SLOT,
+        "PAGE_ENTRIES": config.page,
+        "PAGE_BYTES": page_bytes(config),
+        "FEATURE_BYTES": FEATURE,
+        "SCRATCH_AREAS": AREAS,
+        "PIXEL_BYTES": PIXEL,
+        "STRIDE_ALIGNMENT": STRIDE_ALIGNMENT,
+    }
+
+
+def header_offsets() -> dict[str, int]:
+    """Byte offsets of fields of the model's header, by their names in C."""
+    found, offset = {}, 0
+    for name, format in HEADER.fields:
+        if name != "reserved":
+            found[f"MODEL_{name.upper()}_AT"] = offset // 8
+        offset += format.width
+    return found
+
+
+def camera_constants(config: Config) -> dict[str, float]:
+    """Numbers that make a camera's registers, as in `spec.frame`."""
+    return {
+        "SCREEN_EXPONENT": config.screen_exponent,
+        "FRUSTUM_MARGIN": FRUSTUM_MARGIN,
+        "PRINCIPAL_POINT_SHIFT": PRINCIPAL_POINT_SHIFT,
+        "EXTENT_MARGIN": EXTENT_MARGIN,
+        "GUARD_FACTOR": 1 + GUARD_ROUNDINGS * config.arithmetic.epsilon,
+        "BACKGROUND_FULL": (256 << config.colour_fraction) / 255,
+    }
+
+
+def near_plane(config: Config) -> int:
+    """The near plane's code, which is the same for every camera."""
+    nobody = Camera(1, 1, 1.0, 1.0, 0.0, 0.0, np.eye(3), np.zeros(3))
+    return int(config.arithmetic.encode(frame_constants(config, nobody, 0, 0).near_plane))
+
+
+def number_facts(format: Float) -> dict[str, int | str]:
+    """Facts of the C function that makes codes of a format."""
+    infinity = format.overflow == "infinity"
+    least, beyond = (frexp(value)[1] for value in (format.min_normal / 2, format.max))
+    if format.subnormal:
+        below = f"(uint32_t)rint(ldexp(size, {format.fraction - least}))"
+    else:
+        below = f"size > least / 2 ? {1 << format.fraction}u : 0u"
+    return {
+        "sign": format.width - 1,
+        "least": least,
+        "below": below,
+        "beyond": beyond,
+        "largest": int(format.encode(format.max)) + infinity,
+        "fraction": format.fraction,
+        "signed": "signbit(value)" if infinity else "value < 0 && code != 0",
+    }

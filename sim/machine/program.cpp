@@ -1,0 +1,93 @@
+// The machine with memory, a host that runs a script, and a watchdog: see sim/machine/program.py.
+
+#include <fcntl.h>
+#include <sys/mman.h>
+
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+#include "Vtop.h"
+#include "config.hpp"
+#include "host.hpp"
+#include "memory.hpp"
+#include "settings.hpp"
+
+#if WAVES
+#include "waves.hpp"
+#elif TOGGLES
+#include "toggles.hpp"
+#endif
+
+int main(int argc, char** argv) {
+    Verilated::commandArgs(argc, argv);
+    Settings settings(argv[1]);
+    int file = open((settings.folder + "/memory").c_str(), O_RDWR);
+    uint64_t size = settings.number("size");
+    void* data = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (data == MAP_FAILED) { std::perror("memory"); return 2; }
+#if WAVES || TOGGLES
+    Verilated::traceEverOn(true);
+#endif
+    Vtop top;
+    Memory memory(top, settings, static_cast<uint8_t*>(data));
+    Host host(top, memory, settings);
+#if WAVES || TOGGLES
+    Window window(top, memory, settings);
+#endif
+    uint64_t cycle = 0, idle = 0, idle_max = settings.number("idle_max");
+    uint64_t cycles_max = settings.number("cycles_max");
+    auto told = std::chrono::steady_clock::now();
+    std::string rule;
+    while (!host.over) {
+        memory.drive();
+        host.drive();
+        if (host.over) break;
+        top.clk = 0;
+        top.eval();
+#if WAVES || TOGGLES
+        window.dump(cycle, false);
+#endif
+        bool reset = top.rst;
+        if (!reset) memory.clock(); else memory.cycle++;
+        host.clock();
+        rule = !memory.rule.empty() ? memory.rule : host.lite.rule;
+        if (!rule.empty()) { host.result = "rule"; break; }
+        idle = memory.moved || host.moved ? 0 : idle + 1;
+        if (idle > idle_max) { host.fail("hang"); idle = 0; }
+        top.clk = 1;
+        top.eval();
+#if WAVES || TOGGLES
+        window.dump(cycle, true);
+#endif
+        if (++cycle == cycles_max) { host.result = "limit"; break; }
+        if (cycle % 4096 == 0) {
+            auto now = std::chrono::steady_clock::now();
+            if (now - told > std::chrono::milliseconds(500)) {
+                told = now;
+                std::printf("progress %llu %llu\n", (unsigned long long)cycle,
+                            (unsigned long long)memory.image_bytes);
+                std::fflush(stdout);
+            }
+        }
+    }
+    auto count = [&](const char* what, const std::string& name, uint64_t a, uint64_t b) {
+        std::fprintf(host.report, "%s %s %llu %llu\n", what, name.c_str(), (unsigned long long)a,
+                     (unsigned long long)b);
+    };
+    for (auto& [id, beats] : memory.beats_read) count("read", std::to_string(id), beats, 0);
+    for (auto& [id, beats] : memory.beats_written) count("written", std::to_string(id), beats, 0);
+    for (auto& region : memory.regions) count("region", region.name, region.read, region.written);
+    count("outside", "accesses", memory.outside, 0);
+    for (auto& text : memory.outside_told) std::fprintf(host.report, "told %s\n", text.c_str());
+#if WAVES || TOGGLES
+    window.close();
+    if (window.begun != UINT64_MAX) count("window", "cycles", window.begun, window.ended);
+#endif
+    std::fprintf(host.report, "end %s %llu %zu %s\n", host.result.c_str(),
+                 (unsigned long long)cycle, host.at, rule.c_str());
+    std::fclose(host.report);
+    top.final();
+    munmap(data, size);
+}

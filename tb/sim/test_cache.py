@@ -1,0 +1,77 @@
+"""What is kept comes back, and anything else that it is made from makes it anew."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from time import sleep
+
+import numpy as np
+import pytest
+
+from splatcore.sim.common.cache import cache_root, digest, kept_folder, kept_json
+
+
+@dataclass(frozen=True)
+class Facts:
+    name: str
+    values: np.ndarray
+
+
+MADE_FROM = (
+    "text", b"bytes", Path("path"), Facts("a", np.arange(3)), Facts("b", np.arange(3)),
+    Facts("a", np.arange(4)), Facts("a", np.arange(3.0)), np.zeros((2, 3)), np.zeros((3, 2)),
+    {"a": [1, np.float64(0.5)]}, {"a": [1, None]},
+)  # fmt: skip
+
+
+@pytest.fixture
+def root(monkeypatch, tmp_path) -> Path:
+    monkeypatch.setenv("SPLATCORE_CACHE", str(tmp_path))
+    return tmp_path
+
+
+def test_the_folder(monkeypatch, root):
+    assert cache_root() == root
+    monkeypatch.setenv("SPLATCORE_CACHE", "")
+    assert cache_root() == Path.cwd() / "build"
+    monkeypatch.delenv("SPLATCORE_CACHE")
+    assert cache_root() == Path.cwd() / "build"
+
+
+def test_digests_differ():
+    assert len({digest(value) for value in MADE_FROM}) == len(MADE_FROM)
+    assert digest(Facts("a", np.arange(3))) == digest(MADE_FROM[3])
+    assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
+    with pytest.raises(TypeError, match="has no hash"):
+        digest(object())
+
+
+def test_json_is_computed_once(root):
+    asked = []
+
+    def compute() -> dict:
+        sleep(0.05)  # others ask meanwhile
+        return {"n": len(asked), "asked": asked.append(1)}
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: kept_json("kind", "a", compute), range(4)))
+    assert found == [{"n": 0, "asked": None}] * 4
+    assert kept_json("kind", "b", compute)["n"] == 1
+    assert kept_json("other", "b", lambda: "other") == "other"
+    assert len(asked) == 2 and len([*(root / "kind").glob("*.json")]) == 2
+
+
+def test_a_failure_keeps_nothing(root):
+    def fail(*folder: Path):
+        for path in folder:
+            (path / "half").touch()
+        raise ValueError("no")
+
+    with pytest.raises(ValueError):
+        kept_json("kind", "a", fail)
+    with pytest.raises(ValueError):
+        kept_folder("kind", "a", fail)
+    assert kept_json("kind", "a", lambda: 3) == 3
+    folder = kept_folder("kind", "a", lambda folder: (folder / "whole").touch())
+    assert kept_folder("kind", "a", fail) == folder and folder.parent == root / "kind"
+    assert (folder / "whole").exists()

@@ -1,0 +1,88 @@
+"""The installed package: a wheel holds `splatcore` alone, with its rooms inside."""
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tb.helpers.command import ROOT
+
+ROOMS = ("spec", "model", "golden", "hdl", "sim")
+
+
+def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [str(word) for word in command], cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """The wheel, built from a copy, as building leaves files beside the sources."""
+    folder = tmp_path_factory.mktemp("wheel")
+    for room in (*ROOMS, "splatcore"):
+        shutil.copytree(ROOT / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, folder)
+    done = run(
+        sys.executable, "-m", "pip", "wheel", ".", "--no-deps", "--no-build-isolation", "-w", "out",
+        folder=folder,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return next((folder / "out").glob("splatcore-*.whl"))
+
+
+def environment(folder: Path) -> Path:
+    """A new environment's Python."""
+    venv.create(folder / "venv", with_pip=True, symlinks=True)
+    return folder / "venv" / "bin" / "python"
+
+
+def check_command(folder: Path):
+    """The command makes a picture, in a folder of its own, and no other name is taken."""
+    commands, work = folder / "venv" / "bin", folder / "work"
+    work.mkdir()
+    assert "render" in run(commands / "splatcore", "--help", folder=work).stdout
+    for command in (["splatcore"], ["python", "-m", "splatcore"]):
+        picture = f"{len(command)}.png"
+        done = run(
+            commands / command[0], *command[1:], "render", "empty", "-o", picture, folder=work
+        )
+        assert done.returncode == 0, done.stderr
+        assert (work / picture).read_bytes().startswith(b"\x89PNG")
+    for room in (*ROOMS, "tb"):
+        done = run(commands / "python", "-c", f"import {room}", folder=work)
+        assert f"No module named '{room}'" in done.stderr, room
+        named = run(commands / "python", "-c", f"import splatcore.{room}", folder=work)
+        assert (named.returncode == 0) == (room != "tb"), named.stderr
+
+
+def test_wheel(wheel, tmp_path):
+    """With the libraries of this environment, in which the package itself cannot be seen."""
+    python = environment(tmp_path)
+    done = run(python, "-m", "pip", "install", "--no-deps", wheel, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    site = next((tmp_path / "venv").glob("lib/python*/site-packages"))
+    (site / "libraries.pth").write_text(sysconfig.get_path("purelib"))
+    check_command(tmp_path)
+
+
+def test_wheel_has_every_file(wheel):
+    """Templates, style sheets, C++ and waivers as well as Python."""
+    files = {path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.*")}
+    files = {f"splatcore/{path}" for path in files if "__pycache__" not in path.parts}
+    held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert held == files | {"splatcore/__init__.py", "splatcore/__main__.py"}
+
+
+@pytest.mark.verify
+def test_wheel_brings_its_libraries(wheel, tmp_path):
+    """Nothing but the wheel's own dependencies; from the package registry."""
+    done = run(environment(tmp_path), "-m", "pip", "install", wheel, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    check_command(tmp_path)
