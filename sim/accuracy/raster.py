@@ -21,6 +21,7 @@ from splatcore.sim.common.source import open_camera, open_source
 from splatcore.sim.eda.synth import gates
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.number import Float
 from splatcore.spec.raster import block_count
 
@@ -73,7 +74,7 @@ def raster_errors(subjects: list[Subject]) -> dict:
             )  # fmt: skip
             error = raster.pixels / 255 - image
             found[name]["scenes"][subject.name] = {
-                "psnr_db": float(-10 * np.log10(max(np.mean(error**2), 1e-20))),
+                "psnr_db": psnr_of_square(max(float(np.mean(error**2)), 1e-20)),
                 "max_error": float(np.abs(error).max()),
                 "contributions": raster.counts["contributions"],
             }

@@ -14,8 +14,9 @@ from rich.table import Table
 from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import Splats, project, render
-from splatcore.sim.accuracy.points import Subject, psnr
+from splatcore.sim.accuracy.points import Subject
 from splatcore.sim.accuracy.raster import EXACT
+from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import progress_bar, write
 from splatcore.sim.common.source import open_camera, open_source
 from splatcore.spec.config import DEFAULT

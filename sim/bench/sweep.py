@@ -12,10 +12,9 @@ import numpy as np
 
 from splatcore.golden.pipeline import Frame, render
 from splatcore.model.pack.pack import largest_factor
-from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.bench.campaign import Task
 from splatcore.sim.bench.scenes import View
-from splatcore.sim.common.metric import LEVELS, channel_error
+from splatcore.sim.common.metric import LEVELS, channel_error, psnr
 from splatcore.sim.common.source import open_camera, open_source, packed_model
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import reference

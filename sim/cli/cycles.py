@@ -9,9 +9,9 @@ from rich.table import Table
 
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
-from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.accuracy.run import camera_beside
 from splatcore.sim.cli.options import CameraOption, JsonOption, PresetOption, SizeOption, app
+from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import open_camera, open_source, packed_model
