@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from splatcore.model.cameras.view import INSIDE, NEAREST, Core, blocked, core_of, sensible_view
 from splatcore.model.formats.file import input_error
@@ -210,9 +211,6 @@ def perturbed(camera: Camera, distance: float, angle: float, rng: np.random.Gene
     way, axis = rng.standard_normal((2, 3))
     way, axis = way / np.linalg.norm(way), axis / np.linalg.norm(axis)
     step, turn = rng.uniform(0, 1, 2) * (distance, angle)
-    cross = np.cross(np.eye(3), axis)
-    rotation = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross  # Rodrigues
-    rotation = rotation @ camera.rotation
-    return replace(
-        camera, rotation=rotation, translation=-rotation @ (camera.position + step * way)
-    )
+    rotation = Rotation.from_rotvec(turn * axis).as_matrix() @ camera.rotation
+    place = camera.position + step * way
+    return replace(camera, rotation=rotation, translation=-rotation @ place)

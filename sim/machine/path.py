@@ -4,6 +4,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.machine.machine import Job, Machine, Run
@@ -26,7 +27,7 @@ def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
     target = camera.position + forward * _depth(camera, points)
     cameras = []
     for k in range(frames):
-        turn = _rotation(axis, k * STEP)
+        turn = Rotation.from_rotvec(k * STEP * axis).as_matrix()
         rotation = camera.rotation @ turn.T
         position = target + turn @ (camera.position - target)
         cameras.append(
@@ -41,13 +42,6 @@ def _depth(camera: Camera, points: np.ndarray) -> float:
     across, down = camera.tan_half_fov
     seen = (z > NEAR_PLANE) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
     return float(np.median(z[seen])) if seen.any() else 1.0
-
-
-def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
-    """The matrix [3, 3] that turns around a unit vector (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def check_fits(config: Config, camera: Camera):
