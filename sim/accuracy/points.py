@@ -15,6 +15,7 @@ from splatcore.golden.points import Points, project_points
 from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_boxes
 from splatcore.golden.reference_tiles import bin_splats, rasterize
 from splatcore.model.generate.hard import HARD
+from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.scenes import View
 from splatcore.sim.common.source import packed_model
 from splatcore.spec.camera import Camera
@@ -182,12 +183,6 @@ def sizes(error: np.ndarray) -> dict[str, float | None]:
     if not len(error):
         return {"rms": None, "max": None}
     return {"rms": float(np.sqrt(np.mean(error**2))), "max": float(np.abs(error).max())}
-
-
-def psnr(image: np.ndarray, reference: np.ndarray) -> float | None:
-    """dB of an image with values 0 … 1; None for identical ones."""
-    square = float(np.mean((image - reference) ** 2))
-    return float(-10 * np.log10(square)) if square else None
 
 
 def measure(config: Config, exact: Reference, whole: Reference) -> dict:

@@ -19,6 +19,7 @@ from splatcore.sim.common.scenes import View
 from splatcore.sim.eda.synth import area
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.number import Float
 from splatcore.spec.raster import block_count
 
@@ -61,7 +62,7 @@ def raster_errors(views: dict[str, View]) -> dict:
             )  # fmt: skip
             error = raster.pixels / 255 - image
             found[name]["scenes"][title] = {
-                "psnr_db": float(-10 * np.log10(max(np.mean(error**2), 1e-20))),
+                "psnr_db": psnr_of_square(max(float(np.mean(error**2)), 1e-20)),
                 "max_error": float(np.abs(error).max()),
                 "contributions": raster.counts["contributions"],
             }

@@ -11,8 +11,8 @@ from rich.table import Table
 from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import Splats, project, render
-from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.accuracy.raster import EXACT
+from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.scenes import View

@@ -8,8 +8,7 @@ from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.model.pack.pack import PackReport, pack
-from splatcore.sim.accuracy.points import psnr
-from splatcore.sim.common.metric import LEVELS, Difference, difference
+from splatcore.sim.common.metric import LEVELS, Difference, difference, psnr
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.golden.pipeline import Frame, render
-from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.bench.campaign import Task
-from splatcore.sim.common.metric import LEVELS, channel_error
+from splatcore.sim.common.metric import LEVELS, channel_error, psnr
 from splatcore.sim.common.scenes import View
 from splatcore.sim.common.source import open_source, packed_model
 from splatcore.sim.cycles.frame import frame_cycles

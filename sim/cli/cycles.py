@@ -7,8 +7,8 @@ import typer
 
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
-from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.cli.options import CameraOption, JsonOption, PresetOption, SizeOption, app
+from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import check_writable, progress_bar
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View

@@ -1,5 +1,4 @@
-"""How far apart two 8-bit images are: the one place where PSNR, SSIM, maximum error and the metrics
-of perception are made."""
+"""Differences between two 8-bit images: PSNR, SSIM, maximum error and the metrics of perception."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -7,9 +6,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from skimage.metrics import mean_squared_error, structural_similarity
+from skimage.metrics import structural_similarity
 
 from splatcore.spec.error import InputError
+from splatcore.spec.metric import psnr_of_square
 
 LEVELS = 255
 """Largest value of an 8-bit channel; errors are fractions of it."""
@@ -41,7 +41,6 @@ def _same_size(image: np.ndarray, reference: np.ndarray, name: str):
 def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") -> Difference:
     """Compare uint8 images [H, W, 3]; InputError, naming `name`, if their sizes differ."""
     _same_size(image, reference, name)
-    mse = mean_squared_error(image / LEVELS, reference / LEVELS)
     ssim = None
     if min(image.shape[:2]) >= SSIM_WINDOW:
         ssim = float(
@@ -51,10 +50,15 @@ def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") ->
             )
         )  # fmt: skip
     return Difference(
-        psnr_db=float(-10 * np.log10(mse)) if mse else None,
+        psnr_db=psnr(image / LEVELS, reference / LEVELS),
         ssim=ssim,
         max_error=float(channel_error(image, reference).max() / LEVELS),
     )
+
+
+def psnr(image: np.ndarray, reference: np.ndarray) -> float | None:
+    """PSNR in dB of images with values 0 … 1; None for identical ones."""
+    return psnr_of_square(float(np.mean((image - reference) ** 2)))
 
 
 def channel_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from splatcore.sim.fit.gates import SHARES, bit_gates, bits_of, with_bits
 from splatcore.sim.fit.views import View
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
+from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.preset import check_buildable
 
 WIDER = 2
@@ -34,7 +35,7 @@ Tell = Callable[[str], None]
 
 def decibels(square: float) -> float:
     """PSNR of a mean squared error; infinite for 0."""
-    return float("inf") if square == 0 else -10 * float(np.log10(square))
+    return float("inf") if square == 0 else psnr_of_square(square)
 
 
 @dataclass(frozen=True)

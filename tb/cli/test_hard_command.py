@@ -15,6 +15,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.bench import hard_cases
 from splatcore.sim.bench.hard_cases import PSNR_MIN
 from splatcore.sim.cli import hard as hard_command
+from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import TINY
@@ -84,8 +85,7 @@ def test_what_is_measured(tmp_path, capsys):
     assert case["cycles"] == frame_cycles(TINY, golden).frame
     np.testing.assert_array_equal(read_png(tmp_path / "one.png"), golden.pixels)
     whole = render_reference(hard.scene.gaussians(), hard.camera).pixels / 255
-    packing = -10 * np.log10(np.mean((exact.pixels / 255 - whole) ** 2))
-    assert case["packing"]["psnr_db"] == pytest.approx(packing)
+    assert case["packing"]["psnr_db"] == pytest.approx(psnr(exact.pixels / 255, whole))
     assert f"one: pass (≥ 52 dB): {case['psnr_db']:.2f} dB" in capsys.readouterr().out
 
 

@@ -11,6 +11,7 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT
+from splatcore.spec.metric import psnr_of_square
 from tb.helpers.bounds import BOUND
 from tb.helpers.scenes import needs_scenes, scene_path
 
@@ -20,7 +21,7 @@ def psnr(model, camera, background=(0, 0, 0)) -> float:
     frame = render(DEFAULT, model, camera, background)
     reference = render_reference(model.gaussians(), camera).image
     error = frame.pixels / 255 - np.clip(reference, 0, 1)
-    return float(-10 * np.log10(max(np.mean(error**2), 1e-12)))
+    return psnr_of_square(max(float(np.mean(error**2)), 1e-12))
 
 
 @pytest.mark.parametrize("name", HARD)

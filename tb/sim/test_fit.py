@@ -13,8 +13,8 @@ from splatcore.golden.reference import render as render_reference
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.accuracy.points import psnr
 from splatcore.sim.accuracy.raster import lane_gates
+from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.source import Source
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.fit import formats as fit_formats
