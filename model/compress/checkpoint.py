@@ -1,4 +1,4 @@
-"""What a compression has done so far: a folder of steps from which it goes on where it ended.
+"""The finished steps of a compression: a folder from which it goes on where it ended.
 
 `steps.json` says what is computed (the key) and lists the steps; each has a file of its own beside
 it: a scene (.npz with the fields of `Scene` as float32) or a packed model (.splatcore).
@@ -42,7 +42,7 @@ def ply_bytes(count: int, degree: int) -> int:
 
 @dataclass(frozen=True)
 class Step:
-    """What a step left. bytes: as PLY (`ply_bytes`) or as packed model; seconds: that it took."""
+    """A finished step. bytes: of its PLY (`ply_bytes`) or packed model; seconds: that it took."""
 
     name: str  # "original", "prune 0.4", "prune 0.4 (2)", "distill 1", "quantize"
     kind: str  # one of KINDS
@@ -51,7 +51,7 @@ class Step:
     bytes: int
     seconds: float
     loss: float | None  # of the last fine-tuning, if there was one
-    file: str = ""  # beside steps.json; `Checkpoints.save` names it
+    file: str  # beside steps.json
 
 
 class Checkpoints:
@@ -78,49 +78,57 @@ class Checkpoints:
         """The step of that name, if there is one."""
         return next((step for step in self.steps if step.name == name), None)
 
-    def has(self, name: str) -> bool:
-        return self.find(name) is not None
+    def save(
+        self,
+        name: str,
+        kind: str,
+        result: Scene | PackedModel,
+        seconds: float = 0.0,
+        loss: float | None = None,
+    ) -> Step:
+        """Keep a step with its scene or packed model.
 
-    def save(self, step: Step, scene: Scene | None = None, model: PackedModel | None = None):
-        """Keep a step with its scene (float32: go on from `scene(step)`, as who comes back later
-        must) or its model; returns it with its file's name."""
-        if self.has(step.name) or (scene is None) == (model is None):
-            raise ValueError(f"step {step.name!r} is there already, or has no scene or model")
-        name = re.sub(r"[^\w.]+", "-", step.name).strip("-")
-        suffix = ".npz" if model is None else ".splatcore"
-        step = replace(step, file=f"{len(self.steps):02}-{name}{suffix}")
+        Scenes are kept in float32: go on from `load(step)`, as the next call must.
+        """
+        if self.find(name):
+            raise ValueError(f"step {name!r} is there already")
+        packed = isinstance(result, PackedModel)
+        degree = result.format.sh_degree if packed else result.sh_degree
+        size = len(result.image) if packed else ply_bytes(len(result), degree)
+        suffix = ".splatcore" if packed else ".npz"
+        words = re.sub(r"[^\w.]+", "-", name).strip("-")
+        file = f"{len(self.steps):02}-{words}{suffix}"
+        step = Step(name, kind, len(result), degree, size, seconds, loss, file)
         steps = [asdict(each) for each in (*self.steps, step)]
         text = json.dumps({"key": self.key, "steps": steps}, indent=1, allow_nan=False)
         with reading(self.folder, "cannot be written"), np.errstate(over="ignore"):
             self.folder.mkdir(parents=True, exist_ok=True)
             part = self.folder / f".part{suffix}"
-            if model is None:
-                arrays = {array: getattr(scene, array).astype(np.float32) for array in ARRAYS}
-                np.savez(part, name=scene.name, **arrays)
+            if packed:
+                result.image.tofile(part)
             else:
-                model.image.tofile(part)
+                arrays = {array: getattr(result, array).astype(np.float32) for array in ARRAYS}
+                np.savez(part, name=result.name, **arrays)
             os.replace(part, self.folder / step.file)
             part.write_text(text + "\n")
             os.replace(part, self.folder / STEPS)
         self.steps += (step,)
         return step
 
-    def scene(self, step: Step) -> Scene:
-        """The scene that a step left; InputError names its file if that is not whole."""
+    def load(self, step: Step) -> Scene | PackedModel:
+        """The scene of a step, or the model of "quantize"; InputError names a broken file."""
         path = self.folder / step.file
+        if step.kind == "quantize":
+            model = read_model(path)
+            if len(model) != step.gaussians:
+                raise input_error(model.name, f"is not the model of step {step.name!r}")
+            return model
         with reading(path, "is not a step's scene"), np.load(path, allow_pickle=False) as arrays:
             name = str(arrays["name"])
             scene = replace(Scene(*(arrays[array] for array in ARRAYS), str(path)), name=name)
             if (len(scene), scene.sh_degree) != (step.gaussians, step.sh_degree):
                 raise input_error(path, f"is not the scene of step {step.name!r}")
         return scene
-
-    def model(self, step: Step) -> PackedModel:
-        """The packed model that a step left; InputErrors as of `scene`."""
-        model = read_model(self.folder / step.file)
-        if len(model) != step.gaussians:
-            raise input_error(model.name, f"is not the model of step {step.name!r}")
-        return model
 
 
 def _step(entry: object, where: str) -> Step:

@@ -4,17 +4,16 @@ Each step is kept in a folder (`model.compress.checkpoint`), from which the next
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 
-from splatcore.model.compress.checkpoint import Checkpoints, Step
+from splatcore.model.compress.checkpoint import Checkpoints, Step, ply_bytes
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.prune import (
     count_for_ratio,
-    original_bytes,
     prune,
     scaled_schedule,
     sound,
@@ -39,6 +38,7 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import ModelFormat, model_format
+from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
@@ -70,32 +70,38 @@ def compress(
     config: Config = DEFAULT,
     tell: Tell = lambda what, done, total, loss: None,
     original: int | None = None,
-) -> Step:
-    """Compress a scene to a packed model; returns the last step, "quantize".
+) -> Iterator[Step]:
+    """Compress a scene to a packed model; yields each finished step, "quantize" at last.
 
-    The scene learns from `targets`: photographs, or its own pictures. What `checkpoints` holds
-    already is not done again. `original` are the bytes that ratios are counted from (default: the
-    scene's as a PLY). InputError if nothing of the scene can be seen, if the ratio or the drop
-    cannot be reached, and where the loss is NaN; earlier steps stay.
+    The caller may stop after any step. The scene learns from `targets`: photographs, or its own
+    pictures. What `checkpoints` holds already is yielded, not done again. `original` are the bytes
+    that ratios are counted from (default: the scene's as a PLY). InputError if nothing of the scene
+    can be seen, if the ratio or the drop cannot be reached, and where the loss is NaN; earlier
+    steps stay.
     """
     scene = sound(scene)
-    original = original or original_bytes(scene)
+    original = original or ply_bytes(len(scene), scene.sh_degree)
     work = Compression(tuple(targets), recipe, checkpoints, config, tell)
     try:
-        start = work.kept("original", "original", lambda: (scene, None))
+        start = yield from work.step("original", "original", lambda: (scene, None))
         if recipe.max_drop is not None:
-            return work.within_drop(start, recipe.max_drop)
+            yield from work.within_drop(start, recipe.max_drop)
+            return
         rates = recipe.schedule
         if recipe.target_ratio is not None:
             count = count_for_ratio(original, recipe.target_ratio, work.largest_format(scene))
             rates = scaled_schedule(rates, len(scene), count)
-        start = work.before_pruning(start)
+        start = yield from work.before_pruning(start)
         for rate in rates:
-            start = work.pruned(start, rate)
-        return work.packed(start)[0]
+            start = yield from work.pruned(start, rate)
+        yield from work.packed(start)
     except InputError as error:
         kept = f"; what came before is in {checkpoints.folder}" if checkpoints.steps else ""
         raise InputError(f"{scene.name}: {error}{kept}") from None
+
+
+Steps = Generator[Step, None, Scene]
+"""Yields finished steps and returns the scene that the last of them left."""
 
 
 @dataclass(eq=False)
@@ -120,30 +126,25 @@ class Compression:
         self.extent = extent_of(self.cameras)
         self.rates = scaled(REFINING, self.recipe.rate)
 
-    def name(self, text: str) -> str:
-        """The name of a step; the second of the same name is "… (2)"."""
-        name = self.next_name(text)
-        self.names.append(text)
-        return name
-
     def next_name(self, text: str) -> str:
-        """What `name` will make of it."""
+        """The name of a step to come; the second of the same text is "… (2)"."""
         count = self.names.count(text) + 1
         return text if count == 1 else f"{text} ({count})"
 
-    def kept(self, name: str, kind: str, make: Callable[[], tuple[Scene, float | None]]) -> Scene:
-        """The scene of a step: the one that is kept, else what `make` makes, with its loss."""
-        name = self.name(name)
+    def step(
+        self, text: str, kind: str, make: Callable[[], tuple[Scene | PackedModel, float | None]]
+    ) -> Generator[Step, None, Scene | PackedModel]:
+        """Yields the step that is kept, else what `make` makes, with its loss; returns its scene or
+        model."""
+        name = self.next_name(text)
+        self.names.append(text)
         step = self.checkpoints.find(name)
         if step is None:
             begin = time.monotonic()
-            scene, loss = make()
-            step = Step(
-                name, kind, len(scene), scene.sh_degree, original_bytes(scene),
-                time.monotonic() - begin, loss,
-            )  # fmt: skip
-            step = self.checkpoints.save(step, scene=scene)
-        return self.checkpoints.scene(step)
+            result, loss = make()
+            step = self.checkpoints.save(name, kind, result, time.monotonic() - begin, loss)
+        yield step
+        return self.checkpoints.load(step)
 
     def weights(self, scene: Scene, what: str) -> np.ndarray:
         """Significance [N] over WEIGHED_BY training views; that of the last scene is remembered."""
@@ -159,7 +160,7 @@ class Compression:
         self.weighed = scene, found
         return found
 
-    def pruned(self, scene: Scene, rate: float) -> Scene:
+    def pruned(self, scene: Scene, rate: float) -> Steps:
         """The scene after one pruning and fine-tuning."""
         name = f"prune {rate:.3g}"
 
@@ -172,9 +173,9 @@ class Compression:
             )  # fmt: skip
             return sound(scene_of(tensors, scene.name)), loss
 
-        return self.kept(name, "prune", make)
+        return self.step(name, "prune", make)
 
-    def distilled(self, scene: Scene, degree: int) -> Scene:
+    def distilled(self, scene: Scene, degree: int) -> Steps:
         """The scene with harmonics up to `degree` only."""
         name = f"distill {degree}"
 
@@ -185,36 +186,29 @@ class Compression:
             )  # fmt: skip
             return sound(scene_of(student, scene.name)), loss
 
-        return self.kept(name, "distill", make)
+        return self.step(name, "distill", make)
 
-    def lowered(self, scene: Scene) -> Scene:
+    def lowered(self, scene: Scene) -> Steps:
         """The scene with no more harmonics than the model will have at most."""
         wanted = self.recipe.sh_degree
         last = min(self.config.sh_degree, 1 if wanted is None else wanted)
         for degree in degrees(scene, last):
-            scene = self.distilled(scene, degree)
+            scene = yield from self.distilled(scene, degree)
         return scene
 
-    def before_pruning(self, scene: Scene) -> Scene:
-        """What pruning begins with."""
-        return self.lowered(scene) if self.recipe.order == "distill-first" else scene
+    def before_pruning(self, scene: Scene) -> Steps:
+        """The scene that pruning begins with."""
+        if self.recipe.order == "distill-first":
+            scene = yield from self.lowered(scene)
+        return scene
 
-    def packed(self, scene: Scene) -> tuple[Step, PackedModel]:
+    def packed(self, scene: Scene) -> Generator[Step, None, PackedModel]:
         """Quantise and pack a pruned scene whose harmonics go first, where they have not."""
-        scene, wanted = self.lowered(scene), self.recipe.sh_degree
-        if wanted is None and scene.sh_degree == 1 and self.goes_without(scene):
-            scene = self.distilled(scene, 0)
-        name = self.name("quantize")
-        step = self.checkpoints.find(name)
-        if step is None:
-            begin = time.monotonic()
-            model, loss = self.quantised(scene, name)
-            step = Step(
-                name, "quantize", len(model), model.format.sh_degree, len(model.image),
-                time.monotonic() - begin, loss,
-            )  # fmt: skip
-            step = self.checkpoints.save(step, model=model)
-        return step, self.checkpoints.model(step)
+        scene = yield from self.lowered(scene)
+        if self.recipe.sh_degree is None and scene.sh_degree == 1 and self.goes_without(scene):
+            scene = yield from self.distilled(scene, 0)
+        name = self.next_name("quantize")
+        return (yield from self.step("quantize", "quantize", lambda: self.quantised(scene, name)))
 
     def quantised(self, scene: Scene, name: str) -> tuple[PackedModel, float | None]:
         """The packed model after fine-tuning under its numbers."""
@@ -253,7 +247,7 @@ class Compression:
         return max(formats, key=lambda format: format.layout(0).end)
 
     def goes_without(self, scene: Scene) -> bool:
-        """Whether a scene of degree 1 loses its harmonics; what was decided once stands."""
+        """True if a scene of degree 1 loses its harmonics; what was decided once stands."""
         steps, done = self.checkpoints.steps, self.checkpoints.find(self.next_name("quantize"))
         before = steps[steps.index(done) - 1] if done else steps[-1]
         if before.kind == "distill" and before.sh_degree == 0:
@@ -261,7 +255,7 @@ class Compression:
         return not done and not self.worth_harmonics(scene)
 
     def worth_harmonics(self, scene: Scene) -> bool:
-        """Whether a model with harmonics, as k-means gives it, is better than one without."""
+        """True if a model with harmonics, as k-means gives it, is better than one without."""
         weight = self.weights(scene, "are harmonics worth it")
         targets = self.targets[:: max(len(self.targets) // LOOKED_AT, 1)]
 
@@ -272,7 +266,7 @@ class Compression:
         full = quantised(scene, weight, self.config, self.recipe.seed)
         return found(flat) > WORTH * found(full)
 
-    def within_drop(self, scene: Scene, drop: float) -> Step:
+    def within_drop(self, scene: Scene, drop: float) -> Iterator[Step]:
         """Prune as far as the views kept aside allow; then the most pruned scene whose packed
         model loses at most `drop` dB on them."""
         aside = self.targets[::ASIDE]
@@ -281,20 +275,21 @@ class Compression:
             raise InputError("--max-drop: needs at least 2 pictures, one of them to keep aside")
         self.cameras, self.weighed = [target.camera for target in self.targets], None
         best = decibels(scene, aside)
-        levels, rates = [self.before_pruning(scene)], list(self.recipe.schedule) or [0.4]
+        levels = [(yield from self.before_pruning(scene))]
+        rates = self.recipe.schedule or (0.4,)
         rate = rates[0]
         while rate >= RATE_MIN and len(levels[-1]) > 1:
-            smaller = self.pruned(levels[-1], rate)
+            smaller = yield from self.pruned(levels[-1], rate)
             if decibels(smaller, aside) >= best - PRUNING_SHARE * drop:
                 levels.append(smaller)
                 rate = rates[min(len(levels) - 1, len(rates) - 1)]
             else:
                 rate /= 2
         for level in reversed(levels):
-            step, model = self.packed(level)
+            model = yield from self.packed(level)
             found = decibels(model.gaussians(), aside)
             if found >= best - drop:
-                return step
+                return
         lost = f"{best - found:.2f} dB are lost without pruning"
         raise InputError(f"--max-drop: {drop:g} dB cannot be kept: {lost}")
 
@@ -310,4 +305,4 @@ def decibels(scene: Scene | Gaussians, targets: Sequence[Target]) -> float:
         picture = render(*parameters, target.camera).image
         squares += float(((picture.clamp(0, 1) - as_tensor(target.image, picture)) ** 2).sum())
         count += target.image.size
-    return float(-10 * np.log10(max(squares / count, np.finfo(float).tiny)))
+    return psnr_of_square(max(squares / count, np.finfo(float).tiny))

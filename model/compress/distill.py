@@ -28,10 +28,10 @@ PERTURBED = 0.5
 """Share of the steps on views beside the training views."""
 
 MOVE = 0.1
-"""How far beside, at most: of the extent of the cameras."""
+"""Largest distance of these from their training view: share of the extent of the cameras."""
 
 TURN = np.radians(5.0)
-"""How far turned, at most."""
+"""Largest angle between the two, radians."""
 
 SHARE = 0.2
 """Of fine-tuning's learning rates: least squares leave less to mend than pruning does."""

@@ -1,5 +1,6 @@
-"""Pruning: which Gaussians become one, and by which steps."""
+"""Pruning: Gaussians that no view shows go, then pairs of neighbours are merged."""
 
+from bisect import bisect_right
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 from sklearn.neighbors import NearestNeighbors
 
-from splatcore.model.compress.checkpoint import ply_bytes
+from splatcore.model.compress.checkpoint import ARRAYS
 from splatcore.model.pack.pack import keep
 from splatcore.spec.convention import ALPHA_MAX, COLOUR_OFFSET
 from splatcore.spec.error import InputError
@@ -16,14 +17,14 @@ from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import Scene
 
 NEIGHBOURS = 8
-"""Nearest Gaussians among which one looks for another to become one with."""
+"""Nearest Gaussians among which a Gaussian may be merged with one."""
 
 COLOUR = 3.0
-"""What a squared difference of colours (0 … 1) costs, over a squared distance in sizes."""
+"""Cost of a squared difference of colours (0 … 1), over that of a squared distance in sizes."""
 
 ALWAYS = 0.01
-"""What becoming one costs at least, in squared distances: two of the same place and colour are not
-for nothing."""
+"""Least cost of a merger, in squared distances: two of the same place and colour are not for
+nothing."""
 
 ROUND = 0.15
 """Share of the Gaussians that may go before all costs are taken anew."""
@@ -93,7 +94,7 @@ def disjoint(order, partner, most):
 def replaced(scene: Scene, index: np.ndarray, by: Scene) -> Scene:
     """The scene with Gaussians `index` exchanged for those of another."""
     arrays = {}
-    for name in ("position", "scale", "quaternion", "opacity", "sh"):
+    for name in ARRAYS:
         arrays[name] = getattr(scene, name).copy()
         arrays[name][index] = getattr(by, name)
     return replace(scene, **arrays)
@@ -150,18 +151,13 @@ def count_for_ratio(original: int, ratio: float, format: ModelFormat) -> int:
 
     InputError if the codebooks alone are larger.
     """
-    room = original / ratio - format.layout(0).end
-    low, high = 0, max(int(room), 0)
-    while low < high:  # the largest count whose model fits
-        middle = (low + high + 1) // 2
-        low, high = (
-            (middle, high) if format.layout(middle).end <= original / ratio else (low, middle - 1)
-        )
-    if low < 1:
-        room = f"{ratio:g} leaves {original / ratio:.0f} bytes"
-        least = format.layout(1).end
-        raise InputError(f"--target-ratio: {room}, and a packed model has {least} at least")
-    return low
+    room = original / ratio
+    counts = range(1, int(room) + 1)
+    count = bisect_right(counts, room, key=lambda count: format.layout(count).end)
+    if count < 1:
+        least = f"{ratio:g} leaves {room:.0f} bytes, and a packed model has {format.layout(1).end}"
+        raise InputError(f"--target-ratio: {least} at least")
+    return count
 
 
 def scaled_schedule(schedule: tuple[float, ...], count: int, target: int) -> tuple[float, ...]:
@@ -173,8 +169,3 @@ def scaled_schedule(schedule: tuple[float, ...], count: int, target: int) -> tup
         return ()
     left = np.log1p(-np.asarray(schedule or (0.4,), np.float64))
     return tuple(float(rate) for rate in -np.expm1(left * np.log(target / count) / left.sum()))
-
-
-def original_bytes(scene: Scene) -> int:
-    """Size of the scene as a float32 PLY with all attributes of its degree."""
-    return ply_bytes(len(scene), scene.sh_degree)

@@ -35,13 +35,13 @@ def straight(value: torch.Tensor, rounded: torch.Tensor) -> torch.Tensor:
 
 
 def round_fixed(value: torch.Tensor, format: Fixed) -> torch.Tensor:
-    """What `format.round` gives."""
+    """`format.round` as an operation of torch."""
     steps = torch.round(value / format.step) * format.step
     return straight(value, steps.clamp(format.min, format.max))
 
 
 def round_float(value: torch.Tensor, format: Float) -> torch.Tensor:
-    """What `format.round` gives of finite values, subnormal ones included."""
+    """`format.round` of finite values, subnormal ones included, as an operation of torch."""
     with torch.no_grad():
         _, exponent = torch.frexp(value)  # value = mantissa·2^exponent with ½ ≤ |mantissa| < 1
         smallest = torch.tensor(format.min_normal).frexp().exponent
@@ -104,7 +104,7 @@ class Stages:
         )
 
     def codebook(self) -> Codebook:
-        """What the model stores."""
+        """The codebook as the model stores it."""
         unit = 2.0**self.exponent
         values = [entries.detach().double().cpu().numpy() for entries in self.rounded()]
         entries = [np.rint(each / unit) for each in values]
@@ -152,7 +152,7 @@ class Quantised:
         return position, factor, opacity, torch.cat(sh, dim=1)
 
     def leaves(self) -> tuple[Tensors, dict[str, float]]:
-        """What is optimised, by name, and the learning rates of what only this file knows."""
+        """Optimised tensors by name, and learning rates of those that only this file knows."""
         found = {name: self.tensors[name] for name in ("means", "scales", "quats", "opacities")}
         entries = {
             f"{part}{stage}": values

@@ -1,17 +1,17 @@
-"""What compression is told to do: one value for each decision that a user may take."""
+"""The options of a compression: one value for each decision that a user may take."""
 
 from dataclasses import dataclass
 
 from splatcore.spec.error import InputError
 
 ORDERS = ("distill-first", "prune-first")
-"""Whether harmonics go before Gaussians or after them, as in the paper. What is merged later is
-fine-tuned as the machine will show it; what is distilled later costs fewer steps."""
+"""Harmonics go before Gaussians, or after them as in the paper. Gaussians merged later are
+fine-tuned as the machine will show them; harmonics distilled later cost fewer steps."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to compress a scene. InputError names the option of a value that cannot be.
+    """Options of a compression. InputError names the option of a value that cannot be.
 
     A pruning rate is the share of the Gaussians that a step removes. With `target_ratio` the rates
     are scaled together so that the packed model has that ratio to the scene's PLY; with `max_drop`

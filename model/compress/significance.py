@@ -1,4 +1,4 @@
-"""How much each Gaussian matters: what it gives to the views, times a term of its volume.
+"""Significance of each Gaussian: its contribution to the views, times a term of its volume.
 
 Source: Fan et al., "LightGaussian" (2024), section 3.2: the sum over views and pixels of
 opacity·T, and the volume normalised by the 90th percentile and damped by an exponent.
@@ -13,10 +13,10 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
 VOLUME_PERCENTILE = 90.0
-"""The volume from which on a larger one counts no more."""
+"""Percentile of the volumes from which on a larger one counts no more."""
 
 VOLUME_POWER = 0.1
-"""How much volume counts."""
+"""Exponent of the volume."""
 
 
 def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:

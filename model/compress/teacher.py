@@ -1,4 +1,4 @@
-"""What a scene without photographs learns from: its own pictures."""
+"""Pictures that a scene without photographs learns from: its own."""
 
 from collections.abc import Iterator, Sequence
 
@@ -17,8 +17,8 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Gaussians, Scene
 
 RISE, NEARER = np.radians(3.0), 1.05
-"""How far views on the path of given cameras are off it, in elevation and distance: as a hand that
-holds a camera wavers."""
+"""Largest deviation of views from the path of given cameras: elevation, and factor of distance. A
+hand that holds a camera wavers so."""
 
 
 def teacher_targets(

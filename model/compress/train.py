@@ -44,7 +44,7 @@ DEGREE_STEPS = 1 / 30
 """Share of the steps after which the next degree of harmonics joins in."""
 
 DECAY = 0.01
-"""What is left of the positions' learning rate in the end."""
+"""Share of the positions' learning rate that is left in the end."""
 
 KEEP_EVERY = 500
 """Steps between two states that are kept."""

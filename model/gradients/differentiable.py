@@ -18,7 +18,7 @@ from splatcore.spec.convention import SPLATCORE, TILE, Convention
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """A picture and who is in it."""
+    """A picture and the Gaussians in it."""
 
     image: torch.Tensor  # [H, W, 3] RGB, not clipped
     transmittance: torch.Tensor  # [H, W]
@@ -85,40 +85,48 @@ class _Render(torch.autograd.Function):
     @staticmethod
     def forward(context, position, factor, opacity, sh, shift, camera, convention, tell):
         arrays = [tensor.detach().numpy() for tensor in (position, factor, opacity, sh, shift)]
-        view = rendering_points.view_numbers(camera, convention)
-        splats, index = _project(arrays, view)
-        lists = rendering_tiles.tile_lists(splats, camera.width, camera.height)
-        limits = limits_of(convention)
-        colour, *drawn = rendering_tiles.blend(splats, lists, camera.width, camera.height, limits)
-        tell(index)
+        drawn = _Drawn(arrays, camera, convention)
+        tell(drawn.index)
         context.save_for_backward(position, factor, sh)
-        context.kept = camera, view, limits, splats, index, lists, drawn
-        image = np.stack([to_image(colour[:, k], camera) for k in range(3)], axis=2)
-        return torch.from_numpy(image), torch.from_numpy(to_image(drawn[0], camera))
+        context.drawn = drawn
+        image = np.stack([to_image(drawn.colour[:, k], camera) for k in range(3)], axis=2)
+        return torch.from_numpy(image), torch.from_numpy(to_image(drawn.state[0], camera))
 
     @staticmethod
     def backward(context, to_image_, to_rest):
-        camera, view, limits, splats, index, lists, drawn = context.kept
+        drawn = context.drawn
         position, factor, sh = (tensor.contiguous().numpy() for tensor in context.saved_tensors)
-        to_colour = np.stack(
-            [to_tiles(to_image_[..., k].numpy(), camera) for k in range(3)], axis=1
-        )
-        gradient = rendering_tiles.blend_backward(
-            splats, lists, camera.width, camera.height, limits, drawn, to_colour,
-            to_tiles(to_rest.numpy(), camera),
-        )  # fmt: skip
-        count, kind = len(position), position.dtype
-        found = [
-            np.zeros((count, *shape), kind) for shape in ((3,), (3, 3), (), sh.shape[1:], (2,))
-        ]
+        planes = [to_tiles(to_image_[..., k].numpy(), drawn.camera) for k in range(3)]
+        gradient = drawn.backward(np.stack(planes, axis=1), to_tiles(to_rest.numpy(), drawn.camera))
+        shapes = (3,), (3, 3), (), sh.shape[1:], (2,)
+        found = [np.zeros((len(position), *shape), position.dtype) for shape in shapes]
         rendering_points.project_backward(
-            index, position, factor, sh, view, splats, gradient, get_num_threads(), *found
-        )
+            drawn.index, position, factor, sh, drawn.view, drawn.splats, gradient,
+            get_num_threads(), *found,
+        )  # fmt: skip
         return *map(torch.from_numpy, found), None, None, None
 
 
+class _Drawn:
+    """A picture by the kernels, with all that its gradients need."""
+
+    def __init__(self, arrays, camera: Camera, convention: Convention):
+        self.camera = camera
+        self.view = rendering_points.view_numbers(camera, convention)
+        self.splats, self.index = _project(arrays, self.view)
+        size = camera.width, camera.height
+        lists = rendering_tiles.tile_lists(self.splats, *size)
+        limits = limits_of(convention)
+        self.colour, *self.state = rendering_tiles.blend(self.splats, lists, *size, limits)
+        self.blended = self.splats, lists, *size, limits, self.state
+
+    def backward(self, to_colour: np.ndarray, to_rest: np.ndarray) -> np.ndarray:
+        """Gradients [M, 9] of the splats from those of colours and transmittances by tiles."""
+        return rendering_tiles.blend_backward(*self.blended, to_colour, to_rest)
+
+
 def limits_of(convention: Convention) -> np.ndarray:
-    """What the kernels of the tiles know of a convention."""
+    """Numbers of a convention that the tiles' kernels need."""
     return np.array([convention.alpha_min, convention.alpha_max, convention.transmittance_min])
 
 
@@ -151,23 +159,15 @@ def to_tiles(image: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def blending_weights(position, factor, opacity, sh, camera, convention=SPLATCORE):
-    """What each Gaussian contributes to a view [N]: Σ over the pixels of alpha·T.
+    """Contribution of each Gaussian to a view [N]: Σ over the pixels of alpha·T.
 
-    It is the gradient of the sum of a picture in which every splat is
-    white by its colour.
+    It is the gradient, by the colours, of the sum of a picture in which every splat is white.
     """
     arrays = [np.asarray(a) for a in (position, factor, opacity, sh)]
     arrays.append(np.zeros((len(position), 2), arrays[0].dtype))
-    view, limits = rendering_points.view_numbers(camera, convention), limits_of(convention)
-    splats, index = _project(arrays, view)
-    lists = rendering_tiles.tile_lists(splats, camera.width, camera.height)
-    colour, *drawn = rendering_tiles.blend(splats, lists, camera.width, camera.height, limits)
-    to_colour = np.zeros_like(colour)
+    drawn = _Drawn(arrays, camera, convention)
+    to_colour = np.zeros_like(drawn.colour)
     to_colour[:, 0] = 1
-    gradient = rendering_tiles.blend_backward(
-        splats, lists, camera.width, camera.height, limits, drawn, to_colour,
-        np.zeros_like(drawn[0]),
-    )  # fmt: skip
     weight = np.zeros(len(position))
-    weight[index] = gradient[:, RED]
+    weight[drawn.index] = drawn.backward(to_colour, np.zeros_like(drawn.state[0]))[:, RED]
     return weight

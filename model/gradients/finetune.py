@@ -11,10 +11,10 @@ from splatcore.model.gradients.trainable import Tensors, rendered
 from splatcore.spec.error import InputError
 
 Tell = Callable[[str, int, int, float | None], None]
-"""Called with what is done, how much of it, of how much, and the mean loss lately."""
+"""Progress callback: activity, steps done, steps in all, mean loss of the last steps."""
 
 DECAY = 0.1
-"""What is left of the learning rates at the end of a phase; they fall by the same share a step."""
+"""Share of the learning rates left at the end of a phase; they fall by the same share a step."""
 
 DECAY_MEANS = 0.01
 """The same of the positions' (3DGS: from 1.6e-4 to 1.6e-6)."""
@@ -23,7 +23,7 @@ WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
 
 SMOOTHING = 0.95
-"""Of the loss that is told: its moving average."""
+"""Weight of the past in the moving average of the loss."""
 
 
 def views_in_turn(targets: Sequence, seed: int) -> Iterator:

@@ -26,7 +26,7 @@ GRADIENTS = 9
 
 
 def view_numbers(camera: Camera, convention: Convention) -> np.ndarray:
-    """What the kernels know of a camera, [28]: R, t, its centre, and the intrinsics."""
+    """Camera and convention for the kernels, [28]: R, t, centre, intrinsics, limits."""
     limit = convention.frustum_margin * np.array(camera.tan_half_fov)
     shift = convention.principal_point_shift + convention.pixel_centre
     return np.concatenate([
@@ -40,7 +40,7 @@ def view_numbers(camera: Camera, convention: Convention) -> np.ndarray:
 @njit(cache=True)
 def _projected(position, factor, view, point, slope, rows, m):
     """Camera coordinates `point` [3], clamped `slope` [2], J·R in `rows` [2, 3], M in `m` [2, 3];
-    returns whether the Gaussian is in front of the near plane."""
+    returns True if the Gaussian is in front of the near plane."""
     for i in range(3):
         point[i] = view[9 + i]
         for j in range(3):

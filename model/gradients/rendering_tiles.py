@@ -27,7 +27,7 @@ from splatcore.model.gradients.rendering_points import (
 from splatcore.spec.convention import ALPHA_MIN, TILE
 
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-"""What the compiler may assume: sums in any order; NaN and Inf stay what they are."""
+"""Assumptions that the compiler may make: sums in any order; NaN and Inf stay what they are."""
 
 REACH_MAX = 2 * np.log(1 / ALPHA_MIN) + 0.2
 """Quadratic forms are cut to this: nothing beyond is blended; the exponential stays in range."""

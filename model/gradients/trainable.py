@@ -39,7 +39,7 @@ Tensors = dict[str, torch.Tensor]
 
 
 def device() -> torch.device:
-    """Where to compute: CUDA if there is a device and gsplat can use it, else the CPU."""
+    """The device to compute on: CUDA if there is a device and gsplat can use it, else the CPU."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
@@ -89,7 +89,7 @@ def rotation(quats: torch.Tensor) -> torch.Tensor:
 
 
 def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
-    """What `model.gradients.differentiable.render` takes: position, factor, opacity, harmonics."""
+    """Arguments of `differentiable.render`: position, factor, opacity, harmonics."""
     sh = torch.cat([tensors["sh0"], tensors["shN"]], dim=1)
     return tensors["means"], factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh
 
@@ -111,7 +111,7 @@ def optimizers(tensors: Tensors, extent: float, rates: dict[str, float] = RATES)
 
 
 def extent_of(cameras: list) -> float:
-    """How far apart the cameras are, scene units: 1.1 times the largest distance from their mean.
+    """Extent of the cameras, scene units: 1.1 times the largest distance from their mean.
 
     As 3DGS has it (`getNerfppNorm`); a single camera counts as 1.
     """

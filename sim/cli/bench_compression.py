@@ -11,10 +11,10 @@ from splatcore.sim.cli.options import PresetOption
 from splatcore.sim.common.output import check_writable, console
 from splatcore.sim.common.source import parse_size
 from splatcore.sim.compression import run as compression_run
-from splatcore.sim.compression.bench import PARTS, RATIOS, RESULT, Request, bench_compression
+from splatcore.sim.compression.bench import PARTS, RATIOS, RESULT, bench_compression
 from splatcore.sim.compression.plot import write_curve
 from splatcore.sim.compression.subjects import SCENES, Protocol, find
-from splatcore.sim.compression.tables import print_tables, write_csv
+from splatcore.sim.compression.tables import tables, write_csv
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -102,18 +102,20 @@ def compression_command(
     )  # fmt: skip
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")
-    compression_run.recipe_of(*protocol.options)
+    _ = protocol.recipe  # refuses what cannot be
     found = find(list(scene or ()))
     names = [Path(path).resolve().name for path in found]
     chosen = Path(schedule_scene or (SCENES[0] if SCENES[0] in names else names[0])).name
     if chosen not in names:
         raise InputError(f"--schedule-scene {chosen}: is not among {', '.join(names)}")
-    request = Request(tuple(found), parse_parts(part), chosen, parse_ratios(ratios), protocol)
+    parts, wanted = parse_parts(part), parse_ratios(ratios)
     compression_run.check_installed()
     check_writable(output / "x" if output.is_dir() else output)
     output.mkdir(exist_ok=True)
-    facts = bench_compression(request, output)
-    print_tables(console, facts)
+    facts = bench_compression(found, parts, chosen, wanted, protocol, output)
+    for name, found in facts["scenes"].items():
+        for table in tables(name, found):
+            console.print(table)
     write_csv(output, facts)
     write_curve(output / "curve.png", facts["scenes"])
     finish(output / RESULT, facts)

@@ -11,9 +11,11 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.golden.reference import render
-from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
+from splatcore.model.cameras.surround import surrounding_views
+from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.sim.cli.options import JsonOption, PresetOption, SceneArgument, app
 from splatcore.sim.common.metric import difference
@@ -23,7 +25,6 @@ from splatcore.sim.common.source import open_source, parse_size
 from splatcore.sim.compression.run import (
     check_installed,
     compressed,
-    own_views,
     photographs,
     pictures_at,
     teacher,
@@ -116,10 +117,11 @@ def train_command(
     scene = trained(str(folder), learn, steps, seed, place, folder.name)
     with whole_file(output) as part:
         write_ply(part, replace(scene, name=output.name))
-    facts = {"scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree}
-    facts |= {"steps": steps, "photographs": len(learn), "held_out": len(aside)}
-    facts["psnr_db"] = _decibels(scene.gaussians(), aside)
-    found = facts["psnr_db"]
+    found = _decibels(scene.gaussians(), aside)
+    facts = {
+        "scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree, "steps": steps,
+        "photographs": len(learn), "held_out": len(aside), "psnr_db": found,
+    }  # fmt: skip
     shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
     console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
     write_json(json, facts)
@@ -197,10 +199,10 @@ def parse_schedule(text: str) -> tuple[float, ...]:
 
 
 def digest(scene, targets) -> str:
-    """What a compression starts from, in 16 digits."""
+    """Hash, of 16 digits, of the scene and the pictures that a compression starts from."""
     found = hashlib.sha256()
-    for array in (scene.position, scene.scale, scene.quaternion, scene.opacity, scene.sh):
-        found.update(np.ascontiguousarray(array))
+    for name in ARRAYS:
+        found.update(np.ascontiguousarray(getattr(scene, name)))
     for target in targets:
         found.update(np.ascontiguousarray(target.image))
         found.update(repr(target.camera).encode())
@@ -211,17 +213,16 @@ def _split(path: str, scale: float, hold_out: int) -> tuple[tuple, tuple]:
     """Photographs to learn from, and those held out."""
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not in 0 … 1")
+    learn, aside = photographs(path, scale, hold_out or 2**30)
     if not hold_out:
-        learn, aside = photographs(path, scale, 2**30)
         return (*aside, *learn), ()
-    learn, aside = photographs(path, scale, hold_out)
     if not learn:
         raise InputError(f"{path}: no photograph is left to learn from; try --hold-out 0")
     return learn, aside
 
 
 def _decibels(gaussians: Gaussians, targets) -> float | None:
-    """Mean PSNR of the reference's pictures against photographs; None without any."""
+    """Mean PSNR of the reference's pictures against targets; None without any or for equal ones."""
     found = [
         difference(render(gaussians, each.camera).pixels, each.image, each.name).psnr_db
         for each in targets
@@ -240,26 +241,22 @@ def facts_of(scene: Scene, model: PackedModel, checkpoints: Checkpoints) -> dict
 
 
 def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int) -> dict:
-    """What is lost on pictures that were not learned from."""
+    """The loss on pictures that were not learned from."""
     original = scene.gaussians()
     if aside:
         before, after = (_decibels(each, aside) for each in (original, packed))
         says = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
         return {"psnr_db": after, "psnr_db_before": before, "says": says}
-    views = own_views(original, LOOKED_AT, size, seed + 1)
-    found = [
-        difference(render(packed, view).pixels, render(original, view).pixels).psnr_db
-        for view in views
-    ]
-    after = float(np.mean(found)) if None not in found else None
+    views = surrounding_views(original, LOOKED_AT, *size, seed + 1)
+    own = [Target(view, render(original, view).pixels, view.name) for view in views]
+    after = _decibels(packed, own)
     says = "no difference" if after is None else f"{after:.2f} dB against the scene"
-    return {
-        "psnr_db": after, "psnr_db_before": None, "says": f"{says} on {len(views)} other views"
-    }  # fmt: skip
+    says += f" on {len(views)} other views"
+    return {"psnr_db": after, "psnr_db_before": None, "says": says}
 
 
 def table_of(checkpoints: Checkpoints, original: int) -> Table:
-    """The steps: what is left after each."""
+    """A row for each step: size, loss, time."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("step", no_wrap=True)
     for heading in ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds"):

@@ -1,11 +1,13 @@
-"""`splatcore bench compression`: the paper's tables of compression, and what it leaves to do.
+"""The benchmark of compression: the paper's tables, and the work that is left for the machine.
 
 Four parts: quality and work after each step, pruning schedules, ratio against loss, and the errors
 of model and machine side by side. What is in the folder already is not made again.
 """
 
 import json
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from math import prod
 from pathlib import Path
 
 from splatcore.model.compress.checkpoint import Step
@@ -14,9 +16,9 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.bench.campaign import Failure
 from splatcore.sim.common.output import messages
 from splatcore.sim.common.result import write_json
-from splatcore.sim.compression.measure import Measurer, Thing, kept, left_by, original
+from splatcore.sim.compression.measure import Measurer, Version, kept, left_by, original
 from splatcore.sim.compression.plot import write_sheet
-from splatcore.sim.compression.run import Run, recipe_of
+from splatcore.sim.compression.run import Run
 from splatcore.sim.compression.subjects import Protocol, Subject
 from splatcore.spec.error import InputError
 
@@ -32,51 +34,34 @@ ONE_STEP = 0.5
 SHORT_OF = 0.98
 """Share of a target ratio from which it counts as reached."""
 
-DEFAULT_SCHEDULE = (0.4, 0.4, 0.4, 0.2)
 
-
-def left(schedule: tuple[float, ...]) -> float:
+def left(schedule: Sequence[float]) -> float:
     """Share of the Gaussians that a schedule leaves."""
-    share = 1.0
-    for rate in schedule:
-        share *= 1 - rate
-    return share
+    return prod(1 - rate for rate in schedule)
 
 
-def equal_rates(count: int, schedule: tuple[float, ...] = DEFAULT_SCHEDULE) -> tuple[float, ...]:
+def equal_rates(count: int, schedule: Sequence[float] = Recipe.schedule) -> tuple[float, ...]:
     """So many equal rates that leave what a schedule leaves."""
     return (round(1 - left(schedule) ** (1 / count), 6),) * count
 
 
 SCHEDULES = (
-    DEFAULT_SCHEDULE, equal_rates(1), (0.4, 0.4, 0.4, 0.4), (0.4, 0.4, 0.4, 0.3),
+    Recipe.schedule, equal_rates(1), (0.4, 0.4, 0.4, 0.4), (0.4, 0.4, 0.4, 0.3),
     (0.4, 0.4, 0.4, 0.1), equal_rates(5),
 )  # fmt: skip
 """Compared with each other; the second and the last leave what the first one leaves."""
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is to be measured."""
-
-    subjects: tuple[str, ...]  # paths
-    parts: tuple[str, ...]
-    schedule_scene: str  # the name of the one whose schedules are compared
-    ratios: tuple[float, ...]
-    protocol: Protocol
-
-
 class Bench:
     """One subject's parts."""
 
-    def __init__(self, subject: Subject, request: Request, folder: Path):
-        self.subject, self.request, self.folder = subject, request, folder
-        self.protocol = request.protocol
-        self.recipe = recipe_of(*self.protocol.options)
-        self.measure = Measurer(folder / "measured", subject, self.protocol.config)
+    def __init__(self, subject: Subject, ratios: Sequence[float], folder: Path):
+        self.subject, self.ratios, self.folder = subject, ratios, folder
+        self.config, self.recipe = subject.protocol.config, subject.protocol.recipe
+        self.measure = Measurer(folder / "measured", subject, self.config)
 
     def facts(self) -> dict:
-        """What the subject is."""
+        """The subject: its kind, its views, its size."""
         subject, first = self.subject, self.subject.views[0].camera
         return {
             "against": "photographs" if subject.photographed else "original",
@@ -85,12 +70,14 @@ class Bench:
             "ply_bytes": subject.ply_bytes,
         }  # fmt: skip
 
-    def run(self, recipe: Recipe) -> Run:
-        return Run(self.folder / "runs", self.subject, recipe, self.protocol.config)
+    def run(self, **changes) -> Run:
+        """The run of the recipe with some values changed."""
+        recipe = replace(self.recipe, **changes)
+        return Run(self.folder / "runs", self.subject, recipe, self.config)
 
-    def row(self, thing: Thing, step: Step) -> dict:
+    def row(self, version: Version, step: Step) -> dict:
         """A step's size and quality, and how that differs from the original's."""
-        first, found = self.measure.quality(original(self.subject)), self.measure.quality(thing)
+        first, found = self.measure.quality(original(self.subject)), self.measure.quality(version)
         change = {
             f"{name}_change": None if None in (found[name], first[name]) else
             found[name] - first[name]
@@ -100,41 +87,39 @@ class Bench:
         return {"gaussians": step.gaussians, "sh_degree": step.sh_degree} | size | found | change
 
     def steps(self) -> dict:
-        """Every step of the recipe: size, quality, the machine's work."""
-        run, rows = self.run(self.recipe), []
-        final = run.finish()
+        """Every step of the recipe: size, quality, the machine's work; the last one's pictures."""
+        run, rows = self.run(), []
+        run.finish()
         for step in run.checkpoints.steps:
-            thing = left_by(run, step)
+            version = left_by(run, step)
             about = {"step": step.name, "kind": step.kind, "seconds": step.seconds}
             about |= {"loss": step.loss}
-            rows.append(about | self.row(thing, step) | {"work": self.measure.work(thing)})
-        self.sheet(left_by(run, final), rows[-1])
+            rows.append(about | self.row(version, step) | {"work": self.measure.work(version)})
+        self.sheet(version, rows[-1])
         return {"recipe": asdict(self.recipe), "rows": rows}
 
-    def sheet(self, thing: Thing, row: dict):
+    def sheet(self, version: Version, row: dict):
         """Original, compressed and FLIP of the first held-out view, as DIR/NAME.png."""
         path = self.folder / f"{self.subject.name}.png"
-        view, about = self.subject.views[0], ["sheet", self.subject.key, thing.about]
 
         def make() -> dict:
-            write_sheet(path, self.subject, view, thing, row)
+            write_sheet(path, self.subject, self.subject.views[0], version, row)
             return {"file": path.name}
 
         if not path.exists():
             make()
-        kept(self.folder / "measured", about, make)
+        kept(self.folder / "measured", ["sheet", self.subject.key, version.about], make)
 
     def schedule(self) -> dict:
         """Pruning schedules with the same number of fine-tuning steps in all."""
-        total = self.recipe.steps * len(self.recipe.schedule)
-        rows = []
+        total, rows = self.recipe.steps * len(self.recipe.schedule), []
         for schedule in SCHEDULES:
-            steps = round(total / len(schedule))
-            run = self.run(replace(self.recipe, schedule=schedule, steps=steps))
-            step = run.prune()
-            before = run.before(step).gaussians
+            count = round(total / len(schedule))
+            run = self.run(schedule=schedule, steps=count)
+            step, steps = run.prune(), run.checkpoints.steps
+            before = steps[steps.index(step) - 1].gaussians
             rows.append(
-                {"schedule": list(schedule), "steps": steps, "gaussians_before": before}
+                {"schedule": list(schedule), "steps": count, "gaussians_before": before}
                 | self.row(left_by(run, step), step)
             )
             if run.recipe != self.recipe:
@@ -147,26 +132,28 @@ class Bench:
 
         Each point prunes the original in one step, which costs a quarter of the default schedule.
         """
-        config, subject = self.protocol.config, self.subject
 
-        def alone() -> dict:
-            model = pack(subject.scene, config)[0]
+        def alone():
+            return pack(self.subject.scene, self.config)[0]
+
+        def sizes() -> dict:
+            model = alone()
             facts = {"gaussians": len(model), "sh_degree": model.format.sh_degree}
             return facts | {"bytes": len(model.image)}
 
-        about = ["packing alone", subject.key, repr(config)]
-        facts = kept(self.folder / "measured", about, alone)
-        packed = Step("packing alone", "quantize", **facts, seconds=0.0, loss=None)
-        thing = Thing(packed.name, about, lambda: pack(subject.scene, config)[0])
-        first = {"target_ratio": None, "note": packed.name} | self.row(thing, packed)
+        name, about = "packing alone", ["packing alone", self.subject.key, repr(self.config)]
+        facts = kept(self.folder / "measured", about, sizes)
+        step = Step(name, "quantize", **facts, seconds=0.0, loss=None, file="")
+        version = Version(name, about, self.config, alone)
+        first = {"target_ratio": None, "note": name} | self.row(version, step)
         points = [first]
-        for ratio in sorted(self.request.ratios):
+        for ratio in sorted(self.ratios):
             if ratio <= first["ratio"]:
                 note = f"packing alone gives {first['ratio']:.1f}×"
                 points.append({"target_ratio": ratio, "ratio": None, "note": note})
             else:
-                recipe = replace(self.recipe, schedule=(ONE_STEP,), target_ratio=ratio)
-                points.append(self.point(self.run(recipe), ratio))
+                run = self.run(schedule=(ONE_STEP,), target_ratio=ratio)
+                points.append(self.point(run, ratio))
         return {"recipe": asdict(self.recipe), "points": points}
 
     def point(self, run: Run, ratio: float) -> dict:
@@ -185,21 +172,29 @@ class Bench:
 
     def budget(self) -> dict:
         """Errors of the model and of the machine side by side."""
-        run = self.run(self.recipe)
+        run = self.run()
         return self.measure.budget(left_by(run, run.finish()))
 
 
-def bench_compression(request: Request, folder: Path) -> dict:
+def bench_compression(
+    paths: Sequence[str],
+    parts: Sequence[str],
+    schedule_scene: str,
+    ratios: Sequence[float],
+    protocol: Protocol,
+    folder: Path,
+) -> dict:
     """Measure all subjects; what cannot be is in "failed", and the others' results stay.
 
-    RESULT is written after each part, for who looks in meanwhile.
+    Schedules are compared on the subject of the name `schedule_scene`. RESULT is written after each
+    part.
     """
-    facts = before(request, folder)
-    for path in request.subjects:
-        subject = Subject(path, request.protocol, folder / "baselines")
-        bench = Bench(subject, request, folder)
-        for part in request.parts:
-            if part == "schedule" and subject.name != request.schedule_scene:
+    facts = before(protocol, folder)
+    for path in paths:
+        subject = Subject(path, protocol, folder / "baselines")
+        bench = Bench(subject, ratios, folder)
+        for part in parts:
+            if part == "schedule" and subject.name != schedule_scene:
                 continue
             try:
                 found = bench.facts() | {part: getattr(bench, part)()}
@@ -222,9 +217,8 @@ def why(error: Exception) -> str:
     return " ".join(text.split())
 
 
-def before(request: Request, folder: Path) -> dict:
-    """The folder's results of scenes and parts that are not asked for now stay as they are."""
-    protocol = request.protocol
+def before(protocol: Protocol, folder: Path) -> dict:
+    """The folder's results: those of scenes and parts that are not asked for now stay."""
     head = {"preset": protocol.config.name, "size": list(protocol.size), "seed": protocol.seed}
     try:
         found = json.loads((folder / RESULT).read_text())

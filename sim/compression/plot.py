@@ -1,6 +1,8 @@
 """Pictures of `splatcore bench compression`: the curve of ratio against loss, contact sheets."""
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
@@ -13,7 +15,7 @@ from splatcore.golden.reference import render
 from splatcore.sim.common.metric import flip_map
 from splatcore.sim.common.output import write
 from splatcore.sim.common.plot import COLOURS, GREY, MARKERS, STYLE
-from splatcore.sim.compression.measure import Thing
+from splatcore.sim.compression.measure import Version
 from splatcore.sim.compression.subjects import Subject, View
 
 DOTS_PER_INCH = 120
@@ -24,7 +26,7 @@ AGAINST = {
     "photographs": ("psnr_db_change", "PSNR change on held-out photographs, dB", 51.6, -0.75),
     "original": ("psnr_db", "PSNR against the original, dB", 20, 30.0),
 }
-"""What is drawn of a scene, the axis, and the bound: at least this ratio and this many dB."""
+"""Value that is drawn of a scene, axis, and the bound: at least this ratio and this many dB."""
 
 
 def write_curve(path: Path, scenes: dict[str, dict]):
@@ -43,14 +45,20 @@ def write_curve(path: Path, scenes: dict[str, dict]):
     panels = {against: found for against, found in panels.items() if found}
     if not panels:
         return
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((5.6 * len(panels), 4.4), DOTS_PER_INCH, layout="constrained")
-        FigureCanvasAgg(figure)
+    with figure_at(path, 5.6 * len(panels), 4.4) as figure:
         for axes, (against, found) in zip(
             figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
         ):
             _panel(axes, against, found)
-        buffer = io.BytesIO()
+
+
+@contextmanager
+def figure_at(path: Path, width: float, height: float) -> Iterator[Figure]:
+    """A figure of so many inches to draw on, written to `path` as PNG at the end."""
+    with matplotlib.rc_context(STYLE):
+        figure, buffer = Figure((width, height), DOTS_PER_INCH, layout="constrained"), io.BytesIO()
+        FigureCanvasAgg(figure)
+        yield figure
         figure.savefig(buffer, format="png", facecolor="white")
     write(path, buffer.getvalue())
 
@@ -79,25 +87,20 @@ def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]]):
     axes.legend(loc="best")
 
 
-def write_sheet(path: Path, subject: Subject, view: View, thing: Thing, row: dict):
-    """Truth, compressed model and FLIP between them, beside each other. row: of `thing`."""
+def write_sheet(path: Path, subject: Subject, view: View, version: Version, row: dict):
+    """Truth, compressed model and FLIP between them, beside each other. row: of `version`."""
     truth = subject.truth(view)
-    picture = render(thing.gaussians, view.camera).pixels
+    picture = render(version.gaussians, view.camera).pixels
     psnr = "equal" if row["psnr_db"] is None else f"{row['psnr_db']:.2f} dB"
     titles = {
         "photograph" if subject.photographed else "original": truth,
-        f"{thing.name}: {row['ratio']:.1f}×, {psnr} over all views": picture,
+        f"{version.name}: {row['ratio']:.1f}×, {psnr} over all views": picture,
         "FLIP, dark is equal": flip_map(picture, truth),
     }
     height, width = truth.shape[:2]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((18, 6 * height / width + 0.5), DOTS_PER_INCH, layout="constrained")
-        FigureCanvasAgg(figure)
+    with figure_at(path, 18, 6 * height / width + 0.5) as figure:
         for axes, (title, image) in zip(figure.subplots(1, 3), titles.items(), strict=True):
             axes.imshow(image, cmap="magma", vmin=0, vmax=1)
             axes.set_title(title, fontsize=12)
             axes.set_axis_off()
         figure.suptitle(f"{subject.name}, view {view.name}", fontsize=12)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", facecolor="white")
-    write(path, buffer.getvalue())

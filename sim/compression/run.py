@@ -1,38 +1,34 @@
-"""Where `splatcore bench compression` calls training and compression, which need PyTorch."""
+"""Training and compression for commands: progress bars, and PyTorch imported when it is needed."""
 
 import hashlib
-from collections.abc import Callable, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 
 from splatcore.model.compress.checkpoint import Checkpoints, Step
 from splatcore.model.compress.recipe import Recipe
+from splatcore.model.formats.colmap_points import read_points
+from splatcore.model.formats.photographs import held_out, read_photographs
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Gaussians, Scene
-
-Tell = Callable[[str, int, int, float | None], None]
-"""Called with what is done, how much of it, of how much, and the loss."""
-
-
-class Enough(Exception):
-    """Ends a compression after the step that is wanted; what it has saved stays."""
+from splatcore.spec.scene import Scene
 
 
 def check_installed():
-    """InputError without PyTorch: told before the work, not after it."""
+    """InputError without PyTorch: raised before the work, not after it."""
     if find_spec("torch") is None:
         raise InputError("needs PyTorch; install it by pip install 'splatcore[compress]'")
 
 
 @contextmanager
 def progress(label: str):
-    """A bar that yields `Tell`."""
+    """A progress bar; yields the callback that training and compression take."""
     with progress_bar(label) as advance:
 
         def tell(what: str, done: int, total: int, loss: float | None = None):
@@ -42,24 +38,8 @@ def progress(label: str):
         yield tell
 
 
-def recipe_of(
-    steps: int | None, seed: int, rate: float = Recipe.rate, order: str = Recipe.order
-) -> Recipe:
-    """The default recipe with another number of steps; those of its other parts in proportion."""
-    recipe = Recipe(seed=seed, rate=rate, order=order)
-    if steps is None:
-        return recipe
-    other = {
-        name: round(getattr(recipe, name) * steps / recipe.steps)
-        for name in ("distill_steps", "quantize_steps")
-    }
-    return replace(recipe, steps=steps, **other)
-
-
 def photographs(path: str, scale: float, every: int) -> tuple[tuple, tuple]:
     """Photographs to learn from and held-out ones; says what is odd about them."""
-    from splatcore.model.formats.photographs import held_out, read_photographs
-
     found = read_photographs(path, scale)
     for note in found.notes:
         messages.print(f"{path}: {note}", markup=False, soft_wrap=True)
@@ -69,7 +49,6 @@ def photographs(path: str, scale: float, every: int) -> tuple[tuple, tuple]:
 def trained(path: str, targets: tuple, steps: int, seed: int, folder: Path, label: str) -> Scene:
     """The baseline of a folder of photographs."""
     from splatcore.model.compress.train import train
-    from splatcore.model.formats.colmap_points import read_points
 
     with progress(f"{label}: training") as tell:
         return train(targets, read_points(path), steps, seed, folder, tell)
@@ -90,21 +69,6 @@ def teacher(
         return teacher_targets(scene, count, size, seed, tell, cameras)
 
 
-def compressed(
-    scene: Scene,
-    targets: tuple,
-    recipe: Recipe,
-    checkpoints: Checkpoints,
-    config: Config,
-    label: str,
-) -> PackedModel:
-    """The scene's packed model; what is kept is not done again."""
-    from splatcore.model.compress.compress import compress
-
-    with progress(label) as tell:
-        return checkpoints.model(compress(scene, targets, recipe, checkpoints, config, tell))
-
-
 def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int], label: str) -> tuple:
     """The scene's own pictures from cameras, as wide as `size`."""
     from splatcore.model.compress.prune import sound
@@ -118,11 +82,15 @@ def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int], labe
         return tuple(pictures(sound(scene), cameras, tell))
 
 
-def own_views(gaussians: Gaussians, count: int, size: tuple[int, int], seed: int) -> list:
-    """Views of a scene that has no cameras."""
-    from splatcore.model.cameras.surround import surrounding_views
+def compressed(
+    scene: Scene, targets: tuple, recipe, checkpoints, config, label: str
+) -> PackedModel:
+    """The scene's packed model; steps that are kept are not done again."""
+    from splatcore.model.compress.compress import compress
 
-    return surrounding_views(gaussians, count, *size, seed)
+    with progress(label) as tell:
+        *_, last = compress(scene, targets, recipe, checkpoints, config, tell)
+    return checkpoints.load(last)
 
 
 class Run:
@@ -139,45 +107,40 @@ class Run:
         self.checkpoints = Checkpoints(folder / f"{subject.name}-{digest}", self.key)
 
     def finish(self) -> Step:
-        """The last step, "quantize"; what is there is not done again."""
-        last = self.checkpoints.last
-        if last and last.kind == "quantize":
-            return last
-        return self._compress(lambda: False)
+        """The last step, "quantize"."""
+        return self.until(lambda step: step.kind == "quantize")
 
     def prune(self) -> Step:
-        """The step after the last pruning; the rest of the recipe is not done."""
+        """The step of the last pruning; the rest of the recipe is not done."""
+        return self.until(lambda step: step.kind == "prune", len(self.recipe.schedule))
 
-        def pruned() -> bool:
-            return len(self._prunings()) == len(self.recipe.schedule)
+    def until(self, wanted: Callable[[Step], bool], count: int = 1) -> Step:
+        """The `count`-th step that is wanted; the run ends with it, and no step is done twice."""
 
-        if not pruned():
-            with suppress(Enough):
-                self._compress(pruned)
-        return self._prunings()[-1]
+        def pick(steps: Iterable[Step]) -> Step | None:
+            return next(islice(filter(wanted, steps), count - 1, None), None)
 
-    def before(self, step: Step) -> Step:
-        """The step before this one."""
-        steps = self.checkpoints.steps
-        return steps[steps.index(step) - 1]
+        step = pick(self.checkpoints.steps)
+        if step is None:
+            from splatcore.model.compress.compress import compress
 
-    def slim(self):
-        """Remove what all steps but the last one left; a finished run needs it no more."""
-        for step in self.checkpoints.steps[:-1]:
-            (self.checkpoints.folder / step.file).unlink(missing_ok=True)
-
-    def _prunings(self) -> list[Step]:
-        return [step for step in self.checkpoints.steps if step.kind == "prune"]
-
-    def _distilled(self) -> "Run":
-        """Distillation alone, of which all recipes of one order make use."""
-        recipe = replace(self.recipe, schedule=(), target_ratio=None, steps=0)
-        return Run(self.folder, self.subject, recipe, self.config)
+            self._begin()
+            subject = self.subject
+            with progress(subject.name) as tell:
+                step = pick(
+                    compress(
+                        subject.scene, subject.targets, self.recipe, self.checkpoints, self.config,
+                        tell, subject.ply_bytes,
+                    )
+                )  # fmt: skip
+        return step
 
     def _begin(self):
-        """Take over what distillation before all pruning left, where there is nothing yet."""
-        shared = self._distilled()
+        """Begin with distillation before all pruning, which all recipes of that order share: it is
+        a run of its own."""
         goal = self.config.sh_degree
+        recipe = replace(self.recipe, schedule=(), target_ratio=None, steps=0)
+        shared = Run(self.folder, self.subject, recipe, self.config)
         if (
             self.recipe.order != "distill-first"
             or self.subject.scene.sh_degree <= goal
@@ -185,30 +148,12 @@ class Run:
             or shared.key == self.key
         ):
             return
-
-        def distilled() -> bool:
-            last = shared.checkpoints.last
-            return last is not None and last.sh_degree <= goal
-
-        if not distilled():
-            with suppress(Enough):
-                shared._compress(distilled)
+        shared.until(lambda step: step.sh_degree <= goal)
         for step in shared.checkpoints.steps:
-            self.checkpoints.save(step, shared.checkpoints.scene(step))
+            scene = shared.checkpoints.load(step)
+            self.checkpoints.save(step.name, step.kind, scene, step.seconds, step.loss)
 
-    def _compress(self, enough: Callable[[], bool]) -> Step:
-        from splatcore.model.compress.compress import compress
-
-        self._begin()
-        subject = self.subject
-        with progress(subject.name) as tell:
-
-            def listen(what: str, done: int, total: int, loss: float | None = None):
-                if enough():
-                    raise Enough
-                tell(what, done, total, loss)
-
-            return compress(
-                subject.scene, subject.targets, self.recipe, self.checkpoints, self.config,
-                listen, original=subject.ply_bytes,
-            )  # fmt: skip
+    def slim(self):
+        """Remove what all steps but the last one left; a finished run needs it no more."""
+        for step in self.checkpoints.steps[:-1]:
+            (self.checkpoints.folder / step.file).unlink(missing_ok=True)

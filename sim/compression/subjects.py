@@ -1,4 +1,4 @@
-"""What `splatcore bench compression` compresses, what it learns from, and what it is judged by.
+"""Subjects of the benchmark of compression: scenes, views to learn from, views to be judged by.
 
 A folder of photographs: a baseline is trained on them and judged by those held out. A scene file:
 it is its own teacher, on the path of the cameras beside it or all round, and judged by its pictures
@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.golden.reference import render
-from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, Step, ply_bytes
+from splatcore.model.cameras.surround import surrounding_views
+from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.packed import is_packed
@@ -30,7 +31,7 @@ from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
 
 SCENES = ("banana", "flowers.spz", "playbot.spz", "skull.sog", "leica-sofort-top8192.ply")
-"""Of the folder SPLATCORE_SCENES: what is compressed if nothing is named."""
+"""Files of the folder SPLATCORE_SCENES that are compressed if none is named."""
 
 HELD_OUT = 7
 """Every so many-th photograph is held out."""
@@ -41,7 +42,7 @@ OWN_VIEWS, OWN_SEED = 4, 1_000_003
 
 @dataclass(frozen=True)
 class Protocol:
-    """How the subjects are treated; all of it decides on the results."""
+    """Options of all subjects; all of them decide on the results."""
 
     config: Config
     steps: int | None = None  # of fine-tuning after each pruning; None: the recipe's
@@ -55,9 +56,16 @@ class Protocol:
     order: str = Recipe.order  # of pruning and distillation
 
     @property
-    def options(self) -> tuple:
-        """What `recipe_of` takes."""
-        return self.steps, self.seed, self.rate, self.order
+    def recipe(self) -> Recipe:
+        """The default recipe with this number of steps; those of its other parts in proportion."""
+        recipe = Recipe(seed=self.seed, rate=self.rate, order=self.order)
+        if self.steps is None:
+            return recipe
+        other = {
+            name: round(getattr(recipe, name) * self.steps / recipe.steps)
+            for name in ("distill_steps", "quantize_steps")
+        }
+        return replace(recipe, steps=self.steps, **other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +131,9 @@ class Subject:
                 self.path, self.photographs[0], protocol.train_steps, protocol.seed,
                 place / "train", self.name,
             )  # fmt: skip
-            size = ply_bytes(len(scene), scene.sh_degree)
-            seconds = time.perf_counter() - begin
-            step = Step("original", "original", len(scene), scene.sh_degree, size, seconds, None)
-            kept.save(step, replace(scene, name=self.name))
-        return kept.scene(kept.last)
+            scene = replace(scene, name=self.name)
+            kept.save("original", "original", scene, time.perf_counter() - begin)
+        return kept.load(kept.last)
 
     @property
     def ply_bytes(self) -> int:
@@ -136,18 +142,14 @@ class Subject:
 
     @cached_property
     def targets(self) -> tuple:
-        """What compression learns from."""
+        """Pictures that compression learns from."""
         if self.photographed:
             return self.photographs[0]
         protocol = self.protocol
         return compression_run.teacher(
-            self.scene,
-            protocol.views,
-            protocol.view_size,
-            protocol.seed,
-            self.name,
+            self.scene, protocol.views, protocol.view_size, protocol.seed, self.name,
             self.path_cameras,
-        )
+        )  # fmt: skip
 
     @cached_property
     def path_cameras(self) -> list[Camera]:
@@ -157,7 +159,7 @@ class Subject:
 
     @cached_property
     def views(self) -> tuple[View, ...]:
-        """What compression is judged by."""
+        """Held-out views, by which compression is judged."""
         if self.photographed:
             return tuple(View(t.name, t.camera, t.image) for t in self.photographs[1])
         source = open_source(self.path)
@@ -167,14 +169,12 @@ class Subject:
             cameras = [source.camera]
         else:
             seed = self.protocol.seed + OWN_SEED
-            cameras = compression_run.own_views(
-                source.gaussians, OWN_VIEWS, self.protocol.size, seed
-            )
+            cameras = surrounding_views(source.gaussians, OWN_VIEWS, *self.protocol.size, seed)
         sized = [camera.resized(*self.protocol.size) for camera in cameras]
         return tuple(View(camera.name or str(k), camera) for k, camera in enumerate(sized))
 
     def truth(self, view: View) -> np.ndarray:
-        """What a view should look like: the photograph, or the original's picture [H, W, 3]."""
+        """The picture [H, W, 3] that a view should show: the photograph, or the original's."""
         if view.photograph is not None:
             return view.photograph
         if view.name not in self.pictures:
@@ -183,7 +183,7 @@ class Subject:
 
 
 def is_photographs(path: str) -> bool:
-    """Whether this is a folder or a transforms.json rather than a scene file."""
+    """True for a folder or a transforms.json, False for a scene file."""
     return os.path.isdir(path) or path.endswith(".json")
 
 

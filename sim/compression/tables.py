@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from splatcore.sim.common.output import write
+from splatcore.sim.compression.bench import PARTS
 
 MEGABYTE = 1e6
 
@@ -17,7 +17,7 @@ Column = tuple[str, Callable[[dict], str]]
 
 
 def number(name: str, form: str, scale: float = 1.0) -> Callable[[dict], str]:
-    """How a value is printed; "–" where there is none."""
+    """Prints a value of a row, divided by `scale`; "–" where there is none."""
 
     def cell(row: dict) -> str:
         value = row.get(name)
@@ -27,7 +27,7 @@ def number(name: str, form: str, scale: float = 1.0) -> Callable[[dict], str]:
 
 
 def valued(name: str, form: str) -> Callable[[dict], str]:
-    """A metric with its change against the original."""
+    """Prints a metric with its change against the original."""
 
     def cell(row: dict) -> str:
         value, change = row.get(name), row.get(f"{name}_change")
@@ -54,18 +54,10 @@ WORK: tuple[Column, ...] = (
 )  # fmt: skip
 
 
-def print_tables(console: Console, facts: dict):
-    """All tables of a result."""
-    for name, scene in facts["scenes"].items():
-        for table in tables(name, scene):
-            console.print(table)
-
-
 def tables(name: str, scene: dict) -> Iterator[Table]:
     """A scene's tables, as far as its parts are there."""
     judged = f"{name}, against the {scene['against']} in {scene['views']} held-out views"
-    if "steps" in scene:
-        rows = [row | row["work"] for row in scene["steps"]["rows"]]
+    if rows := rows_of(scene, "steps"):
         step = ("step", lambda row: row["step"])
         columns = (step, *SIZES, *metrics(rows))
         yield table(f"{judged} (change against the original)", columns, rows)
@@ -74,21 +66,20 @@ def tables(name: str, scene: dict) -> Iterator[Table]:
         found = scene["schedule"]
         title = f"{judged}: pruning, all with {found['steps_in_all']} fine-tuning steps in all"
         first = {"gaussians": scene["gaussians"], "bytes": scene["ply_bytes"], "ratio": 1.0}
-        rows = [first | found["original"], *found["rows"]]
+        rows = [first | found["original"], *rows_of(scene, "schedule")]
         columns = (
             ("schedule", schedule_text), ("before the last", number("gaussians_before", ",.0f")),
             *SIZES, *metrics(rows),
         )  # fmt: skip
         yield table(title, columns, rows)
-    if "curve" in scene:
-        rows = scene["curve"]["points"]
+    if rows := rows_of(scene, "curve"):
         columns = (
             ("target", number("target_ratio", "g")), *SIZES, *metrics(rows),
             ("note", lambda row: row["note"]),
         )  # fmt: skip
         yield table(f"{judged}: ratio against loss", columns, rows)
-    if "budget" in scene:
-        yield table(f"{judged}: error budget", BUDGET, budget_rows(scene))
+    if rows := rows_of(scene, "budget"):
+        yield table(f"{judged}: error budget", BUDGET, rows)
 
 
 def metrics(rows: list[dict]) -> tuple[Column, ...]:
@@ -113,11 +104,6 @@ BUDGET: tuple[Column, ...] = (
 )  # fmt: skip
 
 
-def budget_rows(scene: dict) -> list[dict]:
-    """A row for each error."""
-    return [{"error": name} | scene["budget"][name] for name in ERRORS]
-
-
 def table(title: str, columns: tuple[Column, ...], rows: list[dict]) -> Table:
     """A table; the first column is text."""
     found = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
@@ -129,29 +115,30 @@ def table(title: str, columns: tuple[Column, ...], rows: list[dict]) -> Table:
     return found
 
 
+def rows_of(scene: dict, part: str) -> list[dict]:
+    """The rows of a scene's part; none if it was not measured."""
+    found = scene.get(part)
+    if not found:
+        return []
+    if part == "steps":
+        return [row | row["work"] for row in found["rows"]]
+    if part == "budget":
+        return [{"error": name} | found[name] for name in ERRORS]
+    return found["rows" if part == "schedule" else "points"]
+
+
 def write_csv(folder: Path, facts: dict):
     """A file for each part that there is, with all scenes and all numbers of a row."""
-    rows: dict[str, list[dict]] = {"steps": [], "schedule": [], "curve": [], "budget": []}
-    for name, scene in facts["scenes"].items():
-        for row in scene.get("steps", {}).get("rows", ()):
-            flat = {key: value for key, value in row.items() if key != "work"}
-            rows["steps"].append({"scene": name} | flat | row["work"])
-        for row in scene.get("schedule", {}).get("rows", ()):
-            rows["schedule"].append({"scene": name} | row | {"schedule": schedule_text(row)})
-        for row in scene.get("curve", {}).get("points", ()):
-            rows["curve"].append({"scene": name} | row)
-        if "budget" in scene:
-            rows["budget"] += [{"scene": name} | row for row in budget_rows(scene)]
-    for part, found in rows.items():
-        if found:
-            write(folder / f"{part}.csv", comma_separated(found).encode())
-
-
-def comma_separated(rows: list[dict]) -> str:
-    """All columns that any row has."""
-    text = io.StringIO()
-    names = dict.fromkeys(name for row in rows for name in row)
-    writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    for part in PARTS:
+        rows = []
+        for name, scene in facts["scenes"].items():
+            for row in rows_of(scene, part):
+                text = {"schedule": schedule_text(row)} if part == "schedule" else {}
+                rows.append({"scene": name} | row | text)
+        if rows:
+            text, names = io.StringIO(), dict.fromkeys(name for row in rows for name in row)
+            names.pop("work", None)
+            writer = csv.DictWriter(text, names, "", extrasaction="ignore", lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+            write(folder / f"{part}.csv", text.getvalue().encode())

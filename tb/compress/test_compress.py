@@ -1,6 +1,7 @@
 """Compression, from a scene to a packed model: each step, and all of them on a generated scene."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -11,34 +12,24 @@ import torch
 
 from splatcore.golden.pipeline import render as golden_render
 from splatcore.golden.reference import render as reference
-from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
+from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, ply_bytes
 from splatcore.model.compress.compress import Compression, compress, decibels
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance, view_weights
-from splatcore.model.compress.teacher import teacher_targets
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.gradients import finetune as finetune_module
 from splatcore.model.gradients.finetune import difference, finetune, optimise, views_in_turn
 from splatcore.model.gradients.trainable import optimizers, rendered, scene_of, tensors_of
+from splatcore.sim.common.metric import psnr
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
 from splatcore.spec.scene import Scene
-from tb.helpers.compression_scene import RECIPE, SIZE, garden_with_harmonics, nothing
+from tb.helpers.compression_scene import RECIPE, SIZE, nothing
 
 pytestmark = pytest.mark.compress
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return garden_with_harmonics()
-
-
-@pytest.fixture(scope="module")
-def targets(scene):
-    return teacher_targets(scene, 6, SIZE, 0, nothing)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +37,7 @@ def finished(scene, targets, tmp_path_factory):
     """The folder of a whole compression."""
     folder = tmp_path_factory.mktemp("whole") / "steps"
     checkpoints = Checkpoints(folder, "key")
-    compress(scene, targets, RECIPE, checkpoints)
+    assert tuple(compress(scene, targets, RECIPE, checkpoints)) == checkpoints.steps
     return checkpoints
 
 
@@ -59,81 +50,66 @@ def test_steps(scene, finished):
     assert steps[0].bytes == ply_bytes(len(scene), 3)
     assert abs(steps[3].gaussians - 0.7 * len(scene)) < 0.02 * len(scene)
     assert [step.sh_degree for step in steps[:5]] == [3, 2, 1, 1, 1]
-    assert steps[-1].bytes == len(finished.model(steps[-1]).image) < steps[0].bytes / 8
+    assert steps[-1].bytes == len(finished.load(steps[-1]).image) < steps[0].bytes / 8
     assert all(np.isfinite(step.loss) for step in steps[1:])
 
 
-def test_as_the_paper_has_it(scene, targets, tmp_path):
+def test_as_the_paper_has_it(scene, targets, checkpoints):
     """Pruning first, harmonics afterwards."""
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
-    compress(scene, targets, replace(RECIPE, order="prune-first"), checkpoints)
-    names = [step.name for step in checkpoints.steps]
-    assert names[:5] == ["original", "prune 0.3", "prune 0.2", "distill 2", "distill 1"]
-    assert [step.sh_degree for step in checkpoints.steps[:5]] == [3, 3, 3, 2, 1]
+    recipe = replace(RECIPE, order="prune-first")
+    steps = list(islice(compress(scene, targets, recipe, checkpoints), 5))
+    names = [step.name for step in steps]
+    assert names == ["original", "prune 0.3", "prune 0.2", "distill 2", "distill 1"]
+    assert [step.sh_degree for step in steps] == [3, 3, 3, 2, 1]
 
 
 def test_the_machine_renders_it(finished):
     """The packed model is any packed model: the golden machine draws what the reference draws."""
-    model = finished.model(finished.last)
+    model = finished.load(finished.last)
     camera = generated_camera("garden").resized(*SIZE)
     exact = reference(model.gaussians(), camera).pixels.astype(float)
     for config in (DEFAULT, TINY):
         drawn = golden_render(config, model, camera).pixels.astype(float)
-        assert -10 * np.log10(((drawn - exact) ** 2).mean() / 255**2) > 45
+        assert psnr(drawn / 255, exact / 255) > 45
         assert drawn.max() > 100
 
 
 def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path, monkeypatch):
     """Stopped after every step, it ends with the same model as without a stop."""
-
-    class Stop(Exception):
-        pass
-
-    for _ in range(20):
+    for count, wanted in enumerate(finished.steps, 1):
         checkpoints = Checkpoints(tmp_path / "steps", "key")
-        begun = len(checkpoints.steps)
-
-        def tell(*_, checkpoints=checkpoints, begun=begun):
-            if len(checkpoints.steps) > begun:
-                raise Stop
-
-        try:
-            compress(scene, targets, RECIPE, checkpoints, tell=tell)
-            break
-        except Stop:
-            continue
-    assert [step.name for step in checkpoints.steps] == [step.name for step in finished.steps]
-    first, second = (each.model(each.last).image for each in (finished, checkpoints))
+        *_, step = islice(compress(scene, targets, RECIPE, checkpoints), count)
+        assert step.name == wanted.name and len(checkpoints.steps) == count
+    first, second = (each.load(each.last).image for each in (finished, checkpoints))
     assert np.array_equal(first, second)
-    before = checkpoints.last
     monkeypatch.delattr(Compression, "worth_harmonics")  # decided already
-    assert compress(scene, targets, RECIPE, checkpoints, tell=nothing) == before
+    assert tuple(compress(scene, targets, RECIPE, checkpoints)) == checkpoints.steps
 
 
-def test_another_seed_is_another_model(scene, targets, finished, tmp_path):
-    other = Checkpoints(tmp_path / "steps", "key")
-    compress(scene, targets, replace(RECIPE, seed=1), other)
-    assert not np.array_equal(other.model(other.last).image, finished.model(finished.last).image)
+def test_another_seed_is_another_model(scene, targets, finished, checkpoints):
+    *_, last = compress(scene, targets, replace(RECIPE, seed=1), checkpoints)
+    images = checkpoints.load(last).image, finished.load(finished.last).image
+    assert not np.array_equal(*images)
 
 
 @pytest.mark.parametrize("worth", [False, True])
-def test_harmonics_that_are_not_worth_it(scene, targets, tmp_path, monkeypatch, worth):
+def test_harmonics_that_are_not_worth_it(scene, targets, checkpoints, monkeypatch, worth):
     """They go before quantisation, and a second call comes to the same steps."""
     monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: worth)
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
-    last = compress(scene, targets, RECIPE, checkpoints)
-    assert last.sh_degree == worth and checkpoints.has("distill 0") != worth
+    recipe = replace(RECIPE, schedule=())
+    steps = list(compress(scene, targets, recipe, checkpoints))
+    assert steps[-1].sh_degree == worth and bool(checkpoints.find("distill 0")) != worth
     monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: not worth)
-    assert compress(scene, targets, RECIPE, Checkpoints(tmp_path / "steps", "key")) == last
+    again = Checkpoints(checkpoints.folder, "key")
+    assert list(compress(scene, targets, recipe, again)) == steps
 
 
-def test_target_ratio(scene, targets, tmp_path):
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
-    recipe = replace(RECIPE, target_ratio=15.0)
-    step = compress(scene, targets, recipe, checkpoints)
+def test_target_ratio(scene, targets, checkpoints, tmp_path):
+    *_, step = compress(scene, targets, replace(RECIPE, target_ratio=15.0), checkpoints)
     assert 15 <= ply_bytes(len(scene), 3) / step.bytes < 20
+    far, empty = replace(RECIPE, target_ratio=1e6), Checkpoints(tmp_path / "b", "")
     with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves"):
-        compress(scene, targets, replace(recipe, target_ratio=1e6), Checkpoints(tmp_path / "b", ""))
+        list(compress(scene, targets, far, empty))
 
 
 def test_room_for_the_larger_codebooks(scene, targets):
@@ -145,15 +121,13 @@ def test_room_for_the_larger_codebooks(scene, targets):
     assert flat.largest_format(scene).sh_degree == 0
 
 
-def test_a_ratio_that_packing_alone_gives(scene, targets, tmp_path):
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
-    compress(scene, targets, replace(RECIPE, target_ratio=1.5), checkpoints)
-    assert not any(step.kind == "prune" for step in checkpoints.steps)
+def test_a_ratio_that_packing_alone_gives(scene, targets, checkpoints):
+    steps = compress(scene, targets, replace(RECIPE, target_ratio=1.5), checkpoints)
+    assert not any(step.kind == "prune" for step in steps) and checkpoints.find("quantize")
 
 
-def test_nan_in_the_loss(scene, targets, tmp_path, monkeypatch):
+def test_nan_in_the_loss(scene, targets, checkpoints, monkeypatch):
     """Stops, says at which step, and what was done before stays."""
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
     calls = []
     right = finetune_module.difference
 
@@ -163,27 +137,28 @@ def test_nan_in_the_loss(scene, targets, tmp_path, monkeypatch):
 
     monkeypatch.setattr(finetune_module, "difference", wrong)
     with pytest.raises(InputError, match=r"prune 0.2: the loss is nan at step 3 of 6.*steps"):
-        compress(scene, targets, RECIPE, checkpoints)
+        list(compress(scene, targets, RECIPE, checkpoints))
     assert [step.name for step in checkpoints.steps][-2:] == ["distill 1", "prune 0.3"]
-    assert np.isfinite(checkpoints.scene(checkpoints.last).position).all()
+    assert np.isfinite(checkpoints.load(checkpoints.last).position).all()
     monkeypatch.undo()
-    assert compress(scene, targets, RECIPE, checkpoints).kind == "quantize"
+    *_, last = compress(scene, targets, RECIPE, checkpoints)
+    assert last.kind == "quantize"
 
 
 def test_nothing_to_see(scene, targets, tmp_path):
     clear = replace(scene, opacity=np.full(len(scene), 1e-3), name="clear.ply")
-    with pytest.raises(InputError, match=r"clear.ply: no Gaussian can be seen"):
-        compress(clear, targets, RECIPE, Checkpoints(tmp_path / "a", ""))
     away = replace(scene, position=scene.position + 1e4, name="away.ply")
-    with pytest.raises(InputError, match=r"away.ply: none of the views shows a Gaussian"):
-        compress(away, targets, RECIPE, Checkpoints(tmp_path / "b", ""))
-    with pytest.raises(InputError, match="there is no picture to learn from"):
-        compress(scene, (), RECIPE, Checkpoints(tmp_path / "c", ""))
+    for name, learned, message in (
+        (clear, targets, "clear.ply: no Gaussian can be seen"),
+        (away, targets, "away.ply: none of the views shows a Gaussian"),
+        (scene, (), "there is no picture to learn from"),
+    ):
+        with pytest.raises(InputError, match=message):
+            list(compress(name, learned, RECIPE, Checkpoints(tmp_path / message, "")))
 
 
-def test_significance(scene, targets):
+def test_significance(scene, cameras):
     """Of a Gaussian hidden by another, and of one outside, nothing is left; views add up."""
-    cameras = [target.camera for target in targets]
     found = significance(scene, cameras)
     assert found.shape == (len(scene),) and (found >= 0).all() and found.any()
     parts = [significance(scene, [camera]) for camera in cameras]
@@ -201,8 +176,8 @@ def test_significance(scene, targets):
     assert np.allclose(sum(view_weights(scene, cameras)) * term, found)
 
 
-def test_merging_loses_less_than_dropping(scene, targets):
-    weight = significance(scene, [target.camera for target in targets])
+def test_merging_loses_less_than_dropping(scene, targets, cameras):
+    weight = significance(scene, cameras)
     order = np.argsort(weight, kind="stable")
     dropped = scene[np.sort(order[round(0.8 * len(scene)) :])]
     assert decibels(prune(scene, weight, 0.8), targets) > decibels(dropped, targets) + 0.3
@@ -251,7 +226,7 @@ def test_rendered_parameters(scene):
     """Tensors of a scene and back: the same scene to float32."""
     kept = sound(scene)
     back = scene_of(tensors_of(kept))
-    for name in ("position", "scale", "quaternion", "opacity", "sh"):
+    for name in ARRAYS:
         assert np.allclose(getattr(back, name), getattr(kept, name), rtol=2e-5, atol=1e-7), name
     factor = rendered(tensors_of(kept))[1].detach().numpy()
     assert np.allclose(factor, kept.gaussians().factor, atol=1e-5)

@@ -33,20 +33,22 @@ REACHED = {
 """The clamp or threshold that a scene is about."""
 
 
-def gradients(arrays, camera, kind=torch.float64, convention=SPLATCORE):
+def gradients(arrays, camera, kind=torch.float64, convention=SPLATCORE, renderer=render):
     """The picture, and the gradients of its loss by name."""
     leaves = tensors(arrays, kind, gradient=True)
-    found = render(**leaves, camera=camera, convention=convention)
+    found = renderer(**leaves, camera=camera, convention=convention)
     loss(found).backward()
     return found, {name: leaf.grad.numpy() for name, leaf in leaves.items()}
 
 
-def dense_gradients(arrays, camera, convention=SPLATCORE):
-    """The same by the dense renderer."""
-    leaves = tensors(arrays, gradient=True)
-    found = dense_render(**leaves, camera=camera, convention=convention)
-    loss(found).backward()
-    return found, {name: leaf.grad.numpy() for name, leaf in leaves.items()}
+def check_against_dense(arrays, camera, convention=SPLATCORE):
+    """Picture and gradients are the dense renderer's; returns both renderers' results."""
+    dense, wanted = gradients(arrays, camera, convention=convention, renderer=dense_render)
+    found, gradient = gradients(arrays, camera, convention=convention)
+    assert float((found.image - dense.image).detach().abs().max()) < EXACT, convention
+    for key in PARAMETERS:
+        assert worst(gradient[key], wanted[key]) < EXACT, (convention, key)
+    return found, dense, wanted
 
 
 def worst(found: np.ndarray, wanted: np.ndarray) -> float:
@@ -62,16 +64,12 @@ def test_equals_the_dense_renderer(name):
     arrays, camera, dense = scene(name)
     if name in REACHED:
         assert dense.clamped[REACHED[name]] > 0
-    wanted_image, wanted = dense_gradients(arrays, camera)
-    found, gradient = gradients(arrays, camera)
-    assert float((found.image - wanted_image.image).detach().abs().max()) < EXACT
+    found, dense, wanted = check_against_dense(arrays, camera)
     assert float((found.transmittance - dense.transmittance).detach().abs().max()) < EXACT
-    for key in PARAMETERS:
-        assert worst(gradient[key], wanted[key]) < EXACT, key
     assert (np.abs(wanted["sh"]).max((1, 2)) > 0).sum() >= len(wanted["sh"]) // 2
     found, gradient = gradients(arrays, camera, torch.float32)
     assert found.image.dtype == torch.float32
-    assert float((found.image - wanted_image.image).detach().abs().max()) < SINGLE
+    assert float((found.image - dense.image).detach().abs().max()) < SINGLE
     for key in PARAMETERS:
         assert np.abs(gradient[key] - wanted[key]).max() < SINGLE * np.abs(wanted[key]).max(), key
 
@@ -101,20 +99,15 @@ def test_finite_differences(name):
 def test_other_conventions():
     """Every number of a convention is used."""
     arrays, camera, _ = scene("ordinary")
+    plain, _ = gradients(arrays, camera)
     for change in (
         {"background": BACKGROUND}, {"alpha_max": 0.5}, {"alpha_min": 0.02},
         {"transmittance_min": 0.3}, {"covariance_blur": 0.1}, {"frustum_margin": 0.5},
         {"near_plane": 3.0}, {"pixel_centre": 0.5}, {"principal_point_shift": 0.0},
         {"colour_offset": 0.1},
     ):  # fmt: skip
-        convention = replace(SPLATCORE, **change)
-        dense, wanted = dense_gradients(arrays, camera, convention)
-        found, gradient = gradients(arrays, camera, convention=convention)
-        plain, _ = gradients(arrays, camera)
+        found, *_ = check_against_dense(arrays, camera, replace(SPLATCORE, **change))
         assert not torch.allclose(plain.image, found.image), change
-        assert float((found.image - dense.image).detach().abs().max()) < EXACT, change
-        for key in PARAMETERS:
-            assert worst(gradient[key], wanted[key]) < EXACT, (change, key)
 
 
 def invisible(kind: str, arrays: dict, camera) -> None:

@@ -1,4 +1,4 @@
-"""How gsplat is called where there is a CUDA device.
+"""The call of gsplat on a CUDA device.
 
 Its rasterizer needs one, so a stand-in takes its place: it has gsplat's signature and reads all it
 is given, and draws with the CPU's kernels. What the real one draws is not tested here.

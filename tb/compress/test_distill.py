@@ -16,25 +16,13 @@ from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.packed import SH_C0
-from splatcore.spec.scene import Scene
-from tb.helpers.compression_scene import SIZE, garden_with_harmonics, nothing
+from tb.helpers.compression_scene import SIZE, nothing
 
 pytestmark = pytest.mark.compress
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return garden_with_harmonics()
-
-
-@pytest.fixture(scope="module")
-def targets(scene):
-    return teacher_targets(scene, 6, SIZE, 0, nothing)
-
-
-def test_distilling(scene, targets):
+def test_distilling(scene, cameras):
     """Fewer harmonics that were taught are better than fewer that were cut."""
-    cameras = [target.camera for target in targets]
     strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
     wanted = list(pictures(strong, cameras, nothing))
     student, loss = distill(strong, 1, cameras, 1.0, 0.3, 40, 0, nothing, "test")
@@ -46,9 +34,8 @@ def test_distilling(scene, targets):
     assert list(degrees(scene, 1)) == [2, 1] and list(degrees(scene.with_sh_degree(0), 0)) == []
 
 
-def test_least_squares_of_harmonics(scene, targets):
-    """What has no higher degree stays as it is, and so does what no camera sees."""
-    cameras = [target.camera for target in targets]
+def test_least_squares_of_harmonics(scene, cameras):
+    """Gaussians without a higher degree stay as they are, and so do those that no camera sees."""
     bright = scene.sh.copy()
     bright[:, 0] += 3.0  # so that nothing is clamped
     bright[:, 4:] = 0
@@ -58,26 +45,24 @@ def test_least_squares_of_harmonics(scene, targets):
     assert np.allclose(projected(away, 1, cameras).sh, scene.sh[:, :4])
 
 
-def test_it_begins_with_least_squares(scene, targets):
-    cameras = [target.camera for target in targets]
+def test_it_begins_with_least_squares(scene, cameras):
     student, loss = distill(scene, 1, cameras, 1.0, 1.0, 0, 0, nothing, "test")
     assert loss is None and np.allclose(scene_of(student).sh, projected(scene, 1, cameras).sh)
 
 
-def test_colours_below_black_are_black(scene, targets):
-    """What is wanted is what is seen: no colour is below zero."""
+def test_colours_below_black_are_black(scene, cameras):
+    """Visible colours are wanted: none is below zero."""
     dark = scene.sh.copy()
     dark[:, 0] = -9.0
     dark[:, 1:] = 0
-    cameras = [target.camera for target in targets]
     found = projected(replace(scene, sh=dark), 0, cameras).sh[:, 0]
     black = (-COLOUR_OFFSET / SH_C0 + distill_module.PULL * -9.0) / (1 + distill_module.PULL)
     seen = np.abs(found[:, 0] + 9) > 1e-6
     assert seen.mean() > 0.3 and np.allclose(found[seen], black, atol=0.2)
 
 
-def test_half_of_the_steps_are_beside_the_views(scene, targets, monkeypatch):
-    cameras, beside = [target.camera for target in targets], []
+def test_half_of_the_steps_are_beside_the_views(scene, cameras, monkeypatch):
+    beside = []
     right = distill_module.perturbed
 
     def noted(camera, *arguments):
@@ -99,7 +84,6 @@ def test_whether_harmonics_are_worth_it(scene):
         sh = scene.sh[:, :4].copy()
         sh[:, 1:] = strength * np.random.default_rng(0).choice([-1, 1], (3, 3))
         own = replace(scene, sh=sh)
-        work = Compression(
-            teacher_targets(own, 6, SIZE, 0, nothing), Recipe(), None, DEFAULT, nothing
-        )
+        targets = teacher_targets(own, 6, SIZE, 0, nothing)
+        work = Compression(targets, Recipe(), None, DEFAULT, nothing)
         assert work.worth_harmonics(own) == worth

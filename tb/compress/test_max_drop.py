@@ -11,43 +11,32 @@ from splatcore.model.compress import compress as compress_module
 from splatcore.model.compress.checkpoint import Checkpoints
 from splatcore.model.compress.compress import Compression, compress, decibels
 from splatcore.model.compress.significance import significance
-from splatcore.model.compress.teacher import teacher_targets
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
-from tb.helpers.compression_scene import RECIPE, SIZE, garden_with_harmonics, nothing
+from tb.helpers.compression_scene import RECIPE, nothing
 
 pytestmark = pytest.mark.compress
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return garden_with_harmonics()
-
-
-@pytest.fixture(scope="module")
-def targets(scene):
-    return teacher_targets(scene, 8, SIZE, 0, nothing)
-
-
-def test_max_drop(scene, targets, tmp_path):
+def test_max_drop(scene, targets, checkpoints, tmp_path):
     """The loss on what is kept aside is kept, and something was pruned."""
     rng = np.random.default_rng(0)
-    noisy = [  # photographs are not what the scene draws
-        replace(each, image=np.clip(each.image + rng.normal(0, 12, each.image.shape), 0, 255)
-                .astype(np.uint8)) for each in targets
-    ]  # fmt: skip
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
+    noisy = []  # photographs are not what the scene draws
+    for each in targets:
+        image = np.clip(each.image + rng.normal(0, 12, each.image.shape), 0, 255)
+        noisy.append(replace(each, image=image.astype(np.uint8)))
     recipe = replace(RECIPE, max_drop=3.0, steps=20, quantize_steps=20)
-    step = compress(scene, noisy, recipe, checkpoints)
+    *_, step = compress(scene, noisy, recipe, checkpoints)
     aside = noisy[:: compress_module.ASIDE]
-    lost = decibels(scene, aside) - decibels(checkpoints.model(step).gaussians(), aside)
+    lost = decibels(scene, aside) - decibels(checkpoints.load(step).gaussians(), aside)
     assert lost <= 3.0
     assert any(each.kind == "prune" for each in checkpoints.steps)
+    strict, empty = replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", "")
     with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
-        compress(scene, targets, replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", ""))
+        list(compress(scene, targets, strict, empty))
 
 
-def test_what_is_kept_aside_is_not_learned_from(scene, targets, tmp_path, monkeypatch):
+def test_what_is_kept_aside_is_not_learned_from(scene, targets, checkpoints, monkeypatch):
     """Every seventh view, the first among them, is seen by no fine-tuning and no significance."""
     seen = set()
     right = compress_module.finetune
@@ -57,21 +46,20 @@ def test_what_is_kept_aside_is_not_learned_from(scene, targets, tmp_path, monkey
         return right(tensors, optimizers, targets, *rest)
 
     monkeypatch.setattr(compress_module, "finetune", noted)
-    checkpoints = Checkpoints(tmp_path / "steps", "key")
-    compress(scene, targets, replace(RECIPE, max_drop=30.0), checkpoints)
+    steps = list(compress(scene, targets, replace(RECIPE, max_drop=30.0), checkpoints))
     assert seen == {target.name for k, target in enumerate(targets) if k not in (0, 7)}
-    kinds = [step.kind for step in checkpoints.steps]
+    kinds = [step.kind for step in steps]
     assert kinds[:4] == ["original", "distill", "distill", "prune"]
 
 
-def test_significance_is_remembered(scene, targets, monkeypatch):
+def test_significance_is_remembered(scene, targets, cameras, monkeypatch):
     """Of the last scene only, and it is that of the training views."""
     work = Compression(targets, RECIPE, None, DEFAULT, nothing)
-    wanted = significance(scene, [target.camera for target in targets])
+    wanted = significance(scene, cameras)
     for _ in range(2):
         assert np.allclose(work.weights(scene, "x"), wanted)
     monkeypatch.setattr(compress_module, "WEIGHED_BY", 3)
     other = scene[:300]
-    some = significance(other, [target.camera for target in targets[::3]])
+    some = significance(other, cameras[::3])
     assert np.allclose(work.weights(other, "x"), some)
     assert len(work.weights(other, "x")) == 300

@@ -12,35 +12,22 @@ torch = pytest.importorskip("torch")
 from splatcore.model.compress.compress import Compression
 from splatcore.model.compress.quantize import quantised, round_fixed, round_float, stored_positions
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.teacher import teacher_targets
-from splatcore.model.generate.generate import generate
 from splatcore.model.gradients.finetune import finetune
 from splatcore.model.gradients.trainable import RATES, optimizers
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.memory import FACTOR, OPACITY
 from splatcore.spec.number import Float
-from splatcore.spec.scene import Scene
 from tb.helpers.compression_scene import nothing
 
 pytestmark = pytest.mark.compress
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return generate("garden", 700)
-
-
-@pytest.fixture(scope="module")
-def targets(scene):
-    return teacher_targets(scene, 6, (96, 64), 0, nothing)
-
-
 @pytest.mark.parametrize("degree", (0, 1))
 @pytest.mark.parametrize("config", (DEFAULT, TINY), ids=lambda config: config.name)
-def test_quantised_is_what_the_machine_reads(scene, degree, config):
-    """What the last steps render is what the packed model decodes to."""
-    work = quantised(scene.with_sh_degree(degree), np.ones(len(scene)), config, 0)
+def test_quantised_is_what_the_machine_reads(garden, degree, config):
+    """The last steps render what the packed model decodes to."""
+    work = quantised(garden.with_sh_degree(degree), np.ones(len(garden)), config, 0)
     with torch.no_grad():  # off the entries that k-means gave
         for entries in work.colour.entries:
             entries += 0.003
@@ -89,27 +76,19 @@ def test_codebooks_learn(scene, targets):
     loss = Compression(targets, Recipe(), None, DEFAULT, nothing)
     wrong = loss.error(work.rendered(work.tensors), targets)
     leaves, rates = work.leaves()
-    finetune(
-        work.tensors,
-        optimizers(leaves, 1.0, RATES | rates),
-        targets,
-        40,
-        0,
-        nothing,
-        "x",
-        work.rendered,
-    )
+    adams = optimizers(leaves, 1.0, RATES | rates)
+    finetune(work.tensors, adams, targets, 40, 0, nothing, "x", work.rendered)
     after = work.colour.codebook()
     assert any((a != b).any() for a, b in zip(before, after.entries, strict=True))
     assert all(np.array_equal(entries, np.rint(entries)) for entries in after.entries)
     assert loss.error(work.rendered(work.tensors), targets) < 0.95 * wrong
 
 
-def test_weighted_codebooks(scene):
-    """What matters more is nearer to its entry."""
-    weight = np.where(np.arange(len(scene)) < 100, 1e4, 1.0)
-    many = replace(scene, sh=np.random.default_rng(0).normal(0, 1, scene.sh.shape))
-    even = quantised(many.with_sh_degree(1), np.ones(len(scene)), DEFAULT, 0)
+def test_weighted_codebooks(garden):
+    """Gaussians that matter more are nearer to their entries."""
+    weight = np.where(np.arange(len(garden)) < 100, 1e4, 1.0)
+    many = replace(garden, sh=np.random.default_rng(0).normal(0, 1, garden.sh.shape))
+    even = quantised(many.with_sh_degree(1), np.ones(len(garden)), DEFAULT, 0)
     uneven = quantised(many.with_sh_degree(1), weight, DEFAULT, 0)
     colour = torch.tensor(many.sh[:100, 0] * 0.28209479 + 0.5)
 

@@ -1,4 +1,4 @@
-"""What a scene without photographs learns from: which views, and pictures that are the scene's."""
+"""Views and pictures that a scene without photographs learns from."""
 
 from dataclasses import replace
 

@@ -42,27 +42,34 @@ def points(garden):
     return garden.position[::2], colour[::2].astype(np.uint8)
 
 
-@pytest.fixture(autouse=True)
-def often(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def often():
     """Densify and keep states within a few steps."""
-    monkeypatch.setattr(train_module, "REFINE_START", 10)
-    monkeypatch.setattr(train_module, "REFINE_EVERY", 10)
-    monkeypatch.setattr(train_module, "KEEP_EVERY", 20)
+    with pytest.MonkeyPatch.context() as patch:
+        for name, steps in (("REFINE_START", 10), ("REFINE_EVERY", 10), ("KEEP_EVERY", 20)):
+            patch.setattr(train_module, name, steps)
+        yield
 
 
-def test_it_learns_and_grows(photographs, points, tmp_path):
-    told = []
-    scene = train(photographs, points, STEPS, 0, tmp_path, lambda *what: told.append(what))
+@pytest.fixture(scope="module")
+def whole(photographs, points, often, tmp_path_factory):
+    """A whole training: the scene, and the progress that was told."""
+    told, folder = [], tmp_path_factory.mktemp("whole")
+    return train(photographs, points, STEPS, 0, folder, lambda *what: told.append(what)), told
+
+
+def test_it_learns_and_grows(photographs, points, whole):
+    scene, told = whole
     start = initial_scene(*points)
     assert decibels(scene, photographs) > decibels(start, photographs) + 2
     assert len(scene) > len(start) and scene.sh_degree == 3
     assert [what[1:3] for what in told] == [(step + 1, STEPS) for step in range(STEPS)]
     assert np.abs(scene.sh[:, 1:]).max() > 0
-    again = train(photographs, points, STEPS, 0, tmp_path / "again", nothing)
-    assert np.array_equal(again.position, scene.position)  # the same seed, the same scene
 
 
-def test_it_goes_on_where_it_stopped(photographs, points, tmp_path):
+def test_it_goes_on_where_it_stopped(photographs, points, whole, tmp_path):
+    """To the scene of a training without a stop: the same seed gives the same scene."""
+
     class Stop(Exception):
         pass
 
@@ -75,9 +82,8 @@ def test_it_goes_on_where_it_stopped(photographs, points, tmp_path):
     told = []
     scene = train(photographs, points, STEPS, 0, tmp_path / "a", lambda *what: told.append(what))
     assert told[0][1] == 41  # the last state was kept after 40
-    whole = train(photographs, points, STEPS, 0, tmp_path / "b", nothing)
-    assert np.array_equal(scene.position, whole.position)
-    assert np.array_equal(scene.sh, whole.sh)
+    assert np.array_equal(scene.position, whole[0].position)
+    assert np.array_equal(scene.sh, whole[0].sh)
 
 
 def test_another_trainings_state(photographs, points, tmp_path):

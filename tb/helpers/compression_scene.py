@@ -1,4 +1,4 @@
-"""What the tests of compression compress, and what hears nothing of it."""
+"""A scene for tests of compression, a quick recipe, and a callback that does nothing."""
 
 from dataclasses import replace
 
@@ -16,9 +16,8 @@ def nothing(*_):
     """Hears of progress and does nothing."""
 
 
-def garden_with_harmonics() -> Scene:
+def garden_with_harmonics(count: int = 700, strength: float = 0.05, seed: int = 1) -> Scene:
     """A garden whose harmonics go up to degree 3."""
-    garden = generate("garden", 700)
-    rng = np.random.default_rng(1)
-    more = rng.normal(0, 0.05, (len(garden), 16 - garden.sh.shape[1], 3))
+    garden, rng = generate("garden", count), np.random.default_rng(seed)
+    more = rng.normal(0, strength, (count, 16 - garden.sh.shape[1], 3))
     return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))

@@ -1,40 +1,34 @@
-"""A stand-in for compression itself, for tests of all that is measured around it.
+"""A stand-in for compression, for tests of the benchmark around it.
 
 It has the signatures of `model.compress.compress` and `model.compress.train`, prunes and packs,
 and never learns.
 """
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
-from splatcore.model.compress.checkpoint import Step, ply_bytes
 from splatcore.model.formats.camera_file import cameras_json, read_cameras
+from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
-from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.generate.generate import generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
-from tb.helpers.command import run
+from splatcore.spec.scene import Scene
+from tb.helpers.command import load, run
+from tb.helpers.compression_scene import garden_with_harmonics
 
 SIZE = "96x64"
 COUNT = 600
 
 
-@dataclass(frozen=True, eq=False)
-class Target:
-    """What compression learns from."""
-
-    camera: Camera
-    image: np.ndarray
-    name: str
-
-
 class Interrupt(BaseException):
-    """What a user does."""
+    """Ctrl-C of a user."""
 
 
 class StandIn:
@@ -67,53 +61,41 @@ class StandIn:
             if count < 20:
                 raise InputError(f"--target-ratio {recipe.target_ratio:g}: cannot be reached")
             rates = (1 - min(count / len(scene), 1.0),)
-        prunings = [("prune", "prune", 1 - rate) for rate in rates]
         plan = [("original", "original", 1.0), ("distill 1", "distill", 1.0)]
         place = 1 if recipe.order == "prune-first" else 2
-        plan[place:place] = prunings
+        plan[place:place] = [("prune", "prune", 1 - rate) for rate in rates]
         for k, (name, kind, share) in enumerate(plan):
-            tell(name, 0, 1, None if kind == "original" else 0.1)
+            loss = None if kind == "original" else 0.1
+            tell(name, 0, 1, loss)
             name = f"{name} ({k})" if kind == "prune" else name
-            if not checkpoints.has(name):
+            if not checkpoints.find(name):
                 scene = scene[np.linspace(0, len(scene) - 1, round(share * len(scene))).astype(int)]
                 scene = scene.with_sh_degree(1) if kind == "distill" else scene
-                size = ply_bytes(len(scene), scene.sh_degree)
-                loss = None if kind == "original" else 0.1
-                checkpoints.save(
-                    Step(name, kind, len(scene), scene.sh_degree, size, 0.5, loss), scene
-                )
+                checkpoints.save(name, kind, scene, 0.5, loss)
                 self.calls.append(name)
-            scene = checkpoints.scene(next(s for s in checkpoints.steps if s.name == name))
+            yield checkpoints.find(name)
+            scene = checkpoints.load(checkpoints.find(name))
             if name == self.stop_after:
                 raise Interrupt
         tell("quantize", 0, 1, None)
-        model = pack(scene, config)[0]
-        step = Step("quantize", "quantize", len(model), 1, len(model.image), 0.5, 0.2)
-        return checkpoints.save(step, model=model)
+        yield checkpoints.save("quantize", "quantize", pack(scene, config)[0], 0.5, 0.2)
 
 
-def small(count: int = COUNT):
-    """A garden that has harmonics of degree 3."""
-    scene = generate("garden", count)
-    sh = np.zeros((count, 16, 3))
-    sh[:, : scene.sh.shape[1]] = scene.sh
-    sh[:, 4:] = np.random.default_rng(0).normal(0, 0.02, (count, 12, 3))
-    return replace(scene, sh=sh)
+def small(count: int = COUNT) -> Scene:
+    """A scene to compress, its harmonics of degree 3."""
+    return garden_with_harmonics(count, 0.02, 0)
 
 
 def installed(tmp_path, monkeypatch) -> StandIn:
     """The stand-in, in a working folder with a scene, a.ply, and two cameras."""
     monkeypatch.chdir(tmp_path)
-    found, modules = StandIn(), {}
-    for name, functions in {
-        "compress": ("compress",),
-        "teacher": ("teacher_targets",),
-        "train": ("train",),
-    }.items():
-        module = modules[name] = ModuleType(f"splatcore.model.compress.{name}")
-        for function in functions:
-            setattr(module, function, getattr(found, function))
-        monkeypatch.setitem(sys.modules, f"splatcore.model.compress.{name}", module)
+    found = StandIn()
+    for name, function in (
+        ("compress", "compress"), ("teacher", "teacher_targets"), ("train", "train"),
+    ):  # fmt: skip
+        module = ModuleType(f"splatcore.model.compress.{name}")
+        setattr(module, function, getattr(found, function))
+        monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setattr(compression_run, "check_installed", lambda: None)
     write_ply("a.ply", small())
     camera = generated_camera("garden", 192, 128)
@@ -123,7 +105,13 @@ def installed(tmp_path, monkeypatch) -> StandIn:
 
 
 def bench(*arguments: str) -> int:
+    """The exit status of the command."""
     return run("bench", "compression", "--out", "out", "--size", SIZE, *arguments)
+
+
+def scenes() -> dict:
+    """The results of the scenes that the command measured."""
+    return load(Path("out/compression.json"))["scenes"]
 
 
 def held_out() -> list[Camera]:

@@ -24,7 +24,7 @@ PARAMETERS = ("position", "factor", "opacity", "sh", "shift")
 
 @dataclass(frozen=True, eq=False)
 class Dense:
-    """What the renderer saw, and how near it was to deciding otherwise."""
+    """A picture of the dense renderer, and how near it was to deciding otherwise."""
 
     image: torch.Tensor  # [H, W, 3]
     transmittance: torch.Tensor  # [H, W]
@@ -90,7 +90,7 @@ def dense_render(
 
 
 def centre(point, camera, convention):
-    """Where the camera sees a point [3] in its own coordinates, in pixels."""
+    """Pixel coordinates of a point [3] in the camera's own coordinates."""
     away = convention.principal_point_shift + convention.pixel_centre
     u = camera.fx * point[0] / point[2] + camera.cx - away
     return u, camera.fy * point[1] / point[2] + camera.cy - away

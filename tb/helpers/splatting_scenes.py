@@ -1,6 +1,7 @@
 """Small scenes for gradients: ordinary ones, and ones right at the clamps and thresholds."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import torch
@@ -81,13 +82,20 @@ MAKERS: dict[str, tuple[Callable, Camera]] = {
 """Name → function of (random numbers, camera), and the camera."""
 
 
-def scene(name: str, margin: float = FAR) -> tuple[Arrays, Camera, Dense]:
-    """The first random scene of that kind that is away from all thresholds, with its picture."""
+def scene(name: str) -> tuple[Arrays, Camera, Dense]:
+    """A scene of that kind away from all thresholds, with its picture; arrays may be changed."""
+    arrays, camera, dense = _first(name)
+    return {key: array.copy() for key, array in arrays.items()}, camera, dense
+
+
+@cache
+def _first(name: str) -> tuple[Arrays, Camera, Dense]:
+    """The first random scene of that kind that is away from all thresholds."""
     make, camera = MAKERS[name]
     for seed in range(400):
         arrays = make(np.random.default_rng(seed), camera)
         dense = dense_render(**tensors(arrays), camera=camera)
-        if dense.margin > margin:
+        if dense.margin > FAR:
             return arrays, camera, dense
     raise AssertionError(f"{name}: every scene is at a threshold")
 

@@ -22,7 +22,15 @@ from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from tb.helpers.command import ROOT, load
-from tb.helpers.compression_stand_in import COUNT, Interrupt, bench, held_out, installed, small
+from tb.helpers.compression_stand_in import (
+    COUNT,
+    Interrupt,
+    bench,
+    held_out,
+    installed,
+    scenes,
+    small,
+)
 
 pytestmark = pytest.mark.compress
 
@@ -134,10 +142,15 @@ def test_what_is_learned_from_decides(fake, tmp_path):
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 6
 
 
-def test_failure_of_one_scene_leaves_the_others(fake, tmp_path, capsys):
+@pytest.fixture
+def second(fake, tmp_path):
+    """A second scene, b.ply."""
     write_ply("b.ply", small(300))
-    (tmp_path / "c.ply").write_bytes((tmp_path / "a.ply").read_bytes()[:9999])
     (tmp_path / "b.cameras.json").write_text((tmp_path / "a.cameras.json").read_text())
+
+
+def test_failure_of_one_scene_leaves_the_others(fake, second, tmp_path, capsys):
+    (tmp_path / "c.ply").write_bytes((tmp_path / "a.ply").read_bytes()[:9999])
     fake.breaks_at = 300
     assert bench("c.ply", "b.ply", "a.ply", "--part", "budget") == 1
     facts = load(tmp_path / "out" / "compression.json")
@@ -149,32 +162,29 @@ def test_failure_of_one_scene_leaves_the_others(fake, tmp_path, capsys):
 
 
 def test_failure_takes_an_old_result_away(fake, tmp_path):
-    """What could not be measured again is not left there as if it had been."""
+    """A part that could not be measured again is not left there as if it had been."""
     assert bench("a.ply", "--part", "budget,curve", "--ratios", "12") == 0
     fake.breaks_at = COUNT
     assert bench("a.ply", "--part", "budget", "--steps", "5") == 1
-    scene = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]
+    scene = scenes()["a.ply"]
     assert "budget" not in scene and "curve" in scene
 
 
-def test_results_of_other_scenes_stay(fake, tmp_path):
-    write_ply("b.ply", small(300))
-    (tmp_path / "b.cameras.json").write_text((tmp_path / "a.cameras.json").read_text())
+def test_results_of_other_scenes_stay(second):
     assert bench("a.ply", "--part", "budget") == 0
     assert bench("b.ply", "--part", "curve", "--ratios", "3") == 0
-    scenes = load(tmp_path / "out" / "compression.json")["scenes"]
-    assert set(scenes) == {"a.ply", "b.ply"}
-    assert "budget" in scenes["a.ply"] and "curve" in scenes["b.ply"]
+    found = scenes()
+    assert set(found) == {"a.ply", "b.ply"}
+    assert "budget" in found["a.ply"] and "curve" in found["b.ply"]
     assert bench("b.ply", "--part", "curve", "--ratios", "3", "--seed", "1") == 0
-    assert set(load(tmp_path / "out" / "compression.json")["scenes"]) == {"b.ply"}
+    assert set(scenes()) == {"b.ply"}
 
 
 def test_mean():
-    rows = [{"psnr_db": 30.0, "max_error": 0.1, "lpips": None}, {"psnr_db": 40.0, "max_error": 0.5,
-            "lpips": None}, {"psnr_db": None, "max_error": 0.0, "lpips": None}]  # fmt: skip
-    assert mean(rows) == {
-        "psnr_db": 35.0, "psnr_db_min": 30.0, "max_error": 0.5, "lpips": None,
-    }  # fmt: skip
+    numbers = (30.0, 0.1), (40.0, 0.5), (None, 0.0)
+    rows = [{"psnr_db": psnr, "max_error": error, "lpips": None} for psnr, error in numbers]
+    wanted = {"psnr_db": 35.0, "psnr_db_min": 30.0, "max_error": 0.5, "lpips": None}
+    assert mean(rows) == wanted and mean([{"model": row} for row in rows]) == {"model": wanted}
 
 
 def test_equal_pictures():

@@ -3,14 +3,15 @@
 import csv
 import sys
 from dataclasses import replace
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
-from splatcore.model.compress.checkpoint import Checkpoints, Step, ply_bytes
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
+from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.read import read_scene
 from splatcore.model.pack.pack import pack
 from splatcore.sim.common.metric import difference
@@ -18,9 +19,9 @@ from splatcore.sim.common.picture import read_png
 from splatcore.sim.compression import run as compression_run
 from splatcore.sim.compression.bench import SCHEDULES, equal_rates, left
 from splatcore.sim.compression.plot import write_curve
+from splatcore.sim.compression.subjects import Protocol
 from splatcore.spec.config import DEFAULT
-from tb.helpers.command import load
-from tb.helpers.compression_stand_in import Target, bench, held_out, installed, small
+from tb.helpers.compression_stand_in import bench, held_out, installed, scenes, small
 
 pytestmark = pytest.mark.compress
 
@@ -44,35 +45,26 @@ def photographs() -> tuple[Target, ...]:
 
 def test_photographs(fake, tmp_path, monkeypatch, capsys):
     """A baseline is trained once, and every change is against its quality on held-out pictures."""
-    reader, points = (
-        ModuleType("splatcore.model.formats.photographs"),
-        ModuleType("splatcore.model.formats.colmap_points"),
-    )
     found = SimpleNamespace(targets=photographs(), notes=("2 photographs are missing",))
     asked = []
-    reader.read_photographs = lambda path, scale: asked.append((path, scale)) or found
-    reader.held_out = lambda targets, every: (
-        tuple(t for k, t in enumerate(targets) if k % every),
-        tuple(t for k, t in enumerate(targets) if k % every == 0),
-    )
-    points.read_points = lambda path: (np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
-    monkeypatch.setitem(sys.modules, "splatcore.model.formats.photographs", reader)
-    monkeypatch.setitem(sys.modules, "splatcore.model.formats.colmap_points", points)
+    for name, function in {
+        "read_photographs": lambda path, scale: asked.append((path, scale)) or found,
+        "read_points": lambda path: (np.zeros((1, 3)), np.zeros((1, 3), np.uint8)),
+    }.items():
+        monkeypatch.setattr(compression_run, name, function)
     (tmp_path / "shots").mkdir()
     for _ in range(2):
         arguments = ("shots", "--ratios", "12", "--train-steps", "9", "--scale", "0.5")
         assert bench(*arguments) == 0
     assert fake.calls.count("train 7 9") == 1 and asked[0] == ("shots", 0.5)
     assert not [call for call in fake.calls if call.startswith("teacher")]
-    scene = load(tmp_path / "out" / "compression.json")["scenes"]["shots"]
+    scene = scenes()["shots"]
     assert scene["against"] == "photographs" and scene["views"] == 2 and scene["size"] == [96, 64]
     assert scene["ply_bytes"] == ply_bytes(300, 3)
     first, *_, last = scene["steps"]["rows"]
-    truths = [target.image for k, target in enumerate(found.targets) if k % 7 == 0]
-    cameras = [target.camera for k, target in enumerate(found.targets) if k % 7 == 0]
     quality = [
-        difference(render(small(300).gaussians(), camera).pixels, truth).psnr_db
-        for camera, truth in zip(cameras, truths, strict=True)
+        difference(render(small(300).gaussians(), target.camera).pixels, target.image).psnr_db
+        for target in found.targets[::7]
     ]
     assert first["psnr_db"] == pytest.approx(np.mean(quality), abs=0.02)
     assert first["psnr_db_change"] == 0 and last["psnr_db_change"] < 0
@@ -86,16 +78,15 @@ def test_photographs(fake, tmp_path, monkeypatch, capsys):
 def test_curve(fake, tmp_path, capsys):
     """Ratios below packing alone and ratios that cannot be reached are said."""
     assert bench("a.ply", "--part", "curve", "--ratios", "2,9,10.5,14,500") == 0
-    points = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["curve"]["points"]
+    points = scenes()["a.ply"]["curve"]["points"]
     model = pack(read_scene("a.ply"), DEFAULT)[0]
     alone = ply_bytes(600, 3) / len(model.image)
     assert points[0]["ratio"] == pytest.approx(alone) and points[0]["target_ratio"] is None
     reached = [point for point in points[1:] if point["ratio"]]
     assert [point["target_ratio"] for point in points[1:]] == [2, 9, 10.5, 14, 500]
     for point in reached:
-        assert (
-            point["ratio"] == pytest.approx(point["target_ratio"], rel=0.02) and not point["note"]
-        )
+        assert point["ratio"] == pytest.approx(point["target_ratio"], rel=0.02)
+        assert not point["note"]
     assert points[1]["note"] == f"packing alone gives {alone:.1f}×"
     assert points[-1]["note"] == "--target-ratio 500: cannot be reached"
     losses = [point["psnr_db"] for point in points if point["ratio"]]
@@ -110,12 +101,13 @@ def test_curve(fake, tmp_path, capsys):
 def test_ratio_that_is_missed_is_said(fake, tmp_path, monkeypatch):
     compress = fake.compress
 
-    def short(scene, targets, recipe, *rest, original):
-        return compress(scene, targets, recipe, *rest, original / 0.8)
+    def short(*arguments):
+        *others, original = arguments
+        return compress(*others, original / 0.8)
 
     monkeypatch.setattr(sys.modules["splatcore.model.compress.compress"], "compress", short)
     assert bench("a.ply", "--part", "curve", "--ratios", "15") == 0
-    point = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["curve"]["points"][1]
+    point = scenes()["a.ply"]["curve"]["points"][1]
     assert point["note"] == f"only {point['ratio']:.1f}× was reached" and point["ratio"] < 12.5
 
 
@@ -130,7 +122,7 @@ def test_schedules_leave_what_they_say():
 def test_schedule(fake, tmp_path, capsys):
     """All schedules have the same number of fine-tuning steps, and end after pruning."""
     assert bench("a.ply", "--part", "schedule", "--steps", "10", "--schedule-scene", "a.ply") == 0
-    found = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["schedule"]
+    found = scenes()["a.ply"]["schedule"]
     assert found["steps_in_all"] == 40
     rows = found["rows"]
     assert [row["steps"] * len(row["schedule"]) for row in rows] == 6 * [40]
@@ -150,12 +142,7 @@ def test_curve_of_both_kinds(tmp_path):
 
     def scene(against: str) -> dict:
         points = [
-            {
-                "target_ratio": None if k == 0 else r,
-                "ratio": r,
-                "psnr_db": 40 - k,
-                "psnr_db_change": -k,
-            }
+            {"target_ratio": r if k else None, "ratio": r, "psnr_db": 40 - k, "psnr_db_change": -k}
             for k, r in enumerate((8.0, 20.0, 51.6))
         ]
         return {"against": against, "curve": {"points": [*points, {"ratio": None}]}}
@@ -171,7 +158,7 @@ def test_curve_of_both_kinds(tmp_path):
 def test_budget_tells_model_from_machine(fake, tmp_path):
     """The machine's error does not depend on the truth, and both together are at least as large."""
     assert bench("a.ply", "--part", "budget") == 0
-    found = load(tmp_path / "out" / "compression.json")["scenes"]["a.ply"]["budget"]
+    found = scenes()["a.ply"]["budget"]
     model, machine, both = (found[name]["psnr_db"] for name in ("model", "machine", "both"))
     assert machine > 45 > model + 5
     assert both == pytest.approx(model, abs=0.2) and both != model
@@ -185,7 +172,7 @@ def test_slim_keeps_the_last(tmp_path):
     kept = Checkpoints(tmp_path / "run", "key")
     scene = small(20)
     for name in ("original", "prune 0.4"):
-        kept.save(Step(name, name.split()[0], 20, 3, ply_bytes(20, 3), 0.0, None), scene)
+        kept.save(name, name.split()[0], scene)
     stand = compression_run.Run.__new__(compression_run.Run)
     stand.checkpoints = kept
     stand.slim()
@@ -193,7 +180,7 @@ def test_slim_keeps_the_last(tmp_path):
 
 
 def test_steps_of_a_recipe():
-    recipe, default = compression_run.recipe_of(50, 7), Recipe()
+    recipe, default = Protocol(DEFAULT, steps=50, seed=7).recipe, Recipe()
     assert recipe.steps == 50 and recipe.seed == 7
     assert recipe.distill_steps / 50 == default.distill_steps / default.steps
-    assert compression_run.recipe_of(None, 0) == default
+    assert Protocol(DEFAULT).recipe == default
