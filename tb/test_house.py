@@ -23,7 +23,7 @@ MAY_IMPORT = {
 }
 
 SPEC_MAY_USE = {"numpy"}
-"""What `spec` imports besides itself and the standard library."""
+"""Libraries that `spec` may import besides the standard one."""
 
 FILE_LINES = 320
 FUNCTION_LINES = 60
@@ -77,7 +77,7 @@ def name_of(folder: Path) -> str:
 
 
 def declared(folder: Path) -> set[str]:
-    """What a package's docstring says that it may import."""
+    """Packages that a package's docstring says it may import."""
     _, _, names = ast.get_docstring(tree(folder / "__init__.py")).partition("May import:")
     assert names, f"{folder}: `May import:` is missing"
     return {word.strip() for word in names.removesuffix(".").split(",")} - {"nothing"}

@@ -1,4 +1,4 @@
-"""What takes long is made once and kept: folders and JSON files, named by a hash of their origin.
+"""Kept results of long work: folders and JSON files, named by a hash of their origin.
 
 All of it lies in `build/` of the current folder, or in the folder that SPLATCORE_CACHE names.
 """
@@ -43,7 +43,7 @@ def kept_folder(kind: str, made_from: Any, make: Callable[[Path], None]) -> Path
 
 
 def kept_json(kind: str, made_from: Any, compute: Callable[[], T]) -> T:
-    """What `compute` returns, or returned in an earlier run, as it comes back from JSON."""
+    """The result of `compute`, now or in an earlier run, as it comes back from JSON."""
     path = cache_root() / kind / f"{digest(made_from)}.json"
     with _locked(path.with_suffix(".lock")):
         if not path.exists():
@@ -58,7 +58,7 @@ def digest(made_from: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON does not know, as something that it knows."""
+    """A value that JSON does not know, as one that it knows."""
     if isinstance(value, bytes):
         return hashlib.sha256(value).hexdigest()
     if isinstance(value, np.ndarray):

@@ -1,1 +1,1 @@
-"""What several tests share: inputs, machines, the command line. No tests."""
+"""Inputs, machines and the command line, shared by several tests. No tests."""

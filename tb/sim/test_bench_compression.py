@@ -121,7 +121,7 @@ def test_options_and_sources_decide(fake, tmp_path, monkeypatch):
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 4
     measured = tmp_path / "out" / "measured"
     before = len(list(measured.iterdir()))
-    monkeypatch.setattr(compression_measure, "sources", lambda _: "others")
+    monkeypatch.setattr(compression_measure, "code_key", lambda _: "others")
     assert bench("a.ply", "--part", "budget", "--steps", "5") == 0
     assert len(list(measured.iterdir())) == before + 2
     first = (tmp_path / "out" / "compression.json").read_text()

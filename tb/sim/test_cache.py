@@ -1,4 +1,4 @@
-"""What is kept comes back, and anything else that it is made from makes it anew."""
+"""Kept results come back; another origin makes them anew."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
