@@ -11,7 +11,7 @@ from splatcore.golden import arithmetic
 from splatcore.spec.number import FP16, FP24, Fixed, Float
 from tb.helpers.float_pairs import corners, every_pair, pairs
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = pytest.mark.filterwarnings("error", "ignore::amaranth.hdl.UnusedElaboratable")
 
 GRADUAL = Float(7, 16)
 SMALL = [

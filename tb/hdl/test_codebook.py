@@ -104,7 +104,7 @@ def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], lis
         codes = {name: model.header[name][0] for name in ("colour_exponent", "sh_exponent")}
         for name, code in (codes | {"sh": model.format.sh_degree}).items():
             if name in given:
-                given[name][start[0] :] = code
+                given[name][start[0] :] = int(code) % (1 << widths[name])
         for stage in model.format.codebook_words:
             given[stage][start] = model.attributes[stage]
         for name, array in given.items():

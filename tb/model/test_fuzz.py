@@ -171,7 +171,7 @@ def test_unmutated(tmp_path, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error", "ignore::amaranth.hdl.UnusedElaboratable")
 def test_mutated(tmp_path):
     """Thousands of broken files, of which each kind has some that read and many that do not."""
     outcomes = Counter(attempt(index, 1, tmp_path) for index in range(ROUNDS))

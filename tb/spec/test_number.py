@@ -14,7 +14,7 @@ import pytest
 
 from splatcore.spec.number import FP16, FP24, Bits, Fixed, Float
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = pytest.mark.filterwarnings("error", "ignore::amaranth.hdl.UnusedElaboratable")
 
 HUGE = np.finfo(np.float64).max
 TINY = 5e-324  # float64's smallest subnormal

@@ -11,7 +11,7 @@ from splatcore.spec.number import FP16, FP24, Bits, Fixed, Float
 from splatcore.spec.record import Array, Record, pack_bits, unpack_bits
 from tb.helpers.formats import FORMATS, WIDTHS, random_codes, records
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = pytest.mark.filterwarnings("error", "ignore::amaranth.hdl.UnusedElaboratable")
 repeatable = settings(deadline=None, derandomize=True, database=None)
 
 
