@@ -14,7 +14,7 @@ help:
 	@echo "make test   install, then run every test"
 	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
 	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
-	@echo "make check  lint, the rules of the house and the quick tests: 90 seconds"
+	@echo "make check  lint, the rules of the house and the quick tests"
 	@echo "make pictures   the pictures in docs/, from those of the demo"
 	@echo "make report what out/report/results lacks (hours for all scenes), then the page of all results"
 	@echo "make clean  remove what the others made"
