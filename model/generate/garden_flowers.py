@@ -2,18 +2,9 @@
 
 import numpy as np
 
+from splatcore.model.generate.directions import UP, frames, needles, random_directions, unit
 from splatcore.model.generate.garden_ground import ground_height
-from splatcore.model.generate.garden_splats import (
-    UP,
-    Part,
-    frames,
-    needles,
-    random_directions,
-    refine,
-    share_out,
-    splats,
-    unit,
-)
+from splatcore.model.generate.garden_splats import Part, refine, share_out, splats
 
 BEDS = np.array(
     [  # x, z, radius, kind of flower, share

@@ -2,23 +2,10 @@
 
 import numpy as np
 
+from splatcore.model.generate.directions import UP, frames, random_directions, unit
 from splatcore.model.generate.garden_light import HAZE, sky_colour
-from splatcore.model.generate.garden_splats import (
-    COVER,
-    GOLDEN_ANGLE,
-    UP,
-    Part,
-    even_pairs,
-    frames,
-    join,
-    noise,
-    random_directions,
-    refine,
-    share_out,
-    splats,
-    sunflower,
-    unit,
-)
+from splatcore.model.generate.garden_splats import Part, join, refine, share_out, splats
+from splatcore.model.generate.spreading import COVER, GOLDEN_ANGLE, even_pairs, noise, sunflower
 
 CENTRE = np.array([0.2, -2.4])
 """Plane point (x, z) where the ground is finest: between the viewer and the middle."""

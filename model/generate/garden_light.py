@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from splatcore.model.generate.garden_splats import UP, Part, noise, unit
+from splatcore.model.generate.directions import UP, unit
+from splatcore.model.generate.garden_splats import Part
+from splatcore.model.generate.spreading import noise
 
 SUN = unit(np.array([-0.70, -0.62, -0.36]))
 """Direction towards the sun (y down): from the left, a little behind the viewer."""

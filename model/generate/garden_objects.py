@@ -4,19 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatcore.model.generate.garden_splats import (
-    GOLDEN_ANGLE,
-    Part,
-    deal,
-    even_pairs,
-    frames,
-    join,
-    noise,
-    random_directions,
-    share_out,
-    splats,
-    unit,
-)
+from splatcore.model.generate.directions import frames, random_directions, unit
+from splatcore.model.generate.garden_splats import Part, deal, join, share_out, splats
+from splatcore.model.generate.spreading import GOLDEN_ANGLE, even_pairs, noise
 
 BENCH_PLACE, BENCH_TURN = np.array([1.95, 0.75]), np.radians(-32.0)
 """Plane point (x, z) and turn about the vertical; without a turn one sits facing −z."""

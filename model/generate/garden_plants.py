@@ -2,21 +2,10 @@
 
 import numpy as np
 
+from splatcore.model.generate.directions import UP, frames, needles, random_directions, unit
 from splatcore.model.generate.garden_ground import CENTRE, grass_colour, ground_height, on_path
-from splatcore.model.generate.garden_splats import (
-    UP,
-    Part,
-    deal,
-    frames,
-    join,
-    needles,
-    random_directions,
-    refine,
-    share_out,
-    splats,
-    sunflower,
-    unit,
-)
+from splatcore.model.generate.garden_splats import Part, deal, join, refine, share_out, splats
+from splatcore.model.generate.spreading import sunflower
 
 GRASS_RADIUS = 18.0
 BLADES_MOST = 120_000

@@ -1,10 +1,21 @@
-"""Generated scenes by name: the garden of any size and the hard cases."""
+"""Generated scenes by name: the garden and the hard cases.
+
+The garden is a small outdoor scene made of Gaussians only: the project's own test scene, of any
+size.
+"""
 
 from dataclasses import replace
 
-from splatcore.model.generate.garden import garden, garden_camera
+import numpy as np
+
+from splatcore.model.generate.garden_flowers import flowers
+from splatcore.model.generate.garden_ground import ground, hills, path, sky
+from splatcore.model.generate.garden_light import sh_coefficients
+from splatcore.model.generate.garden_objects import bench, bird_bath, fence
+from splatcore.model.generate.garden_plants import bushes, far_trees, grass, tree
+from splatcore.model.generate.garden_splats import join, quaternions, share_out
 from splatcore.model.generate.hard import HARD
-from splatcore.spec.camera import Camera
+from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
 
@@ -14,22 +25,59 @@ GARDEN_COUNT = 20_000
 COUNT_MAX = 20_000_000
 """Most Gaussians of a generated scene."""
 
+GENERATORS = ("garden", *HARD)
+"""Names of the generated scenes."""
 
-def _garden(count: int | None, seed: int) -> Scene:
-    return garden(GARDEN_COUNT if count is None else count, seed)
+PARTS = {
+    "grass": (grass, 0.20),
+    "tree": (tree, 0.19),
+    "flowers": (flowers, 0.135),
+    "ground": (ground, 0.085),
+    "bushes": (bushes, 0.105),
+    "path": (path, 0.07),
+    "fence": (fence, 0.07),
+    "bench": (bench, 0.03),
+    "bird_bath": (bird_bath, 0.03),
+    "far_trees": (far_trees, 0.035),
+    "sky": (sky, 0.04),
+    "hills": (hills, 0.010),
+}
+"""Name → (function of a generator and a count, share of the Gaussians), in storage order."""
 
 
-def _hard(name: str):
-    def build(count: int | None, seed: int) -> Scene:
-        if count is not None:
-            raise InputError(f"count: the scene {name!r} has a fixed number of Gaussians")
-        return HARD[name](seed).scene
-
-    return build
+def part_counts(count: int) -> dict[str, int]:
+    """Part of the garden → its number of `count` Gaussians; the parts follow one another."""
+    return dict(zip(PARTS, share_out(count, [s for _, s in PARTS.values()]).tolist(), strict=True))
 
 
-GENERATORS = {"garden": _garden} | {name: _hard(name) for name in HARD}
-"""Name → function of (count or None, seed)."""
+def garden(count: int = 20_000, seed: int = 0) -> Scene:
+    """A garden of exactly `count` ≥ 1 Gaussians, SH degree 1, in the PLY frame of 3DGS.
+
+    y points down, the ground lies near y = 0, the objects within about 4 units of the origin, the
+    sky at 160. The result depends on (count, seed) only: each part draws from
+    numpy.random.default_rng([seed, index of the part]). `seed` changes details, not the plan.
+    Shares of the parts hold for every count; splats shrink as count grows.
+    Raises InputError for a count below 1 or a negative seed.
+    """
+    if count < 1:
+        raise InputError(f"garden: count {count} is not ≥ 1")
+    if seed < 0:
+        raise InputError(f"garden: seed {seed} is not ≥ 0")
+    whole = join(
+        [
+            PARTS[name][0](np.random.default_rng([seed, index]), number)
+            for index, (name, number) in enumerate(part_counts(count).items())
+            if number
+        ]
+    )
+    rotation, sh = quaternions(whole.frame), sh_coefficients(whole)
+    return Scene(whole.position, whole.scale, rotation, whole.opacity, sh, name="garden")
+
+
+def garden_camera(width: int = 960, height: int = 540) -> Camera:
+    """The garden seen from the path at eye height; about 58° wide at any size."""
+    eye, target = np.array([0.3, -1.45, -5.5]), np.array([0.0, -1.08, 0.0])
+    return look_at(eye, target, width, height, focal=0.9 * width, name="garden")
 
 
 def generate(name: str, count: int | None = None, seed: int = 0) -> Scene:
@@ -43,7 +91,11 @@ def generate(name: str, count: int | None = None, seed: int = 0) -> Scene:
         raise InputError(f"count: {count} is not in 1 … {COUNT_MAX}")
     if seed < 0:
         raise InputError(f"seed: {seed} is not ≥ 0")
-    return replace(GENERATORS[name](count, seed), name=name)
+    if name == "garden":
+        return garden(GARDEN_COUNT if count is None else count, seed)
+    if count is not None:
+        raise InputError(f"count: the scene {name!r} has a fixed number of Gaussians")
+    return replace(HARD[name](seed).scene, name=name)
 
 
 def generated_camera(name: str, width: int | None = None, height: int | None = None) -> Camera:
@@ -54,11 +106,10 @@ def generated_camera(name: str, width: int | None = None, height: int | None = N
     """
     _check_name(name)
     camera = garden_camera() if name == "garden" else HARD[name](0).camera
-    if width is None and height is None:
-        return replace(camera, name=name)
-    width = camera.width if width is None else width
-    height = camera.height if height is None else height
-    return replace(camera.resized(width, height), name=name)
+    if width is not None or height is not None:
+        width = camera.width if width is None else width
+        camera = camera.resized(width, camera.height if height is None else height)
+    return replace(camera, name=name)
 
 
 def _check_name(name: str) -> None:

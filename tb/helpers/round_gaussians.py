@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatcore.model.generate.garden_splats import random_directions
+from splatcore.model.generate.directions import random_directions
 from splatcore.spec.scene import Gaussians
 
 

@@ -4,28 +4,24 @@ import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
-from splatcore.model.generate.garden import PARTS, garden, garden_camera, part_counts
+from splatcore.model.generate.directions import UP, frames, random_directions
 from splatcore.model.generate.garden_light import (
     SUN,
     projected_area,
     sh_coefficients,
     transmittance,
 )
-from splatcore.model.generate.garden_splats import (
-    UP,
-    frames,
-    quaternions,
-    random_directions,
-    refine,
-    share_out,
-    splats,
-)
+from splatcore.model.generate.garden_splats import quaternions, refine, share_out, splats
 from splatcore.model.generate.generate import (
     COUNT_MAX,
     GARDEN_COUNT,
     GENERATORS,
+    PARTS,
+    garden,
+    garden_camera,
     generate,
     generated_camera,
+    part_counts,
 )
 from splatcore.model.generate.hard import HARD
 from splatcore.spec.camera import look_at

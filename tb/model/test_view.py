@@ -7,7 +7,7 @@ from splatcore.golden.reference import render
 from splatcore.model.cameras.view import NEAREST, sensible_view
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
-from splatcore.model.generate.garden import garden
+from splatcore.model.generate.generate import garden
 from splatcore.spec.convention import NEAR_PLANE
 from tb.helpers.round_gaussians import ball, boxes, gaussians, joined
 from tb.helpers.scenes import needs_scenes, scene_path
