@@ -13,14 +13,8 @@ from typing import get_type_hints
 
 import numpy as np
 
-from splatcore.model.formats.file import (
-    checked,
-    field,
-    input_error,
-    parse_json,
-    read_bytes,
-    reading,
-)
+from splatcore.model.formats import file
+from splatcore.model.formats.file import input_error, reading
 from splatcore.model.formats.packed import read_model
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene, sh_count
@@ -63,11 +57,11 @@ class Checkpoints:
         self.steps: tuple[Step, ...] = ()
         path = self.folder / STEPS
         if path.exists():
-            table = checked(parse_json(read_bytes(path), path), dict, path)
-            if field(table, "key", str, path) != key:
+            table = file.checked(file.parse_json(file.read_bytes(path), path), dict, path)
+            if file.field(table, "key", str, path) != key:
                 why = "holds another compression's steps; choose another folder or remove it"
                 raise input_error(self.folder, why)
-            found = enumerate(field(table, "steps", list, path))
+            found = enumerate(file.field(table, "steps", list, path))
             self.steps = tuple(_step(entry, f"{path}: step {k}") for k, entry in found)
 
     @property
@@ -97,8 +91,8 @@ class Checkpoints:
         size = len(result.image) if packed else ply_bytes(len(result), degree)
         suffix = ".splatcore" if packed else ".npz"
         words = re.sub(r"[^\w.]+", "-", name).strip("-")
-        file = f"{len(self.steps):02}-{words}{suffix}"
-        step = Step(name, kind, len(result), degree, size, seconds, loss, file)
+        place = f"{len(self.steps):02}-{words}{suffix}"
+        step = Step(name, kind, len(result), degree, size, seconds, loss, place)
         steps = [asdict(each) for each in (*self.steps, step)]
         text = json.dumps({"key": self.key, "steps": steps}, indent=1, allow_nan=False)
         with reading(self.folder, "cannot be written"), np.errstate(over="ignore"):
@@ -133,10 +127,10 @@ class Checkpoints:
 
 def _step(entry: object, where: str) -> Step:
     """A step of steps.json."""
-    entry, kinds = checked(entry, dict, where), get_type_hints(Step)
+    entry, kinds = file.checked(entry, dict, where), get_type_hints(Step)
     kinds.pop("loss")
-    values = {name: field(entry, name, kind, where) for name, kind in kinds.items()}
+    values = {name: file.field(entry, name, kind, where) for name, kind in kinds.items()}
     if values["kind"] not in KINDS or not re.fullmatch(r"[\w][\w.-]*", values["file"]):
         raise input_error(where, f"'kind' {values['kind']!r} or 'file' {values['file']!r} is wrong")
-    loss = None if entry.get("loss") is None else field(entry, "loss", float, where)
+    loss = None if entry.get("loss") is None else file.field(entry, "loss", float, where)
     return Step(**values, loss=loss)

@@ -9,15 +9,9 @@ import os
 
 import numpy as np
 
+from splatcore.model.formats import file
 from splatcore.model.formats.colmap import read_colmap
-from splatcore.model.formats.file import (
-    array_field,
-    checked,
-    field,
-    input_error,
-    parse_json,
-    read_bytes,
-)
+from splatcore.model.formats.file import input_error
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 
@@ -69,7 +63,7 @@ def read_named(path: str | os.PathLike) -> Named:
     """Cameras of any of the formats, each with its image's file name as the file has it."""
     if os.path.isdir(path):
         return read_colmap(path)
-    value = parse_json(read_bytes(path), path)
+    value = file.parse_json(file.read_bytes(path), path)
     named = _inria(value, path) if isinstance(value, list) else _transforms(value, path)
     if not named:
         raise input_error(path, "holds no cameras")
@@ -97,24 +91,19 @@ def _inria(value: list, path: str | os.PathLike) -> Named:
     named = []
     for index, entry in enumerate(value):
         where = f"{path}: camera {index}"
-        entry = checked(entry, dict, where)
-        width, height = (field(entry, side, int, where) for side in ("width", "height"))
-        intrinsics = (
-            width,
-            height,
-            field(entry, "fx", float, where),
-            field(entry, "fy", float, where),
-            field(entry, "cx", float, where, width / 2),
-            field(entry, "cy", float, where, height / 2),
-        )
-        rotation = array_field(entry, "rotation", (3, 3), where)
-        position = array_field(entry, "position", (3,), where)
+        entry = file.checked(entry, dict, where)
+        width, height = (file.field(entry, side, int, where) for side in ("width", "height"))
+        fx, fy = (file.field(entry, name, float, where) for name in ("fx", "fy"))
+        cx = file.field(entry, "cx", float, where, width / 2)
+        cy = file.field(entry, "cy", float, where, height / 2)
+        rotation = file.array_field(entry, "rotation", (3, 3), where)
+        position = file.array_field(entry, "position", (3,), where)
         name = entry.get("id", index)
         if not isinstance(name, str):
-            name = str(checked(name, int, f"{where}: 'id'"))
+            name = str(file.checked(name, int, f"{where}: 'id'"))
         pose = np.column_stack([rotation, position])
-        image = field(entry, "img_name", str, where, "")
-        named.append((_camera(intrinsics, pose, name, where), image))
+        image = file.field(entry, "img_name", str, where, "")
+        named.append((_camera((width, height, fx, fy, cx, cy), pose, name, where), image))
     return named
 
 
@@ -122,45 +111,45 @@ def _transforms(value: object, path: str | os.PathLike) -> Named:
     """transforms.json of instant-ngp and nerfstudio: `transform_matrix` is camera to world with
     OpenGL axes (y up, z back); intrinsics in pixels stand in the file or in each frame.
     """
-    table = checked(value, dict, path)
+    table = file.checked(value, dict, path)
     named = []
-    for index, entry in enumerate(field(table, "frames", list, path)):
+    for index, entry in enumerate(file.field(table, "frames", list, path)):
         where = f"{path}: frame {index}"
-        frame = table | checked(entry, dict, where)
+        frame = table | file.checked(entry, dict, where)
         _check_undistorted(frame, where)
-        matrix = field(frame, "transform_matrix", list, where)
+        matrix = file.field(frame, "transform_matrix", list, where)
         rows = 3 if len(matrix) == 3 else 4
-        pose = array_field(frame, "transform_matrix", (rows, 4), where)
+        pose = file.array_field(frame, "transform_matrix", (rows, 4), where)
         if rows == 4 and np.abs(pose[3] - (0, 0, 0, 1)).max() > ORTHONORMAL_TOLERANCE:
             raise input_error(where, "'transform_matrix' does not end with the row 0 0 0 1")
         pose = pose[:3] * (1, -1, -1, 1)  # OpenGL axes to OpenCV axes
         camera = _camera(_frame_intrinsics(frame, where), pose, str(index), where)
-        named.append((camera, field(frame, "file_path", str, where, "")))
+        named.append((camera, file.field(frame, "file_path", str, where, "")))
     return named
 
 
 def _check_undistorted(frame: dict, where: str) -> None:
     """Refuses a lens that is not a pinhole."""
-    model = field(frame, "camera_model", str, where, "")
+    model = file.field(frame, "camera_model", str, where, "")
     if model not in ("", *PINHOLE_MODELS):
         raise input_error(where, f"'camera_model' {model} is not supported")
     if frame.get("is_fisheye", False) is not False:
         raise input_error(where, "'is_fisheye' is set, fisheye lenses are not supported")
     for name in DISTORTION:
-        if field(frame, name, float, where, 0.0) != 0:
+        if file.field(frame, name, float, where, 0.0) != 0:
             raise input_error(where, f"{name!r} is not 0, lens distortion is not supported")
 
 
 def _frame_intrinsics(frame: dict, where: str) -> tuple:
     """(width, height, fx, fy, cx, cy); a focal length may be given by a field of view instead."""
-    width, height = (field(frame, side, int, where) for side in ("w", "h"))
+    width, height = (file.field(frame, side, int, where) for side in ("w", "h"))
 
     def focal(name: str, angle_name: str, side: int) -> float | None:
         if name in frame:
-            return field(frame, name, float, where)
+            return file.field(frame, name, float, where)
         if angle_name not in frame:
             return None
-        angle = field(frame, angle_name, float, where)
+        angle = file.field(frame, angle_name, float, where)
         if not 0 < angle < math.pi:
             raise input_error(where, f"{angle_name!r} {angle} is not between 0 and π")
         return side / (2 * math.tan(angle / 2))
@@ -169,8 +158,8 @@ def _frame_intrinsics(frame: dict, where: str) -> tuple:
     if fx is None:
         raise input_error(where, "'fl_x' is missing")
     fy = focal("fl_y", "camera_angle_y", height) or fx  # square pixels unless stated
-    cx = field(frame, "cx", float, where, width / 2)
-    cy = field(frame, "cy", float, where, height / 2)
+    cx = file.field(frame, "cx", float, where, width / 2)
+    cy = file.field(frame, "cy", float, where, height / 2)
     return width, height, fx, fy, cx, cy
 
 

@@ -1,4 +1,4 @@
-"""Cameras of a COLMAP model: `cameras` and `images`, binary or text.
+"""Cameras and points of a COLMAP model: `cameras`, `images`, `points3D`, binary or text.
 
 Source: COLMAP documentation, "Output Format". COLMAP's axes and its pixel centres at half
 integers are those of `Camera`.
@@ -17,22 +17,22 @@ from splatcore.spec.error import InputError
 from splatcore.spec.scene import rotation_matrix
 
 MODELS = (
-    "SIMPLE_PINHOLE",
-    "PINHOLE",
-    "SIMPLE_RADIAL",
-    "RADIAL",
-    "OPENCV",
-    "OPENCV_FISHEYE",
-    "FULL_OPENCV",
-    "FOV",
-    "SIMPLE_RADIAL_FISHEYE",
-    "RADIAL_FISHEYE",
-    "THIN_PRISM_FISHEYE",
-)
+    "SIMPLE_PINHOLE PINHOLE SIMPLE_RADIAL RADIAL OPENCV OPENCV_FISHEYE FULL_OPENCV FOV "
+    "SIMPLE_RADIAL_FISHEYE RADIAL_FISHEYE THIN_PRISM_FISHEYE"
+).split()
 """Camera models by their number in a binary file."""
 
 PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
 """The models without distortion → their parameters: f or fx, fy, then cx, cy."""
+
+POINT = struct.Struct("<Q3d3BdQ")
+"""A point: id, x, y, z, r, g, b, error, images that show it; 8 bytes for each of these follow."""
+
+SHOWN = 8
+"""Bytes for each image that shows a point."""
+
+Points = tuple[np.ndarray, np.ndarray]
+"""Positions [N, 3] (float64, scene units) and colours [N, 3] (uint8)."""
 
 Intrinsics = tuple[int, int, float, float, float, float]
 """width, height, fx, fy, cx, cy in pixels."""
@@ -41,25 +41,20 @@ Intrinsics = tuple[int, int, float, float, float, float]
 def colmap_folder(path: str | os.PathLike) -> Path:
     """The folder of the model: `path` itself, `path`/0 or `path`/sparse/0."""
     for folder in (Path(path), Path(path, "0"), Path(path, "sparse", "0")):
-        for extension in (".bin", ".txt"):
-            if (folder / f"cameras{extension}").is_file():
-                return folder
+        if any((folder / f"cameras{extension}").is_file() for extension in (".bin", ".txt")):
+            return folder
     raise input_error(path, "no cameras.bin or cameras.txt in it, its 0 or its sparse/0")
 
 
 def read_colmap(path: str | os.PathLike) -> list[tuple[Camera, str]]:
     """Each image's camera and file name, by ascending image id."""
     folder = colmap_folder(path)
+    extension, read_intrinsics, read_images = ".txt", _text_cameras, _text_images
     if (folder / "cameras.bin").is_file():
-        cameras_path, images_path = folder / "cameras.bin", folder / "images.bin"
-        intrinsics = _binary_cameras(cameras_path)
-        images = _binary_images(images_path)
-    else:
-        cameras_path, images_path = folder / "cameras.txt", folder / "images.txt"
-        intrinsics = _text_cameras(cameras_path)
-        images = _text_images(images_path)
-    cameras = {}
-    for image, pose, camera, name in images:
+        extension, read_intrinsics, read_images = ".bin", _binary_cameras, _binary_images
+    cameras_path, images_path = folder / f"cameras{extension}", folder / f"images{extension}"
+    intrinsics, cameras = read_intrinsics(cameras_path), {}
+    for image, pose, camera, name in read_images(images_path):
         where = f"{images_path}: image {image}"
         if camera not in intrinsics:
             raise input_error(where, f"camera {camera} is not in {cameras_path.name}")
@@ -161,3 +156,50 @@ def _text_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]
             image = int(words[0]), pose, int(words[8]), words[9].strip()
         yield image
         next(lines, None)
+
+
+def read_points(path: str | os.PathLike) -> Points:
+    """The points of a COLMAP folder (or the one above); InputError names the file and the point."""
+    folder = colmap_folder(path)
+    for name, reader in (("points3D.bin", _binary_points), ("points3D.txt", _text_points)):
+        if (folder / name).is_file():
+            position, colour = reader(folder / name)
+            break
+    else:
+        raise input_error(folder, "has no points3D.bin or points3D.txt")
+    if not len(position):
+        raise input_error(folder / name, "holds no points")
+    wrong = np.flatnonzero(~np.isfinite(position).all(axis=1))
+    if len(wrong):
+        raise input_error(folder / name, f"point {wrong[0]} is not finite")
+    return position, colour
+
+
+def _binary_points(path: Path) -> Points:
+    data = read_bytes(path)
+    position, colour = [], []
+    with reading(path, "is cut off"):
+        (count,) = struct.unpack_from("<Q", data)
+        offset = 8
+        for number in range(count):
+            _, x, y, z, red, green, blue, _, shown = POINT.unpack_from(data, offset)
+            offset += POINT.size + SHOWN * shown
+            if offset > len(data):
+                raise input_error(path, f"point {number}: {shown} images in {len(data)} bytes")
+            position.append((x, y, z))
+            colour.append((red, green, blue))
+    return np.array(position).reshape(-1, 3), np.array(colour, np.uint8).reshape(-1, 3)
+
+
+def _text_points(path: Path) -> Points:
+    """Lines of id, x, y, z, r, g, b, error, images."""
+    rows = []
+    for number, words in enumerate(line.split() for line in text_lines(path)):
+        if not words:
+            continue
+        with reading(f"{path}: point {number}", "line is malformed"):
+            rows.append([float(word) for word in words[1:7]])
+            if len(rows[-1]) != 6 or not all(0 <= value <= 255 for value in rows[-1][3:]):
+                raise ValueError("not x, y, z and a colour")
+    table = np.array(rows).reshape(-1, 6)
+    return table[:, :3], table[:, 3:].astype(np.uint8)

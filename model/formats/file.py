@@ -109,8 +109,9 @@ def field(table: dict, name: str, kind: type, where: object, default: object = N
     return default
 
 
-def array(value: object, shape: tuple[int, ...], where: object) -> np.ndarray:
-    """A float64 array of `shape` from nested lists of finite numbers; () is a lone number."""
+def array_field(table: dict, name: str, shape: tuple[int, ...], where: object) -> np.ndarray:
+    """`table[name]`, nested lists of finite numbers, as float64 of `shape`; () is a lone number."""
+    value, where = field(table, name, object, where), f"{where}: {name!r}"
 
     def flat(item: object, sides: tuple[int, ...]) -> list[float]:
         if not sides:
@@ -120,13 +121,6 @@ def array(value: object, shape: tuple[int, ...], where: object) -> np.ndarray:
         return [number for part in item for number in flat(part, sides[1:])]
 
     return np.array(flat(value, shape), np.float64).reshape(shape)
-
-
-def array_field(table: dict, name: str, shape: tuple[int, ...], where: object) -> np.ndarray:
-    """`table[name]` as a float64 array of `shape`."""
-    if name not in table:
-        raise input_error(where, f"{name!r} is missing")
-    return array(table[name], shape, f"{where}: {name!r}")
 
 
 def sigmoid(x: np.ndarray) -> np.ndarray:

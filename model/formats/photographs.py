@@ -49,14 +49,16 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
     """
     if not 0 < scale <= 1:
         raise input_error("scale", f"{scale:g} is not in 0 … 1")
-    path = _transforms_file(path)
+    inside = Path(path, "transforms.json")
+    path = inside if inside.is_file() else Path(path)
     folder = _image_folder(path)
     targets, missing, resized = [], [], 0
     named = {name: camera for camera, name in reversed(read_named(path))}
     if "" in named:
         raise input_error(path, "a camera has no photograph's name")
     for name, camera in sorted(named.items()):
-        file = _photograph(folder, name)
+        files = (folder / (name + extension) for extension in EXTENSIONS)
+        file = next(filter(Path.is_file, files), folder / name)
         try:
             with Image.open(file) as image:
                 picture = _over_black(image)
@@ -89,12 +91,6 @@ def held_out(
     return kept, tuple(targets[::every])
 
 
-def _transforms_file(path: str | os.PathLike) -> Path:
-    """The transforms.json in a folder that has one; else the path itself."""
-    inside = Path(path, "transforms.json")
-    return inside if inside.is_file() else Path(path)
-
-
 def _image_folder(path: Path) -> Path:
     """The folder at which the file names of the cameras begin."""
     if path.is_file():
@@ -104,14 +100,6 @@ def _image_folder(path: Path) -> Path:
         if (folder / "images").is_dir():
             return folder / "images"
     raise input_error(path, "there is no folder `images` beside its COLMAP model")
-
-
-def _photograph(folder: Path, name: str) -> Path:
-    """The file of that name, with the extension that it may lack."""
-    for extension in EXTENSIONS:
-        if (folder / (name + extension)).is_file():
-            return folder / (name + extension)
-    return folder / name
 
 
 def _over_black(image: Image.Image) -> Image.Image:

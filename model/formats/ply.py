@@ -10,15 +10,8 @@ import gsply
 import numpy as np
 from plyfile import PlyData, PlyElement
 
-from splatcore.model.formats.file import (
-    check_count,
-    file_size,
-    input_error,
-    read_bytes,
-    reading,
-    sigmoid,
-    stored_scene,
-)
+from splatcore.model.formats import file
+from splatcore.model.formats.file import file_size, input_error
 from splatcore.spec.scene import Scene, sh_count
 
 HEADER_MAX = 1 << 16
@@ -42,13 +35,7 @@ _BOUNDS = [
     for side in ("min", "max")
     for name in names.split()
 ]
-_PLAIN = (
-    "f_dc_0 f_dc_1 f_dc_2",
-    "x y z",
-    "scale_0 scale_1 scale_2",
-    "rot_0 rot_1 rot_2 rot_3",
-    "opacity",
-)
+_PLAIN = "f_dc_0 f_dc_1 f_dc_2 x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity"
 _PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
 
 
@@ -60,19 +47,19 @@ def matches(start: bytes, suffix: str) -> bool:
 def read(path: str | os.PathLike) -> Scene:
     """The scene of a PLY file: binary of either byte order or ASCII, plain or compressed."""
     _check_header(path)
-    with reading(path):
+    with file.reading(path):
         ply = PlyData.read(os.fspath(path))
     elements = {element.name: element.data for element in ply.elements}
     if "vertex" not in elements:
         raise input_error(path, "element 'vertex' is missing")
-    check_count(len(elements["vertex"]), path)
+    file.check_count(len(elements["vertex"]), path)
     return _compressed(elements, path) if "chunk" in elements else _plain(elements["vertex"], path)
 
 
 def _check_header(path: str | os.PathLike) -> None:
     """Refuses what plyfile would allocate for, or loop over, beyond what the file can hold."""
     size = file_size(path)
-    text = read_bytes(path, HEADER_MAX).decode("latin-1")
+    text = file.read_bytes(path, HEADER_MAX).decode("latin-1")
     if not text.startswith("ply"):
         raise input_error(path, "does not start with 'ply'")
     # The first line's end is the end of all of them: LF, CR LF or CR, as plyfile has it.
@@ -86,7 +73,7 @@ def _check_header(path: str | os.PathLike) -> None:
         if words[:2] == ["format", "ascii"]:
             bytes_per_value = 2  # a digit and a separator
         elif words[:1] == ["element"]:
-            with reading(path, f"header: {' '.join(words)[:80]!r} has no count"):
+            with file.reading(path, f"header: {' '.join(words)[:80]!r} has no count"):
                 elements.append([words[1], int(words[2]), 0])
         elif words[:1] == ["property"] and elements:
             elements[-1][2] += 1
@@ -118,14 +105,13 @@ def _rest_names(table: np.ndarray, where: object) -> list[str]:
 def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
     """The scene of an uncompressed `vertex` element: logarithms of scales, logits of opacities."""
     rest = _rest_names(vertex, path)
-    constant, position, log_scale, quaternion, opacity = (
-        _columns(vertex, names.split(), path) for names in _PLAIN
-    )
+    parts = np.split(_columns(vertex, _PLAIN.split(), path), (3, 6, 9, 13), axis=1)
+    constant, position, log_scale, quaternion, opacity = parts
     higher = None
     if rest:  # channel-major: f_rest_[channel·K + coefficient]
         higher = _columns(vertex, rest, path).reshape(len(vertex), 3, -1).transpose(0, 2, 1)
-    opacity = sigmoid(opacity[:, 0])
-    return stored_scene(path, position, log_scale, quaternion, opacity, constant, higher)
+    opacity = file.sigmoid(opacity[:, 0])
+    return file.stored_scene(path, position, log_scale, quaternion, opacity, constant, higher)
 
 
 def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Scene:
@@ -148,11 +134,11 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
         if len(elements["sh"]) != len(vertex):
             raise input_error(path, f"element 'sh' has {len(elements['sh'])} rows")
         sh = _integers(elements["sh"], _rest_names(elements["sh"], path), np.uint8, path)
-    with reading(path):
+    with file.reading(path):
         data = gsply.decompress_from_bytes(_layout(bounds, packed, sh))
     higher = data.shN.reshape(len(vertex), -1, 3)
-    opacity = sigmoid(data.opacities)
-    return stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
+    opacity = file.sigmoid(data.opacities)
+    return file.stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
 
 
 def _integers(table: np.ndarray, names: list[str], kind: type, where: object) -> np.ndarray:
@@ -197,5 +183,5 @@ def write_ply(path: str | os.PathLike, scene: Scene) -> None:
     with np.errstate(over="ignore"):
         for name, column in zip(names, np.hstack([part for _, part in groups]).T, strict=True):
             vertex[name] = column
-    with reading(path, "cannot be written"):
+    with file.reading(path, "cannot be written"):
         PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(os.fspath(path))

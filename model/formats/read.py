@@ -40,9 +40,7 @@ def read_scene(path: str | os.PathLike) -> Scene:
 def _notes(scene: Scene) -> tuple[str, ...]:
     """A line for each kind of odd Gaussian, with how many there are."""
     arrays = (scene.position, scene.scale, scene.quaternion, scene.opacity, scene.sh)
-    finite = np.ones(len(scene), bool)
-    for array in arrays:
-        finite &= np.isfinite(array).reshape(len(scene), -1).all(axis=1)
+    finite = np.all([np.isfinite(each).reshape(len(scene), -1).all(axis=1) for each in arrays], 0)
     norm = np.linalg.norm(scene.quaternion[finite], axis=1)
     low, high = NORM_RANGE
     counts = {

@@ -12,19 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from splatcore.model.formats.file import (
-    array_field,
-    check_count,
-    check_expansion,
-    checked,
-    field,
-    input_error,
-    parse_json,
-    read_bytes,
-    reading,
-    sigmoid,
-    stored_scene,
-)
+from splatcore.model.formats import file
+from splatcore.model.formats.file import input_error
 from splatcore.spec.scene import Scene
 
 PALETTE_ROW = 64
@@ -51,23 +40,23 @@ class Sog:
 
     def section(self, name: str) -> tuple[dict, str]:
         """A named object of meta.json, and the words that locate it in messages."""
-        return field(self.meta, name, dict, f"{self.path}: meta.json"), f"{self.path}: {name}"
+        return file.field(self.meta, name, dict, f"{self.path}: meta.json"), f"{self.path}: {name}"
 
     def pixels(self, name: str, index: int = 0) -> np.ndarray:
         """Image `index` of a section as uint8 [height, width, 4]."""
         section, where = self.section(name)
-        files = field(section, "files", list, where)
+        files = file.field(section, "files", list, where)
         if index >= len(files):
             raise input_error(where, f"'files' has {len(files)} entries, not {index + 1}")
-        file = checked(files[index], str, f"{where}: 'files'")
-        data = _entry(self.archive, file, self.path, self.size)
-        where = f"{self.path}: {file}"
-        with reading(where, "is no WebP or PNG image"):
+        name = file.checked(files[index], str, f"{where}: 'files'")
+        data = _entry(self.archive, name, self.path, self.size)
+        where = f"{self.path}: {name}"
+        with file.reading(where, "is no WebP or PNG image"):
             image = Image.open(io.BytesIO(data), formats=("WEBP", "PNG"))
         if image.mode not in ("RGB", "RGBA"):
             raise input_error(where, f"has pixels of mode {image.mode}, not RGB or RGBA")
-        check_expansion(4 * image.width * image.height, self.size, where)
-        with reading(where, "is a broken image"):
+        file.check_expansion(4 * image.width * image.height, self.size, where)
+        with file.reading(where, "is a broken image"):
             return np.asarray(image.convert("RGBA"))  # a missing alpha is 255 throughout
 
     def values(self, name: str, codes: np.ndarray) -> np.ndarray:
@@ -75,7 +64,7 @@ class Sog:
         section, where = self.section(name)
         if self.version == 1:
             shape = () if name == "shN" else (codes.shape[-1],)
-            low, high = (array_field(section, side, shape, where) for side in ("mins", "maxs"))
+            low, high = (file.array_field(section, side, shape, where) for side in ("mins", "maxs"))
             return low + (high - low) * (codes / 255)
         codebook = _codebook(section, where)
         if codes.max(initial=0) >= len(codebook):
@@ -90,12 +79,12 @@ def matches(start: bytes, suffix: str) -> bool:
 
 def read(path: str | os.PathLike) -> Scene:
     """The scene of a SOG file."""
-    data = read_bytes(path)
-    with reading(path, "is no zip archive"):
+    data = file.read_bytes(path)
+    with file.reading(path, "is no zip archive"):
         archive = zipfile.ZipFile(io.BytesIO(data))
     text = _entry(archive, "meta.json", path, len(data))
-    meta = checked(parse_json(text, f"{path}: meta.json"), dict, f"{path}: meta.json")
-    version = field(meta, "version", int, path, default=1)
+    meta = file.checked(file.parse_json(text, f"{path}: meta.json"), dict, f"{path}: meta.json")
+    version = file.field(meta, "version", int, path, default=1)
     if version not in (1, 2):
         raise input_error(path, f"SOG version {version} is not known")
     return _scene(Sog(path, len(data), archive, meta, version))
@@ -109,21 +98,21 @@ def _entry(archive: zipfile.ZipFile, name: str, path: str | os.PathLike, size: i
     info = archive.getinfo(name)
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise input_error(where, f"zip compression {info.compress_type} is not supported")
-    check_expansion(info.file_size, size, where)
-    with reading(where):
+    file.check_expansion(info.file_size, size, where)
+    with file.reading(where):
         return archive.read(info)
 
 
 def _codebook(section: dict, where: str) -> np.ndarray:
     """The codebook of a section, up to 256 numbers."""
-    numbers = list(field(section, "codebook", list, where))
+    numbers = list(file.field(section, "codebook", list, where))
     if not 1 <= len(numbers) <= CODEBOOK_MAX:
         raise input_error(where, f"'codebook' has {len(numbers)} entries, not 1 … {CODEBOOK_MAX}")
     if numbers[0] is None and len(numbers) == CODEBOOK_MAX:
         # A known fault of early writers; the entry is extrapolated as PlayCanvas's engine does.
-        second, last = (checked(numbers[i], float, f"{where}: 'codebook'") for i in (1, -1))
+        second, last = (file.checked(numbers[i], float, f"{where}: 'codebook'") for i in (1, -1))
         numbers[0] = second + (second - last) / 255
-    return array_field({"codebook": numbers}, "codebook", (len(numbers),), where)
+    return file.array_field({"codebook": numbers}, "codebook", (len(numbers),), where)
 
 
 def _scene(sog: Sog) -> Scene:
@@ -140,7 +129,7 @@ def _scene(sog: Sog) -> Scene:
                 sog.path, f"{name} is {image.shape[1]}×{image.shape[0]}, not {size[1]}×{size[0]}"
             )
     count = _count(sog)
-    check_count(count, sog.path)
+    file.check_count(count, sog.path)
     if count > size[0] * size[1]:
         raise input_error(sog.path, f"{count} Gaussians in images of {size[1]}×{size[0]} pixels")
     rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
@@ -149,24 +138,24 @@ def _scene(sog: Sog) -> Scene:
     position = _position(sog, rows["means"], rows["means, upper bytes"])
     log_scale = sog.values("scales", rows["scales"][:, :3])
     quaternion = _quaternion(sog, rows["quats"])
-    return stored_scene(sog.path, position, log_scale, quaternion, opacity, colour, higher)
+    return file.stored_scene(sog.path, position, log_scale, quaternion, opacity, colour, higher)
 
 
 def _count(sog: Sog) -> int:
     """The number of Gaussians."""
     if sog.version == 2:
-        return field(sog.meta, "count", int, f"{sog.path}: meta.json")
+        return file.field(sog.meta, "count", int, f"{sog.path}: meta.json")
     means, where = sog.section("means")
-    shape = field(means, "shape", list, where)
+    shape = file.field(means, "shape", list, where)
     if not shape:
         raise input_error(where, "'shape' is empty")
-    return checked(shape[0], int, f"{where}: 'shape'")
+    return file.checked(shape[0], int, f"{where}: 'shape'")
 
 
 def _position(sog: Sog, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Positions [N, 3] in scene units: 16-bit codes of sign(x)·ln(1 + |x|)."""
     means, where = sog.section("means")
-    low, high = (array_field(means, side, (3,), where) for side in ("mins", "maxs"))
+    low, high = (file.array_field(means, side, (3,), where) for side in ("mins", "maxs"))
     codes = lower[:, :3] + 256.0 * upper[:, :3]
     logarithm = low + (high - low) * (codes / 65535)
     return np.sign(logarithm) * (np.exp(np.abs(logarithm)) - 1)
@@ -191,7 +180,7 @@ def _colour(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Opacities [N] and SH coefficients of degree 0 [N, 3]."""
     if sog.version == 1:
         values = sog.values("sh0", rows)
-        return sigmoid(values[:, 3]), values[:, :3]
+        return file.sigmoid(values[:, 3]), values[:, :3]
     return rows[:, 3] / 255, sog.values("sh0", rows[:, :3])
 
 
@@ -201,8 +190,8 @@ def _higher(sog: Sog, rows: np.ndarray) -> np.ndarray:
     image = sog.pixels("shN")
     height, width, _ = image.shape
     if sog.version == 2:
-        coefficients = _COEFFICIENTS.get(field(section, "bands", int, where))
-        count = field(section, "count", int, where)
+        coefficients = _COEFFICIENTS.get(file.field(section, "bands", int, where))
+        count = file.field(section, "count", int, where)
     else:
         coefficients, count = width // PALETTE_ROW, PALETTE_ROW * height
     if coefficients not in _COEFFICIENTS.values():

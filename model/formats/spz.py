@@ -15,15 +15,8 @@ import gsply
 import numpy as np
 import zstandard
 
-from splatcore.model.formats.file import (
-    check_count,
-    check_expansion,
-    input_error,
-    read_bytes,
-    reading,
-    sigmoid,
-    stored_scene,
-)
+from splatcore.model.formats import file
+from splatcore.model.formats.file import input_error
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.scene import Scene, sh_count
 
@@ -82,7 +75,7 @@ def matches(start: bytes, suffix: str) -> bool:
 
 def read(path: str | os.PathLike) -> Scene:
     """The scene of an SPZ file, in the axes of PLY."""
-    data = read_bytes(path)
+    data = file.read_bytes(path)
     if data.startswith(SPZ_MAGIC):
         header = _check_streams(data, path)
     elif data.startswith(GZIP_MAGIC):
@@ -106,17 +99,17 @@ def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
         raise input_error(path, f"SH degree {header.degree} is not supported")
     if not 1 <= header.fraction <= FRACTION_MAX:
         raise input_error(path, f"{header.fraction} fractional bits, not 1 … {FRACTION_MAX}")
-    check_count(header.count, path)
+    file.check_count(header.count, path)
     return header
 
 
 def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes]:
     """Header and sections of a file of version 1 to 3; never more than the header promises."""
-    with reading(path):
+    with file.reading(path):
         stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
         header = _header(stream.decompress(data, 16), range(1, 4), path)
         size = sum(header.sections)
-        check_expansion(size, len(data), path)
+        file.check_expansion(size, len(data), path)
         payload = stream.decompress(stream.unconsumed_tail, size + EXTENSION_MAX)
     if len(payload) < size:
         raise input_error(path, f"holds {len(payload)} of the {size} bytes of its Gaussians")
@@ -130,7 +123,7 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes]:
 def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
     """Header of a file of version 4, its table of contents and the zstd streams checked."""
     header = _header(data, range(4, 5), path)
-    check_expansion(sum(header.sections), len(data), path)
+    file.check_expansion(sum(header.sections), len(data), path)
     if len(data) < 32:
         raise input_error(path, "header is cut off")
     streams, toc = struct.unpack_from("<BI", data, 15)
@@ -145,7 +138,7 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
             raise input_error(path, f"stream {index} has {claimed} bytes, not {size}")
         if start + stored > len(data):
             raise input_error(path, f"stream {index} is cut off")
-        with reading(path, f"stream {index} is no zstd stream"):
+        with file.reading(path, f"stream {index} is no zstd stream"):
             # −1: the frame does not say, and gsply stops at the size it expects.
             content = zstandard.frame_content_size(data[start : start + stored])
         if content not in (-1, size):
@@ -161,21 +154,21 @@ def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> 
     count, size = header.count, header.sections[0]
     position = np.frombuffer(payload[:size], "<f2").reshape(count, 3).astype(np.float64)
     start = SPZ_MAGIC + struct.pack("<IIBBxx", 2, count, header.degree, header.fraction)
-    with reading(path), tempfile.NamedTemporaryFile(suffix=".spz") as file:
-        file.write(gzip.compress(start + bytes(9 * count) + payload[size:], compresslevel=1))
-        file.flush()
-        scene = _decode(file.name, path)
+    with file.reading(path), tempfile.NamedTemporaryFile(suffix=".spz") as copy:
+        copy.write(gzip.compress(start + bytes(9 * count) + payload[size:], compresslevel=1))
+        copy.flush()
+        scene = _decode(copy.name, path)
     return replace(scene, position=position * (1, -1, -1))
 
 
 def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
     """The scene of a checked file `source`; `path` is the name that the user knows."""
-    with reading(path):
+    with file.reading(path):
         data = gsply.read_spz(source)
     higher = data.shN if data.shN is not None and data.shN.size else None
-    opacity = sigmoid(data.opacities)
+    opacity = file.sigmoid(data.opacities)
     return turned(
-        stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
+        file.stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
     )
 
 

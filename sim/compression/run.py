@@ -10,7 +10,7 @@ from pathlib import Path
 
 from splatcore.model.compress.checkpoint import Checkpoints, Step
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.formats.colmap_points import read_points
+from splatcore.model.formats.colmap import read_points
 from splatcore.model.formats.photographs import held_out, read_photographs
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.spec.camera import Camera

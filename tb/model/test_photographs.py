@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from splatcore.model.formats.colmap_points import read_points
+from splatcore.model.formats.colmap import read_points
 from splatcore.model.formats.photographs import held_out, read_photographs
 from splatcore.spec.error import InputError
 from tb.helpers.scenes import needs_scenes, scene_path
