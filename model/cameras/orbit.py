@@ -23,12 +23,7 @@ NEAR_MIDDLE = 1e-4
 
 
 def orbiting_views(
-    cameras: Sequence[Camera],
-    middle: np.ndarray,
-    count: int,
-    rise: float,
-    nearer: float,
-    seed: int = 0,
+    cameras: list[Camera], middle: np.ndarray, count: int, rise: float, nearer: float, seed: int = 0
 ) -> list[Camera]:
     """`count` views: the cameras in turn, turned about the upright line through what they look at
     together, raised by up to ±`rise` radians, at 1/`nearer` … `nearer` times their distance.

@@ -86,9 +86,8 @@ def surrounding_views(
     tried = list(_candidates(core, TRIES * count, width, height, seed))
     faults = _faults(core, visible.factor[core.index], tried, start)
     chosen = np.sort(np.argsort(faults, kind="stable")[:count])
-    return [
-        replace(tried[index][0], name=f"around {number}") for number, index in enumerate(chosen)
-    ]
+    views = [tried[index][0] for index in chosen]
+    return [replace(view, name=f"around {number}") for number, view in enumerate(views)]
 
 
 def _faults(

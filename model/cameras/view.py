@@ -101,7 +101,13 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
 def core_of(gaussians: Gaussians) -> Core:
     """The core as `sensible_view` has it; at the origin and empty if nothing counts."""
     index, area = _solid(gaussians)
-    index, area = _without_shell(gaussians.position, index, area)
+    for _ in range(ROUNDS if len(index) else 0):
+        place = gaussians.position[index]
+        away = np.linalg.norm(place - np.median(place, axis=0), axis=1)
+        near = away <= SHELL_RATIO * np.median(away)
+        if near.all():
+            break
+        index, area = index[near], area[near]
     position = gaussians.position[index]
     low, high = np.zeros((2, 3))
     if len(position):
@@ -130,20 +136,6 @@ def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
     return index, area * step
 
 
-def _without_shell(
-    position: np.ndarray, index: np.ndarray, area: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Those of `index` within SHELL_RATIO median distances of their median, taken to rest."""
-    for _ in range(ROUNDS if len(index) else 0):
-        place = position[index]
-        away = np.linalg.norm(place - np.median(place, axis=0), axis=1)
-        near = away <= SHELL_RATIO * np.median(away)
-        if near.all():
-            break
-        index, area = index[near], area[near]
-    return index, area
-
-
 def _open_viewpoint(
     point: np.ndarray, area: np.ndarray, half: np.ndarray, distance: float
 ) -> np.ndarray:
@@ -159,15 +151,14 @@ def _open_viewpoint(
     level = np.cos(ELEVATION)
     down = np.full(DIRECTIONS, -np.sin(ELEVATION))
     ways = np.stack([level * np.sin(azimuth), down, -level * np.cos(azimuth)], axis=1)
-    hidden = [
-        WALLS * round(blocked(point, area, INSIDE * half, distance * w, 1.0), 1) for w in ways
-    ]
+    hidden = [blocked(point, area, INSIDE * half, distance * way, 1.0) for way in ways]
     best, choice = np.inf, None
     for share, handicap in CLOSER.items():
         for step, way in enumerate(ways):
             eye = max(share * distance, NEAREST) * way
             detour = 2 * min(step, DIRECTIONS - step) / DIRECTIONS
-            score = round(blocked(point, area, half, eye, 0.8), 1) + handicap + hidden[step]
+            score = round(blocked(point, area, half, eye, 0.8), 1) + handicap
+            score += WALLS * round(hidden[step], 1)
             score += EDGEWISE * missing[step] + DETOUR * detour
             if score < best:
                 best, choice = score, eye

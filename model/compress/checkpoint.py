@@ -22,6 +22,7 @@ from splatcore.spec.scene import Scene, sh_count
 STEPS = "steps.json"
 KINDS = ("original", "prune", "distill", "quantize")
 ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
+Result = Scene | PackedModel
 
 
 def ply_bytes(count: int, degree: int) -> int:
@@ -73,12 +74,7 @@ class Checkpoints:
         return next((step for step in self.steps if step.name == name), None)
 
     def save(
-        self,
-        name: str,
-        kind: str,
-        result: Scene | PackedModel,
-        seconds: float = 0.0,
-        loss: float | None = None,
+        self, name: str, kind: str, result: Result, seconds: float = 0.0, loss: float | None = None
     ) -> Step:
         """Keep a step with its scene or packed model.
 
@@ -109,7 +105,7 @@ class Checkpoints:
         self.steps += (step,)
         return step
 
-    def load(self, step: Step) -> Scene | PackedModel:
+    def load(self, step: Step) -> Result:
         """The scene of a step, or the model of "quantize"; InputError names a broken file."""
         path = self.folder / step.file
         if step.kind == "quantize":

@@ -165,19 +165,10 @@ def _frame_intrinsics(frame: dict, where: str) -> tuple:
 
 def cameras_json(cameras: list[Camera]) -> str:
     """The text of a cameras.json with these cameras; `read_cameras` reads it back."""
-    entries = [
-        {
-            "id": camera.name,
-            "img_name": camera.name,
-            "width": camera.width,
-            "height": camera.height,
-            "position": camera.position.tolist(),
-            "rotation": camera.rotation.T.tolist(),
-            "fx": camera.fx,
-            "fy": camera.fy,
-            "cx": camera.cx,
-            "cy": camera.cy,
-        }
-        for camera in cameras
-    ]
+    entries = []
+    for camera in cameras:
+        entry = {"id": camera.name, "img_name": camera.name}
+        entry |= {"width": camera.width, "height": camera.height}
+        entry |= {"position": camera.position.tolist(), "rotation": camera.rotation.T.tolist()}
+        entries.append(entry | {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")})
     return json.dumps(entries, indent=1)

@@ -133,9 +133,7 @@ def text_lines(path: Path) -> list[str]:
 def _text_cameras(path: Path) -> dict[int, Intrinsics]:
     """cameras.txt: id, model, width, height, parameters."""
     cameras = {}
-    for words in (line.split() for line in text_lines(path)):
-        if not words:
-            continue
+    for words in filter(None, map(str.split, text_lines(path))):
         where = f"{path}: camera {words[0][:40]}"
         with reading(where, "line is malformed"):
             camera, size = int(words[0]), (int(words[2]), int(words[3]))

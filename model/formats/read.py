@@ -43,11 +43,10 @@ def _notes(scene: Scene) -> tuple[str, ...]:
     finite = np.all([np.isfinite(each).reshape(len(scene), -1).all(axis=1) for each in arrays], 0)
     norm = np.linalg.norm(scene.quaternion[finite], axis=1)
     low, high = NORM_RANGE
+    odd = (norm > 0) & ((norm < low) | (norm > high))
     counts = {
         "Gaussians with NaN or Inf": np.sum(~finite),
         "quaternions of norm 0": np.sum(norm == 0),
-        f"quaternions of a norm beyond {low:g} … {high:g}": np.sum(
-            (norm > 0) & ((norm < low) | (norm > high))
-        ),
+        f"quaternions of a norm beyond {low:g} … {high:g}": np.sum(odd),
     }
     return tuple(f"{count} {what}" for what, count in counts.items() if count)

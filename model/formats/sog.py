@@ -87,7 +87,29 @@ def read(path: str | os.PathLike) -> Scene:
     version = file.field(meta, "version", int, path, default=1)
     if version not in (1, 2):
         raise input_error(path, f"SOG version {version} is not known")
-    return _scene(Sog(path, len(data), archive, meta, version))
+    sog = Sog(path, len(data), archive, meta, version)
+    images = {name: sog.pixels(name) for name in ("means", "quats", "scales", "sh0")}
+    images["means, upper bytes"] = sog.pixels("means", 1)
+    labels = None
+    if "shN" in sog.meta:
+        labels = images["shN, labels"] = sog.pixels("shN", 1)
+    size = images["means"].shape
+    for name, image in images.items():
+        if image.shape != size:
+            raise input_error(
+                path, f"{name} is {image.shape[1]}×{image.shape[0]}, not {size[1]}×{size[0]}"
+            )
+    count = _count(sog)
+    file.check_count(count, path)
+    if count > size[0] * size[1]:
+        raise input_error(path, f"{count} Gaussians in images of {size[1]}×{size[0]} pixels")
+    rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
+    opacity, colour = _colour(sog, rows["sh0"])
+    higher = _higher(sog, rows["shN, labels"]) if labels is not None else None
+    position = _position(sog, rows["means"], rows["means, upper bytes"])
+    log_scale = sog.values("scales", rows["scales"][:, :3])
+    quaternion = _quaternion(sog, rows["quats"])
+    return file.stored_scene(path, position, log_scale, quaternion, opacity, colour, higher)
 
 
 def _entry(archive: zipfile.ZipFile, name: str, path: str | os.PathLike, size: int) -> bytes:
@@ -113,32 +135,6 @@ def _codebook(section: dict, where: str) -> np.ndarray:
         second, last = (file.checked(numbers[i], float, f"{where}: 'codebook'") for i in (1, -1))
         numbers[0] = second + (second - last) / 255
     return file.array_field({"codebook": numbers}, "codebook", (len(numbers),), where)
-
-
-def _scene(sog: Sog) -> Scene:
-    """The scene of an open file."""
-    images = {name: sog.pixels(name) for name in ("means", "quats", "scales", "sh0")}
-    images["means, upper bytes"] = sog.pixels("means", 1)
-    labels = None
-    if "shN" in sog.meta:
-        labels = images["shN, labels"] = sog.pixels("shN", 1)
-    size = images["means"].shape
-    for name, image in images.items():
-        if image.shape != size:
-            raise input_error(
-                sog.path, f"{name} is {image.shape[1]}×{image.shape[0]}, not {size[1]}×{size[0]}"
-            )
-    count = _count(sog)
-    file.check_count(count, sog.path)
-    if count > size[0] * size[1]:
-        raise input_error(sog.path, f"{count} Gaussians in images of {size[1]}×{size[0]} pixels")
-    rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
-    opacity, colour = _colour(sog, rows["sh0"])
-    higher = _higher(sog, rows["shN, labels"]) if labels is not None else None
-    position = _position(sog, rows["means"], rows["means, upper bytes"])
-    log_scale = sog.values("scales", rows["scales"][:, :3])
-    quaternion = _quaternion(sog, rows["quats"])
-    return file.stored_scene(sog.path, position, log_scale, quaternion, opacity, colour, higher)
 
 
 def _count(sog: Sog) -> int:

@@ -5,10 +5,8 @@ import os
 import numpy as np
 
 from splatcore.model.formats.file import input_error, read_bytes
+from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import Scene
-
-SH_C0 = 0.5 / np.sqrt(np.pi)
-"""The constant basis function; colour = 0.5 + SH_C0 · coefficient."""
 
 RECORD = np.dtype(
     [("position", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("quaternion", "u1", 4)]
@@ -30,12 +28,7 @@ def read(path: str | os.PathLike) -> Scene:
     colour = record["colour"].astype(np.float64) / 255
     # A negative scale gives the covariance of its absolute value.
     negative = int((record["scale"] < 0).any(axis=1).sum())
-    return Scene(
-        position=record["position"],
-        scale=np.abs(record["scale"]),
-        quaternion=(record["quaternion"].astype(np.float64) - 128) / 128,
-        opacity=colour[:, 3],
-        sh=((colour[:, :3] - 0.5) / SH_C0)[:, None, :],
-        name=os.fspath(path),
-        notes=(f"{negative} Gaussians with a negative scale, sign dropped",) if negative else (),
-    )
+    notes = (f"{negative} Gaussians with a negative scale, sign dropped",) if negative else ()
+    quaternion = (record["quaternion"].astype(np.float64) - 128) / 128
+    sh, scale = ((colour[:, :3] - 0.5) / SH_C0)[:, None, :], np.abs(record["scale"])
+    return Scene(record["position"], scale, quaternion, colour[:, 3], sh, os.fspath(path), notes)

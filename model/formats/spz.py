@@ -178,9 +178,6 @@ def turned(scene: Scene) -> Scene:
     The quaternion q becomes i·q·i⁻¹ = (w, x, −y, −z), the half turn on both sides: the right one
     only negates two of the Gaussian's own axes, which leaves its covariance as it is.
     """
-    return replace(
-        scene,
-        position=scene.position * (1, -1, -1),
-        quaternion=scene.quaternion * (1, 1, -1, -1),
-        sh=scene.sh * SH_SIGN[: scene.sh.shape[1], None],
-    )
+    position, quaternion = scene.position * (1, -1, -1), scene.quaternion * (1, 1, -1, -1)
+    sh = scene.sh * SH_SIGN[: scene.sh.shape[1], None]
+    return replace(scene, position=position, quaternion=quaternion, sh=sh)

@@ -59,13 +59,8 @@ def ground(rng: np.random.Generator, count: int) -> Part:
     colour = grass_colour(x, z) * rng.uniform(0.8, 1.1, (count, 1))
     size = COVER * spacing * rng.uniform(0.92, 1.12, count)
     scale = np.stack([size * 1.08, size, 0.06 * size], axis=1)
-    return splats(
-        position,
-        scale,
-        frames(slope, random_directions(rng, count)),
-        rng.uniform(0.9, 1.0, count),
-        colour + path * (earth - colour),
-    )
+    aim, opacity = frames(slope, random_directions(rng, count)), rng.uniform(0.9, 1.0, count)
+    return splats(position, scale, aim, opacity, colour + path * (earth - colour))
 
 
 def pebbles(rng: np.random.Generator, count: int) -> Part:

@@ -5,6 +5,7 @@ import numpy as np
 from splatcore.model.generate.directions import UP, unit
 from splatcore.model.generate.garden_splats import Part
 from splatcore.model.generate.spreading import noise
+from splatcore.spec.packed import SH_C0, SH_C1
 
 SUN = unit(np.array([-0.70, -0.62, -0.36]))
 """Direction towards the sun (y down): from the left, a little behind the viewer."""
@@ -30,10 +31,6 @@ SHADOW_REACH = 14.0
 EXPOSURE = 0.85
 GAMMA = 2.2
 CONTRAST = 0.45
-
-SH_0 = 0.28209479177387814
-SH_1 = 0.4886025119029199
-"""Constants of the real spherical harmonics of degree 0 and 1."""
 
 
 def display(radiance: np.ndarray) -> np.ndarray:
@@ -95,11 +92,8 @@ def illuminated(part: Part) -> np.ndarray:
     upward = 0.5 + 0.5 * (normal @ UP)
     upward += part.leafy * (0.6 - upward)
     ambient = upward * (0.2 + 0.8 * sky)
-    light = (
-        direct[:, None] * SUN_LIGHT
-        + ambient[:, None] * SKY_LIGHT
-        + (1 - upward)[:, None] * BOUNCE_LIGHT
-    )
+    light = direct[:, None] * SUN_LIGHT + ambient[:, None] * SKY_LIGHT
+    light += (1 - upward)[:, None] * BOUNCE_LIGHT
     return part.albedo * light, sun
 
 
@@ -119,9 +113,9 @@ def sh_coefficients(part: Part) -> np.ndarray:
     strength = part.gloss * (0.25 + 0.75 * sun)
     sheen = strength[:, None, None] * mirror[:, :, None] * [1.0, 0.96, 0.88]  # [N, axis, RGB]
     sh = np.empty((len(part), 4, 3))
-    sh[:, 0] = (colour - 0.5) / SH_0
+    sh[:, 0] = (colour - 0.5) / SH_C0
     sh[:, 1], sh[:, 2], sh[:, 3] = sheen[:, 1], -sheen[:, 2], sheen[:, 0]
-    sh[:, 1:] /= SH_1
+    sh[:, 1:] /= SH_C1
     return sh
 
 

@@ -48,15 +48,10 @@ def grass(rng: np.random.Generator, count: int) -> Part:
     colour = grass_colour(x, z) * rng.uniform(0.9, 2.0, (base, 1)) * [1.05, 1.0, 0.8]
     colour = np.where(tall[:, None], colour * 0.4 + [0.20, 0.18, 0.06], colour)
     scale = np.stack([0.36 * length, width, 0.3 * width], axis=1)
-    part = splats(
-        root + blade * 0.42 * length[:, None],
-        scale,
-        needles(blade, random_directions(rng, base) * [1, 0.2, 1]),
-        np.where(rng.random(base) < 0.75, rng.uniform(0.6, 0.97, base), rng.uniform(0.1, 0.6)),
-        colour,
-        gloss=0.07,
-        leafy=0.85,
-    )
+    position = root + blade * 0.42 * length[:, None]
+    aim = needles(blade, random_directions(rng, base) * [1, 0.2, 1])
+    opacity = np.where(rng.random(base) < 0.75, rng.uniform(0.6, 0.97, base), rng.uniform(0.1, 0.6))
+    part = splats(position, scale, aim, opacity, colour, gloss=0.07, leafy=0.85)
     return refine(rng, part, count)
 
 

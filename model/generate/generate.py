@@ -63,13 +63,9 @@ def garden(count: int = 20_000, seed: int = 0) -> Scene:
         raise InputError(f"garden: count {count} is not ≥ 1")
     if seed < 0:
         raise InputError(f"garden: seed {seed} is not ≥ 0")
-    whole = join(
-        [
-            PARTS[name][0](np.random.default_rng([seed, index]), number)
-            for index, (name, number) in enumerate(part_counts(count).items())
-            if number
-        ]
-    )
+    counts = enumerate(part_counts(count).items())
+    parts = [PARTS[name][0](np.random.default_rng([seed, k]), n) for k, (name, n) in counts if n]
+    whole = join(parts)
     rotation, sh = quaternions(whole.frame), sh_coefficients(whole)
     return Scene(whole.position, whole.scale, rotation, whole.opacity, sh, name="garden")
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import COLOUR_OFFSET
+from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import Scene
 
 WIDTH, HEIGHT = 64, 48
@@ -20,9 +21,6 @@ DEPTH = 4.0
 
 TILE_CORNER = 16
 """The cases about one tile fill the one whose first pixel is (16, 16)."""
-
-SH_0 = 0.28209479177387814
-"""Degree-0 spherical harmonic: colour = SH_0·coefficient + 0.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +67,7 @@ def behind_pixel(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> np.ndarray:
 def sh_of_colour(colour: np.ndarray) -> np.ndarray:
     """SH [N, 4, 3] of degree 1 that shows `colour` [N, 3] from everywhere."""
     sh = np.zeros((len(colour), 4, 3))
-    sh[:, 0] = (np.asarray(colour) - COLOUR_OFFSET) / SH_0
+    sh[:, 0] = (np.asarray(colour) - COLOUR_OFFSET) / SH_C0
     return sh
 
 
@@ -82,13 +80,9 @@ def spread(rng: np.random.Generator, count: int, depth=DEPTH, pixels=(0.5, 4.0))
     u, v = rng.uniform(0, WIDTH - 1, count), rng.uniform(0, HEIGHT - 1, count)
     sh = sh_of_colour(rng.uniform(0.05, 0.95, (count, 3)))
     sh[:, 1:] = rng.normal(0, 0.1, (count, 3, 3))
-    return Scene(
-        behind_pixel(u, v, depth),
-        rng.uniform(*pixels, (count, 3)) * depth[:, None] / FOCAL,
-        rng.standard_normal((count, 4)),
-        rng.uniform(0.1, 0.99, count),
-        sh,
-    )
+    place, scale = behind_pixel(u, v, depth), rng.uniform(*pixels, (count, 3)) * depth[:, None]
+    quaternion, opacity = rng.standard_normal((count, 4)), rng.uniform(0.1, 0.99, count)
+    return Scene(place, scale / FOCAL, quaternion, opacity, sh)
 
 
 def in_one_tile(rng: np.random.Generator, scene: Scene, depth: np.ndarray) -> Scene:

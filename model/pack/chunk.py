@@ -7,18 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.spec.memory import (
-    CHUNK,
-    EXPONENT_MAX,
-    EXTENT_SHIFT,
-    OCTANTS,
-    OFFSET_BITS,
-    ORIGIN_BITS,
-    STORED_BITS,
-    chunk_count,
-)
+from splatcore.spec import memory
 
-GRID_BITS = ORIGIN_BITS - 2
+GRID_BITS = memory.ORIGIN_BITS - 2
 """Bits of a coordinate's magnitude on the grid: sums of two coordinates keep clear of the sign."""
 
 MORTON_BITS = 21
@@ -41,24 +32,24 @@ class Chunks:
 def chunk_positions(position: np.ndarray) -> Chunks:
     """Cut finite positions [N, 3] (scene units) into chunks."""
     _, exponent = np.frexp(np.abs(position).max(initial=0))
-    exponent = max(int(exponent) - GRID_BITS, -EXPONENT_MAX)
+    exponent = max(int(exponent) - GRID_BITS, -memory.EXPONENT_MAX)
     grid = np.rint(np.ldexp(position, -exponent)).astype(np.int64)  # [N, 3]
     order = morton_order(grid)
     grid = grid[order]
 
-    of = np.arange(len(grid)) // CHUNK  # [N] the chunk of each place
-    starts = np.arange(chunk_count(len(grid))) * CHUNK
+    of = np.arange(len(grid)) // memory.CHUNK  # [N] the chunk of each place
+    starts = np.arange(memory.chunk_count(len(grid))) * memory.CHUNK
     origin = np.minimum.reduceat(grid, starts, axis=0) if len(starts) else grid
     highest = np.maximum.reduceat(grid, starts, axis=0) if len(starts) else grid
     shift = smallest_shift(highest - origin)
     offset = (grid - origin[of] + half(shift)[of]) >> shift[of]
 
-    octant = (offset >> STORED_BITS) @ np.array([1, 2, 4])  # [N]
-    within = np.argsort(of * OCTANTS + octant, kind="stable")
-    counts = np.bincount(of * OCTANTS + octant, minlength=len(starts) * OCTANTS)
-    octant_end = np.cumsum(counts.reshape(-1, OCTANTS), axis=1)[:, :-1]
-    extent = (highest - origin + half(shift)) >> shift >> EXTENT_SHIFT
-    stored = offset[within] & ((1 << STORED_BITS) - 1)
+    octant = (offset >> memory.STORED_BITS) @ np.array([1, 2, 4])  # [N]
+    within = np.argsort(of * memory.OCTANTS + octant, kind="stable")
+    counts = np.bincount(of * memory.OCTANTS + octant, minlength=len(starts) * memory.OCTANTS)
+    octant_end = np.cumsum(counts.reshape(-1, memory.OCTANTS), axis=1)[:, :-1]
+    extent = (highest - origin + half(shift)) >> shift >> memory.EXTENT_SHIFT
+    stored = offset[within] & ((1 << memory.STORED_BITS) - 1)
     return Chunks(order[within], exponent, origin, shift, octant_end, extent, stored)
 
 
@@ -70,16 +61,16 @@ def half(shift: np.ndarray) -> np.ndarray:
 def smallest_shift(span: np.ndarray) -> np.ndarray:
     """Smallest shift for which offsets up to `span` (int64 ≥ 0), rounded, fit OFFSET_BITS."""
     _, length = np.frexp(span.astype(np.float64))  # bit length; spans are below 2^53
-    shift = np.maximum(length - OFFSET_BITS, 0).astype(np.int64)
-    return shift + ((span + half(shift)) >> shift >> OFFSET_BITS)
+    shift = np.maximum(length - memory.OFFSET_BITS, 0).astype(np.int64)
+    return shift + ((span + half(shift)) >> shift >> memory.OFFSET_BITS)
 
 
 def morton_order(grid: np.ndarray) -> np.ndarray:
     """Order [N] of integer points [N, 3] along the Morton (Z) curve; equal points keep theirs."""
-    corner = grid.min(axis=0, initial=1 << ORIGIN_BITS)  # the initial value is for no points
+    corner = grid.min(axis=0, initial=1 << memory.ORIGIN_BITS)  # the initial value is for no points
     point = (grid - corner).astype(np.uint64)
-    high = interleave(point >> (ORIGIN_BITS - MORTON_BITS))
-    low = interleave(point & ((1 << (ORIGIN_BITS - MORTON_BITS)) - 1))
+    high = interleave(point >> (memory.ORIGIN_BITS - MORTON_BITS))
+    low = interleave(point & ((1 << (memory.ORIGIN_BITS - MORTON_BITS)) - 1))
     return np.lexsort((low, high))
 
 

@@ -7,22 +7,9 @@ import numpy as np
 from splatcore.model.pack.chunk import Chunks
 from splatcore.model.pack.codebook import Codebook
 from splatcore.model.pack.factor import largest_axis
+from splatcore.spec import memory
 from splatcore.spec.convention import ALPHA_MIN
-from splatcore.spec.memory import (
-    ABSOLUTE_EXPONENT,
-    ALIGNMENT,
-    CHUNK,
-    CHUNK_HEADER,
-    COLOUR_ENTRY,
-    HEADER,
-    MAGIC,
-    PLACED,
-    POSITION_FORMATS,
-    REACH,
-    SH_ENTRY,
-    VERSION,
-    ModelFormat,
-)
+from splatcore.spec.memory import HEADER, ModelFormat
 from splatcore.spec.packed import checksum
 from splatcore.spec.record import Record, pack_bits
 
@@ -56,8 +43,8 @@ def lay_out(model: Quantised) -> np.ndarray:
     put(layout.chunks, chunk_headers(model))
     put(layout.positions, pack_bits(model.position.reshape(-1).astype(np.uint64), width))
     put(layout.attributes, attributes(model))
-    put(layout.colours, entries(COLOUR_ENTRY, "rgb", model.colour))
-    put(layout.sh, entries(SH_ENTRY, "g", model.harmonics))
+    put(layout.colours, entries(memory.COLOUR_ENTRY, "rgb", model.colour))
+    put(layout.sh, entries(memory.SH_ENTRY, "g", model.harmonics))
     put(layout.header, header(model, check=0))
     put(layout.header, header(model, checksum(image)))
     return image
@@ -67,22 +54,21 @@ def header(model: Quantised, check: int) -> np.ndarray:
     """The model's header, uint8 [1, size]."""
     format = model.format
     stages = HEADER["colour_index"].length
+    absolute = format.position == "absolute"
     numbers = {
-        "magic": MAGIC,
-        "version": VERSION,
+        "magic": memory.MAGIC,
+        "version": memory.VERSION,
         "sh_degree": format.sh_degree,
-        "position": POSITION_FORMATS.index(format.position),
+        "position": memory.POSITION_FORMATS.index(format.position),
         "count": len(model),
         "checksum": check,
-        "position_exponent": (
-            ABSOLUTE_EXPONENT if format.position == "absolute" else model.chunks.exponent
-        ),
+        "position_exponent": memory.ABSOLUTE_EXPONENT if absolute else model.chunks.exponent,
         "factor_exponent": model.factor_exponent,
         "colour_exponent": model.colour.exponent,
         "sh_exponent": model.harmonics.exponent,
     }
     layout = format.layout(len(model))
-    numbers |= {part: getattr(layout, part) // ALIGNMENT for part in PLACED}
+    numbers |= {part: getattr(layout, part) // memory.ALIGNMENT for part in memory.PLACED}
     codes = {field: HEADER[field].encode(np.array([value])) for field, value in numbers.items()}
     for field in ("colour_index", "sh_index"):
         bits = getattr(format, field)
@@ -96,22 +82,18 @@ def chunk_headers(model: Quantised) -> np.ndarray:
     A Gaussian has alpha ≥ 1/255 at most √(2·ln(255·opacity)) standard deviations from its centre.
     """
     chunks = model.chunks
-    starts = np.arange(0, len(model), CHUNK)
+    starts = np.arange(0, len(model), memory.CHUNK)
     deviations = np.sqrt(2 * np.log(np.maximum(np.exp2(-model.attenuation) / ALPHA_MIN, 1)))
     reach = deviations * np.ldexp(largest_axis(model.factor), model.factor_exponent)
     reach = np.maximum.reduceat(reach, starts) if len(starts) else reach
-    code = REACH.encode(reach)
-    code += REACH.decode(code) < reach  # a bound is rounded up
-    fields = {
-        "origin": CHUNK_HEADER["origin"].encode(chunks.origin),
-        "shift": chunks.shift,
-        "extent": chunks.extent,
-        "octant_end": chunks.octant_end,
-    }
+    code = memory.REACH.encode(reach)
+    code += memory.REACH.decode(code) < reach  # a bound is rounded up
+    fields = {name: getattr(chunks, name) for name in ("shift", "extent", "octant_end")}
+    fields["origin"] = memory.CHUNK_HEADER["origin"].encode(chunks.origin)
     if model.format.position == "absolute":
         fields = {name: np.zeros_like(codes) for name, codes in fields.items()}
     reserved = np.zeros(len(starts), np.uint64)
-    return CHUNK_HEADER.pack(fields | {"reach": code, "reserved": reserved})
+    return memory.CHUNK_HEADER.pack(fields | {"reach": code, "reserved": reserved})
 
 
 def attributes(model: Quantised) -> np.ndarray:

@@ -82,39 +82,29 @@ def pack(
     absolute = format.position == "absolute"
     if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
         raise InputError(f"{scene.name}: a position is too large for preset {config.name}'s floats")
-    image = lay_out(
-        Quantised(
-            format,
-            chunks,
-            ABSOLUTE.encode(kept.position) if absolute else chunks.stored,
-            *quantise_factor(lower, config.arithmetic),
-            OPACITY.round(-np.log2(np.minimum(kept.opacity, 1))),
-            colour,
-            harmonics,
-        )
-    )
-    model = PackedModel(image, scene.name)
+    position = ABSOLUTE.encode(kept.position) if absolute else chunks.stored
+    exponent = int(np.frexp(np.abs(lower).max(initial=0) / largest_factor(config.arithmetic))[1])
+    factor = FACTOR.round(np.ldexp(lower, -exponent))  # in units of 2^exponent, the least that fits
+    opacity = OPACITY.round(-np.log2(np.minimum(kept.opacity, 1)))
+    quantised = Quantised(format, chunks, position, factor, exponent, opacity, colour, harmonics)
+    model = PackedModel(lay_out(quantised), scene.name)
     dropped = int((~finite).sum()), int((finite & ~visible).sum())
     return model, report(kept, lower, harmonics, model, dropped)
 
 
 def report(
-    kept: Scene,
-    lower: np.ndarray,
-    harmonics: Codebook,
-    model: PackedModel,
-    dropped: tuple[int, int],
+    kept: Scene, lower: np.ndarray, harmonics: Codebook, model: PackedModel, gone: tuple[int, int]
 ) -> PackReport:
-    """The report on Gaussians in stored order with factors `lower`; `dropped` counts those
+    """The report on Gaussians in stored order with factors `lower`; `gone` counts those that are
     not finite and transparent."""
     packed = model.gaussians()
     axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)
     _, slopes = appearance(kept)
     return PackReport(
-        gaussians=len(kept) + sum(dropped),
+        gaussians=len(kept) + sum(gone),
         packed=len(model),
-        not_finite=dropped[0],
-        transparent=dropped[1],
+        not_finite=gone[0],
+        transparent=gone[1],
         sh_degree=kept.sh_degree,
         bytes=len(model.image),
         codebook_bytes=model.format.codebook_bytes,
@@ -158,9 +148,3 @@ def largest_factor(arithmetic: Float) -> float:
     The view rotation takes up L's unit; so neither L overflows nor the rotation underflows.
     """
     return min(FACTOR.max, np.sqrt(arithmetic.max))
-
-
-def quantise_factor(lower: np.ndarray, arithmetic: Float) -> tuple[np.ndarray, int]:
-    """L [N, 3, 3] rounded to FACTOR in units of 2^exponent, and the smallest exponent that fits."""
-    _, exponent = np.frexp(np.abs(lower).max(initial=0) / largest_factor(arithmetic))
-    return FACTOR.round(np.ldexp(lower, -int(exponent))), int(exponent)

@@ -82,16 +82,9 @@ def test_missing_and_exchanged_files_are_named(kept):
     second.write_bytes(first.read_bytes())
     first.write_bytes(third.read_bytes())
     pack(SCENE[:23], TINY)[0].image.tofile(third)
-    for step, message in zip(
-        kept.steps,
-        (
-            "00-original.npz: is not a step's scene",
-            "01-prune-0.4-2.npz: is not the scene of step",
-            "02-quantize.splatcore: is not the model of step",
-        ),
-        strict=True,
-    ):
-        with pytest.raises(InputError, match=message):
+    whats = ("is not a step's scene", "is not the scene of step", "is not the model of step")
+    for step, what in zip(kept.steps, whats, strict=True):
+        with pytest.raises(InputError, match=f"{step.file}: {what}"):
             kept.load(step)
     third.unlink()
     with pytest.raises(InputError, match=r"02-quantize.splatcore"):

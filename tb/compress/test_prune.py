@@ -5,15 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from splatcore.model.compress import prune as pruning
 from splatcore.model.compress.checkpoint import ARRAYS
-from splatcore.model.compress.prune import (
-    cheapest_pairs,
-    count_for_ratio,
-    merge,
-    prune,
-    scaled_schedule,
-    sound,
-)
+from splatcore.model.compress.prune import cheapest_pairs, prune, sound
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import ALPHA_MAX
 from splatcore.spec.error import InputError
@@ -90,7 +84,7 @@ def test_merged_moments():
     """Against means over samples: mean, covariance, colour; and opacity times area of a pair."""
     pair = random_scene(2, 1, seed=3)
     weight = np.array([3.0, 1.0])
-    one = merge(pair, weight, np.zeros(2, int), 1)
+    one = pruning.merge(pair, weight, np.zeros(2, int), 1)
     share = weight / weight.sum()
     rng = np.random.default_rng(0)
     factor = pair.gaussians().factor
@@ -108,16 +102,16 @@ def test_merged_moments():
 
 
 def test_scaled_schedule():
-    rates = scaled_schedule((0.4, 0.4, 0.4, 0.2), 1000, 100)
+    rates = pruning.scaled_schedule((0.4, 0.4, 0.4, 0.2), 1000, 100)
     assert np.isclose(np.prod(1 - np.array(rates)), 0.1)
     assert rates[0] == rates[1] == rates[2] > rates[3]
-    assert scaled_schedule((0.4,), 100, 100) == ()
-    assert np.isclose(scaled_schedule((), 100, 25)[0], 0.75)
+    assert pruning.scaled_schedule((0.4,), 100, 100) == ()
+    assert np.isclose(pruning.scaled_schedule((), 100, 25)[0], 0.75)
 
 
 def test_count_for_ratio():
     format = model_format(DEFAULT, 1)
-    count = count_for_ratio(10_000_000, 50, format)
+    count = pruning.count_for_ratio(10_000_000, 50, format)
     assert format.layout(count).end <= 200_000 < format.layout(count + 3).end
     with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves 10 bytes, and a packed"):
-        count_for_ratio(10_000_000, 1e6, format)
+        pruning.count_for_ratio(10_000_000, 1e6, format)

@@ -16,19 +16,13 @@ EXPECTED = [
 
 def inria() -> list[dict]:
     """The entries of a cameras.json: centre and camera-to-world rotation."""
-    return [
-        {
-            "id": int(camera.name),
-            "img_name": f"view {camera.name}.png",
-            "width": camera.width,
-            "height": camera.height,
-            "position": camera.position.tolist(),
-            "rotation": camera.rotation.T.tolist(),
-            "fy": camera.fy,
-            "fx": camera.fx,
-        }
-        for camera in EXPECTED
-    ]
+    entries = []
+    for camera in EXPECTED:
+        entry = {"id": int(camera.name), "img_name": f"view {camera.name}.png"}
+        entry |= {"width": camera.width, "height": camera.height}
+        entry |= {"position": camera.position.tolist(), "rotation": camera.rotation.T.tolist()}
+        entries.append(entry | {"fy": camera.fy, "fx": camera.fx})
+    return entries
 
 
 def transforms() -> dict:
@@ -50,7 +44,7 @@ def colmap_text(model: str = "PINHOLE") -> dict[str, bytes]:
     for image, camera in reversed(list(zip((4, 7), EXPECTED, strict=True))):
         focal = f"{camera.fx!r}" if model == "SIMPLE_PINHOLE" else f"{camera.fx!r} {camera.fy!r}"
         cameras += f"{image} {model} 640 480 {focal} 320 240\n"
-        pose = " ".join(map(repr, [*quaternion(camera), *camera.translation.tolist()]))
+        pose = " ".join(map(repr, [*wxyz(camera), *camera.translation.tolist()]))
         points = "1.5 2.5 -1 3.5 4.5 9" if image == 7 else ""
         images += f"{image} {pose} {image} view {image}.png\n{points}\n"
     return {"cameras.txt": cameras.encode(), "images.txt": images.encode()}
@@ -63,12 +57,12 @@ def colmap_binary(model: int = 1) -> dict[str, bytes]:
         focal = [camera.fx] if model == 0 else [camera.fx, camera.fy]
         cameras += struct.pack("<IiQQ", image, model, 640, 480)
         cameras += struct.pack(f"<{len(focal) + 2}d", *focal, 320, 240)
-        images += struct.pack("<I7dI", image, *quaternion(camera), *camera.translation, image)
+        images += struct.pack("<I7dI", image, *wxyz(camera), *camera.translation, image)
         points = image - 4
         images += f"view {image}.png\0".encode() + struct.pack("<Q", points) + bytes(24 * points)
     return {"cameras.bin": cameras, "images.bin": images}
 
 
-def quaternion(camera: Camera) -> list[float]:
+def wxyz(camera: Camera) -> list[float]:
     """(w, x, y, z) of a camera's rotation."""
     return Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True).tolist()

@@ -67,11 +67,8 @@ def edited(value: object, *keys: object) -> object:
 def ply_columns(scene: Scene) -> dict[str, np.ndarray]:
     """The columns of a 3DGS PLY of a scene: property → float32 [N]."""
     columns = dict(zip("xyz", scene.position.T, strict=True))
-    for group, values in [
-        ("f_dc", scene.sh[:, 0]),
-        ("scale", np.log(scene.scale)),
-        ("rot", scene.quaternion),
-    ]:
+    groups = {"f_dc": scene.sh[:, 0], "scale": np.log(scene.scale), "rot": scene.quaternion}
+    for group, values in groups.items():
         columns |= {f"{group}_{i}": values[:, i] for i in range(values.shape[1])}
     coefficients = scene.sh.shape[1] - 1
     for channel in range(3):
@@ -126,14 +123,8 @@ def spz_codes(version: int, count: int, degree: int, seed: int = 0) -> list[np.n
     quaternions, SH; [N, bytes per Gaussian] each.
     """
     rng = np.random.default_rng(seed)
-    sizes = (
-        6 if version == 1 else 9,
-        1,
-        3,
-        3,
-        3 if version < 3 else 4,
-        3 * ((degree + 1) ** 2 - 1),
-    )
+    position, quaternion = 6 if version == 1 else 9, 3 if version < 3 else 4
+    sizes = (position, 1, 3, 3, quaternion, 3 * ((degree + 1) ** 2 - 1))
     codes = [rng.integers(0, 256, (count, size), np.uint8) for size in sizes]
     if version == 1:
         codes[0] = rng.normal(size=(count, 3)).astype("<f2").view(np.uint8)
@@ -155,13 +146,11 @@ def spz_bytes(version: int, codes: list[np.ndarray], degree: int, fraction: int 
 def splat_bytes(count: int, seed: int = 0) -> bytes:
     """A .splat file of random Gaussians."""
     rng = np.random.default_rng(seed)
-    records = [
-        rng.normal(size=3).astype("<f4").tobytes()
-        + rng.uniform(0, 1, 3).astype("<f4").tobytes()
-        + rng.integers(0, 256, 8, np.uint8).tobytes()
-        for _ in range(count)
-    ]
-    return b"".join(records)
+    data = b""
+    for _ in range(count):
+        numbers = [rng.normal(size=3).astype("<f4"), rng.uniform(0, 1, 3).astype("<f4")]
+        data += b"".join(map(np.ndarray.tobytes, [*numbers, rng.integers(0, 256, 8, np.uint8)]))
+    return data
 
 
 def image_bytes(pixels: np.ndarray, form: str = "WEBP") -> bytes:
@@ -195,19 +184,12 @@ def sog_meta(version: int, count: int, degree: int, seed: int = 0) -> dict:
             return {"codebook": rng.uniform(low, high, 256).tolist()}
         if not channels:
             return {"mins": low, "maxs": high, "quantization": 8}
-        spread = rng.uniform(0.5, 1, channels)
-        return {
-            "shape": [count, channels],
-            "mins": (low * spread).tolist(),
-            "maxs": [high] * channels,
-        }
+        lowest = (low * rng.uniform(0.5, 1, channels)).tolist()
+        return {"shape": [count, channels], "mins": lowest, "maxs": [high] * channels}
 
+    bounds = {"mins": [-1.0, -2.0, 0.5], "maxs": [1.0, 2.5, 0.5]}
     meta = {
-        "means": {
-            "mins": [-1.0, -2.0, 0.5],
-            "maxs": [1.0, 2.5, 0.5],
-            "files": ["means_l.webp", "means_u.webp"],
-        },
+        "means": bounds | {"files": ["means_l.webp", "means_u.webp"]},
         "scales": book(-9, -1, 3) | {"files": ["scales.webp"]},
         "quats": {"files": ["quats.webp"]},
         "sh0": book(-2, 2, 4) | {"files": ["sh0.webp"]},

@@ -9,14 +9,7 @@ import pytest
 from splatcore.model.formats.camera_file import cameras_json, read_camera, read_cameras
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
-from tb.helpers.camera_file import (
-    EXPECTED,
-    colmap_binary,
-    colmap_text,
-    inria,
-    quaternion,
-    transforms,
-)
+from tb.helpers.camera_file import EXPECTED, colmap_binary, colmap_text, inria, transforms, wxyz
 from tb.helpers.scene_file import check_refused, edited
 from tb.helpers.scenes import needs_scenes, scene_path
 
@@ -193,7 +186,7 @@ BAD = {
         BINARY, "images.bin", b".png\0\3\0\0\0\0\0\0\0", b".png\0\3\0\0\0\0\0\x10\0"
     ),
     "has no direction": _bytes(
-        BINARY, "images.bin", struct.pack("<4d", *quaternion(EXPECTED[1])), bytes(32)
+        BINARY, "images.bin", struct.pack("<4d", *wxyz(EXPECTED[1])), bytes(32)
     ),
     "fx nan is not > 0": _bytes(
         BINARY, "cameras.bin", struct.pack("<d", 510), struct.pack("<d", np.nan)

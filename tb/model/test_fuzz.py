@@ -18,20 +18,9 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
+from tb.helpers import scene_file
 from tb.helpers.camera_file import colmap_binary, colmap_text, inria, transforms
-from tb.helpers.scene_file import (
-    FORMATS,
-    compressed_ply_bytes,
-    image_bytes,
-    ply_bytes,
-    ply_columns,
-    sog_bytes,
-    sog_codes,
-    sog_meta,
-    splat_bytes,
-    spz_bytes,
-    spz_codes,
-)
+from tb.helpers.scene_file import image_bytes, sog_bytes, sog_codes, sog_meta, spz_bytes, spz_codes
 from tb.helpers.scenes import random_scene
 
 ROUNDS = 5000
@@ -43,18 +32,19 @@ Files = dict[str, bytes]
 
 
 def _ply_files() -> dict[str, Files]:
-    columns = ply_columns(random_scene(4, 1))
-    files = {form: {"scene.ply": ply_bytes({"vertex": columns}, form)} for form in FORMATS}
+    elements, forms = {"vertex": scene_file.ply_columns(random_scene(4, 1))}, scene_file.FORMATS
+    files = {form: {"scene.ply": scene_file.ply_bytes(elements, form)} for form in forms}
     rng = np.random.default_rng(0)
     bounds = rng.normal(size=(2, 18)).astype(np.float32)
     packed, sh = rng.integers(0, 2**32, (300, 4), np.uint32), np.zeros((300, 9), np.uint8)
-    return files | {"compressed": {"scene.ply": compressed_ply_bytes(bounds, packed, sh)}}
+    data = scene_file.compressed_ply_bytes(bounds, packed, sh)
+    return files | {"compressed": {"scene.ply": data}}
 
 
 SPZ = {f"spz {v}": {"scene.spz": spz_bytes(v, spz_codes(v, 40, 1), 1)} for v in (1, 2, 3, 4)}
 SOG_IMAGES = {name: image_bytes(pixels) for name, pixels in sog_codes(6, 1, 3).items()}
 SOG = {f"sog {v}": {"scene.sog": sog_bytes(sog_meta(v, 6, 1), SOG_IMAGES)} for v in (1, 2)}
-SCENES = _ply_files() | SPZ | SOG | {"splat": {"scene.splat": splat_bytes(5)}}
+SCENES = _ply_files() | SPZ | SOG | {"splat": {"scene.splat": scene_file.splat_bytes(5)}}
 CAMERAS = {
     "inria": {"cameras.json": json.dumps(inria()).encode()},
     "transforms": {"transforms.json": json.dumps(transforms()).encode()},

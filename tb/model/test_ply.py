@@ -10,15 +10,8 @@ from splatcore.model.formats.ply import OPACITY_MARGIN, SCALE_MIN, read, write_p
 from splatcore.model.formats.read import read_scene
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
-from tb.helpers.scene_file import (
-    CHUNK_BOUNDS,
-    FORMATS,
-    check_bad_scene,
-    compressed_ply_bytes,
-    ply_bytes,
-    ply_columns,
-    read_written,
-)
+from tb.helpers import scene_file
+from tb.helpers.scene_file import CHUNK_BOUNDS, ply_bytes, ply_columns, read_written
 from tb.helpers.scenes import GAUSSIANS, needs_scenes, random_scene, scene_path
 
 FLOAT32_BOUND = 1e-6
@@ -36,7 +29,7 @@ def check_equal(scene: Scene, expected: Scene) -> None:
 
 
 @pytest.mark.parametrize("degree", range(4))
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", scene_file.FORMATS)
 @pytest.mark.parametrize("extra", [False, True])
 def test_any_layout_reads_alike(tmp_path, degree, form, extra):
     """Shuffled properties, ASCII and both byte orders, normals and unknown properties."""
@@ -134,7 +127,7 @@ def test_compressed(tmp_path, degree, coloured):
     count = 600
     bounds, packed, sh = _compressed(count, degree)
     names = CHUNK_BOUNDS if coloured else CHUNK_BOUNDS[:12]
-    data = compressed_ply_bytes(bounds[:, : len(names)], packed, sh, names)
+    data = scene_file.compressed_ply_bytes(bounds[:, : len(names)], packed, sh, names)
     scene = read_written(tmp_path / "scene.ply", data)
 
     low, high = np.repeat(bounds.reshape(-1, 3, 2, 3), 256, axis=0)[:count].transpose(2, 1, 0, 3)
@@ -170,7 +163,7 @@ def _header(count: object, properties: str = "property float x\n", form: str = "
 
 def _packed(names=CHUNK_BOUNDS, chunks: int = 1, sh: int = 9, rows: int = 10) -> bytes:
     bounds, packed, _ = _compressed(10, 0)
-    return compressed_ply_bytes(
+    return scene_file.compressed_ply_bytes(
         np.repeat(bounds, chunks, axis=0), packed, np.zeros((rows, sh), np.uint8), names
     )
 
@@ -213,7 +206,7 @@ BAD = {
 
 @pytest.mark.parametrize("message", BAD)
 def test_bad_file(tmp_path, message):
-    check_bad_scene(tmp_path / "bad.ply", BAD[message], message)
+    scene_file.check_bad_scene(tmp_path / "bad.ply", BAD[message], message)
 
 
 def test_bad_path(tmp_path):

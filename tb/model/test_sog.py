@@ -10,20 +10,13 @@ import pytest
 
 from splatcore.model.formats.read import read_scene
 from splatcore.spec.scene import rotation_matrix
-from tb.helpers.scene_file import (
-    check_bad_scene,
-    edited,
-    image_bytes,
-    read_written,
-    sog_bytes,
-    sog_codes,
-    sog_meta,
-)
+from tb.helpers import scene_file
+from tb.helpers.scene_file import edited, image_bytes, sog_bytes, sog_codes, sog_meta
 from tb.helpers.scenes import needs_scenes, random_scene, scene_path
 
 
 def read(tmp_path, data: bytes):
-    return read_written(tmp_path / "scene.sog", data)
+    return scene_file.read_written(tmp_path / "scene.sog", data)
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -224,4 +217,4 @@ BAD = {
 
 @pytest.mark.parametrize("message", BAD)
 def test_bad_file(tmp_path, message):
-    check_bad_scene(tmp_path / "scene.sog", BAD[message], message)
+    scene_file.check_bad_scene(tmp_path / "scene.sog", BAD[message], message)

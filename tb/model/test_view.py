@@ -12,6 +12,8 @@ from splatcore.spec.convention import NEAR_PLANE
 from tb.helpers.round_gaussians import ball, boxes, gaussians, joined
 from tb.helpers.scenes import needs_scenes, scene_path
 
+REAL = ["leica-sofort-top8192.ply", "skull.sog", "luma-seal.splat", "kitchen.spz"]
+
 
 def seen(camera, position) -> float:
     """Share of the points that lie before the near plane and inside the image."""
@@ -141,20 +143,12 @@ def test_garden():
 
 
 @needs_scenes
-@pytest.mark.parametrize(
-    "file, cameras",
-    [
-        ("leica-sofort-top8192.ply", "leica-sofort.cameras.json"),
-        ("skull.sog", "skull.cameras.json"),
-        ("luma-seal.splat", "luma-seal.cameras.json"),
-        ("kitchen.spz", "kitchen.cameras.json"),
-    ],
-)
-def test_real_scenes(file, cameras):
+@pytest.mark.parametrize("file", REAL)
+def test_real_scenes(file):
     """At a distance like that of the scene's own cameras, and the opaque core is in the image."""
-    scene = read_scene(scene_path(file))
+    scene, name = read_scene(scene_path(file)), file.split(".")[0].removesuffix("-top8192")
     camera = sensible_view(scene.gaussians(), 192, 108)
-    own = read_cameras(scene_path(cameras))[0]
+    own = read_cameras(scene_path(f"{name}.cameras.json"))[0]
     opaque = scene.position[scene.opacity > 0.3]
     middle = np.median(opaque, axis=0)
     farther = np.linalg.norm(camera.position - middle) / np.linalg.norm(own.position - middle)
