@@ -10,29 +10,16 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from splatcore.model.compress.checkpoint import Checkpoints, Step, ply_bytes
+from splatcore.model.compress.checkpoint import Checkpoints, Result, Step, ply_bytes
 from splatcore.model.compress.distill import degrees, distill
-from splatcore.model.compress.prune import (
-    count_for_ratio,
-    prune,
-    scaled_schedule,
-    sound,
-)
+from splatcore.model.compress.prune import count_for_ratio, prune, scaled_schedule, sound
 from splatcore.model.compress.quantize import REFRESH, Quantised, quantised
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.formats.photographs import Target
+from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import Tell, as_tensor, difference, finetune
-from splatcore.model.gradients.trainable import (
-    REFINING,
-    device,
-    extent_of,
-    optimizers,
-    scaled,
-    scene_of,
-    tensors_of,
-)
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, Config
@@ -115,7 +102,6 @@ class Compression:
     tell: Tell
     cameras: list[Camera] = field(init=False)
     extent: float = field(init=False)  # of the cameras, scene units
-    rates: dict[str, float] = field(init=False)  # learning rates of fine-tuning
     names: list[str] = field(default_factory=list)
     weighed: tuple[Scene, np.ndarray] | None = None
 
@@ -123,8 +109,7 @@ class Compression:
         if not self.targets:
             raise InputError("there is no picture to learn from")
         self.cameras = [target.camera for target in self.targets]
-        self.extent = extent_of(self.cameras)
-        self.rates = scaled(REFINING, self.recipe.rate)
+        self.extent = trainable.extent_of(self.cameras)
 
     def next_name(self, text: str) -> str:
         """The name of a step to come; the second of the same text is "… (2)"."""
@@ -132,8 +117,8 @@ class Compression:
         return text if count == 1 else f"{text} ({count})"
 
     def step(
-        self, text: str, kind: str, make: Callable[[], tuple[Scene | PackedModel, float | None]]
-    ) -> Generator[Step, None, Scene | PackedModel]:
+        self, text: str, kind: str, make: Callable[[], tuple[Result, float | None]]
+    ) -> Generator[Step, None, Result]:
         """Yields the step that is kept, else what `make` makes, with its loss; returns its scene or
         model."""
         name = self.next_name(text)
@@ -166,12 +151,12 @@ class Compression:
 
         def make() -> tuple[Scene, float | None]:
             smaller = prune(scene, self.weights(scene, name), rate)
-            tensors = tensors_of(smaller)
+            tensors, recipe = trainable.tensors_of(smaller), self.recipe
+            adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, recipe.rate)
             loss = finetune(
-                tensors, optimizers(tensors, self.extent, self.rates), self.targets,
-                self.recipe.steps, self.recipe.seed, self.tell, name,
-            )  # fmt: skip
-            return sound(scene_of(tensors, scene.name)), loss
+                tensors, adams, self.targets, recipe.steps, recipe.seed, self.tell, name
+            )
+            return sound(trainable.scene_of(tensors, scene.name)), loss
 
         return self.step(name, "prune", make)
 
@@ -184,7 +169,7 @@ class Compression:
                 scene, degree, self.cameras, self.extent, self.recipe.rate,
                 self.recipe.distill_steps, self.recipe.seed, self.tell, name,
             )  # fmt: skip
-            return sound(scene_of(student, scene.name)), loss
+            return sound(trainable.scene_of(student, scene.name)), loss
 
         return self.step(name, "distill", make)
 
@@ -215,16 +200,17 @@ class Compression:
         self.tell(f"{name}: codebooks", 0, 1, None)
         work = quantised(scene, self.weights(scene, name), self.config, self.recipe.seed)
         leaves, rates = work.leaves()
-        rates = scaled(rates, self.recipe.rate)
 
         def tell(what: str, done: int, total: int, loss: float | None):
             if done % REFRESH == 0:
                 work.refresh()
             self.tell(what, done, total, loss)
 
+        rates = trainable.REFINING | rates
+        adams = trainable.optimizers(leaves, self.extent, rates, self.recipe.rate)
         loss = finetune(
-            work.tensors, optimizers(leaves, self.extent, self.rates | rates), self.targets,
-            self.recipe.quantize_steps, self.recipe.seed, tell, name, work.rendered,
+            work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed,
+            tell, name, work.rendered,
         )  # fmt: skip
         final, codebooks = work.finish(scene.name)
         return pack(final, self.config, final.sh_degree, codebooks=codebooks)[0], loss
@@ -299,7 +285,8 @@ def decibels(scene: Scene | Gaussians, targets: Sequence[Target]) -> float:
     """PSNR in dB of the scene's pictures against the targets, over all their pixels."""
     seen = scene.gaussians() if isinstance(scene, Scene) else scene
     arrays = (seen.position, seen.factor, seen.opacity, seen.sh)
-    parameters = [torch.tensor(array, dtype=torch.float32, device=device()) for array in arrays]
+    kind = {"dtype": torch.float32, "device": trainable.device()}
+    parameters = [torch.tensor(array, **kind) for array in arrays]
     squares, count = 0.0, 0
     for target in targets:
         picture = render(*parameters, target.camera).image

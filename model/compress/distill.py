@@ -9,17 +9,10 @@ from numba import njit, prange
 
 from splatcore.model.cameras.surround import perturbed
 from splatcore.model.compress.significance import view_weights
+from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import Tell, difference, optimise, views_in_turn
 from splatcore.model.gradients.rendering_points import basis_of
-from splatcore.model.gradients.trainable import (
-    REFINING,
-    Tensors,
-    optimizers,
-    rendered,
-    scaled,
-    tensors_of,
-)
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import Scene, sh_count
@@ -50,7 +43,7 @@ def distill(
     seed: int,
     tell: Tell,
     what: str,
-) -> tuple[Tensors, float | None]:
+) -> tuple[trainable.Tensors, float | None]:
     """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
 
     `extent` (scene units) and `rate`, a share of REFINING, set the learning rates.
@@ -60,20 +53,20 @@ def distill(
     should be.
     """
     with torch.no_grad():
-        teacher = [tensor.detach() for tensor in rendered(tensors_of(scene))]
-    student = tensors_of(projected(scene, degree, cameras))
+        teacher = [tensor.detach() for tensor in trainable.rendered(trainable.tensors_of(scene))]
+    student = trainable.tensors_of(projected(scene, degree, cameras))
     rng = np.random.default_rng(seed)
     views = views_in_turn(cameras, seed)
 
-    def loss_of(step: int) -> torch.Tensor:
+    def loss_of() -> torch.Tensor:
         camera = next(views)
         if rng.random() < PERTURBED:
             camera = perturbed(camera, MOVE * extent, TURN, rng)
         with torch.no_grad():
             wanted = render(*teacher, camera).image.clamp(0, 1)
-        return difference(render(*rendered(student), camera).image, wanted)
+        return difference(render(*trainable.rendered(student), camera).image, wanted)
 
-    adams = optimizers(student, extent, scaled(REFINING, SHARE * rate))
+    adams = trainable.optimizers(student, extent, trainable.REFINING, SHARE * rate)
     loss = optimise(adams, steps, loss_of, tell, what)
     return student, loss
 

@@ -83,13 +83,10 @@ class Stages:
 
     @staticmethod
     def of(codebook: Codebook, format: Fixed, like: torch.Tensor) -> "Stages":
-        entries = [np.ldexp(values, codebook.exponent) for values in codebook.entries]
-        return Stages(
-            format,
-            codebook.exponent,
-            [like.new_tensor(values).requires_grad_() for values in entries],
-            [torch.as_tensor(index, device=like.device) for index in codebook.index],
-        )
+        values = [np.ldexp(entries, codebook.exponent) for entries in codebook.entries]
+        entries = [like.new_tensor(each).requires_grad_() for each in values]
+        index = [torch.as_tensor(index, device=like.device) for index in codebook.index]
+        return Stages(format, codebook.exponent, entries, index)
 
     def rounded(self) -> list[torch.Tensor]:
         """The entries on their grid, in real units."""
@@ -98,10 +95,8 @@ class Stages:
 
     def decode(self) -> torch.Tensor:
         """The vectors [N, D]."""
-        return sum(
-            values.index_select(0, index)
-            for values, index in zip(self.rounded(), self.index, strict=True)
-        )
+        stages = zip(self.rounded(), self.index, strict=True)
+        return sum(values.index_select(0, index) for values, index in stages)
 
     def codebook(self) -> Codebook:
         """The codebook as the model stores it."""

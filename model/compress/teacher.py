@@ -20,14 +20,11 @@ RISE, NEARER = np.radians(3.0), 1.05
 """Largest deviation of views from the path of given cameras: elevation, and factor of distance. A
 hand that holds a camera wavers so."""
 
+Cameras = Sequence[Camera]
+
 
 def teacher_targets(
-    scene: Scene,
-    count: int,
-    size: tuple[int, int],
-    seed: int,
-    tell: Tell,
-    cameras: Sequence[Camera] = (),
+    scene: Scene, count: int, size: tuple[int, int], seed: int, tell: Tell, cameras: Cameras = ()
 ) -> tuple[Target, ...]:
     """Pictures of `size` (width, height) from `count` views of `teacher_views`."""
     scene = sound(scene)
@@ -36,11 +33,7 @@ def teacher_targets(
 
 
 def teacher_views(
-    gaussians: Gaussians,
-    count: int,
-    size: tuple[int, int],
-    seed: int,
-    cameras: Sequence[Camera] = (),
+    gaussians: Gaussians, count: int, size: tuple[int, int], seed: int, cameras: Cameras = ()
 ) -> list[Camera]:
     """`count` views to learn from: from all round, or on the path of `cameras` and never where one
     of them is.
@@ -54,7 +47,7 @@ def teacher_views(
 
 
 @torch.no_grad()
-def pictures(scene: Scene, cameras: Sequence[Camera], tell: Tell) -> Iterator[Target]:
+def pictures(scene: Scene, cameras: Cameras, tell: Tell) -> Iterator[Target]:
     """The scene's 8-bit pictures from the cameras."""
     parameters = rendered(tensors_of(scene))
     for number, camera in enumerate(cameras):

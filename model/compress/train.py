@@ -12,18 +12,13 @@ import torch
 from sklearn.neighbors import NearestNeighbors
 
 from splatcore.model.compress.prune import sound
+from splatcore.model.formats.colmap import Points
 from splatcore.model.formats.file import input_error, reading
 from splatcore.model.formats.photographs import Target
+from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import SMOOTHING, Tell, as_tensor, views_in_turn
 from splatcore.model.gradients.similarity import photograph_loss
-from splatcore.model.gradients.trainable import (
-    extent_of,
-    factor_of,
-    optimizers,
-    scene_of,
-    tensors_of,
-)
 from splatcore.spec.convention import COLOUR_OFFSET, SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import SH_C0
@@ -68,12 +63,7 @@ def initial_scene(position: np.ndarray, colour: np.ndarray) -> Scene:
 
 
 def train(
-    photographs: Sequence[Target],
-    points: tuple[np.ndarray, np.ndarray],
-    steps: int,
-    seed: int,
-    folder: Path,
-    tell: Tell,
+    photographs: Sequence[Target], points: Points, steps: int, seed: int, folder: Path, tell: Tell
 ) -> Scene:
     """A scene of SH degree 3 from photographs and points (positions [N, 3], colours [N, 3]).
 
@@ -81,7 +71,7 @@ def train(
     saying at which step, if the loss is NaN; the last state stays.
     """
     torch.manual_seed(seed)
-    extent = extent_of([target.camera for target in photographs])
+    extent = trainable.extent_of([target.camera for target in photographs])
     training = Training(initial_scene(*points), extent, steps, seed)
     path = Path(folder) / STATE
     training.load(path)
@@ -99,7 +89,7 @@ def train(
         tell(what, training.step, steps, mean)
         if training.step % KEEP_EVERY == 0:
             training.save(path)
-    return sound(scene_of(training.tensors))
+    return sound(trainable.scene_of(training.tensors))
 
 
 class Training:
@@ -110,10 +100,9 @@ class Training:
 
         self.extent, self.steps, self.step = extent, steps, 0
         self.key = f"{len(scene)} points, {steps} steps, seed {seed}"
-        self.tensors = {
-            name: torch.nn.Parameter(tensor.detach()) for name, tensor in tensors_of(scene).items()
-        }
-        self.optimizers = optimizers(self.tensors, extent)
+        leaves = trainable.tensors_of(scene).items()
+        self.tensors = {name: torch.nn.Parameter(tensor.detach()) for name, tensor in leaves}
+        self.optimizers = trainable.optimizers(self.tensors, extent)
         self.strategy = DefaultStrategy(
             refine_start_iter=REFINE_START,
             refine_stop_iter=int(REFINE_STOP * steps),
@@ -128,7 +117,7 @@ class Training:
         degree = min(int(self.step / max(DEGREE_STEPS * self.steps, 1)), SH_DEGREE_MAX)
         sh = torch.cat([tensors["sh0"], tensors["shN"][:, : sh_count(degree) - 1]], dim=1)
         found = render(
-            tensors["means"], factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh,
+            tensors["means"], trainable.factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh,
             target.camera, centre[0],
         )  # fmt: skip
         loss = photograph_loss(found.image, as_tensor(target.image, found.image))
@@ -180,7 +169,7 @@ class Training:
                 raise input_error(path, f"is of another training ({kept['key']})")
             for name, tensor in kept["tensors"].items():
                 self.tensors[name] = torch.nn.Parameter(tensor)
-            self.optimizers = optimizers(self.tensors, self.extent)
+            self.optimizers = trainable.optimizers(self.tensors, self.extent)
             for name, state in kept["optimizers"].items():
                 self.optimizers[name].load_state_dict(state)
             self.step, self.state = kept["step"], kept["state"]

@@ -116,18 +116,13 @@ class _Drawn:
         self.splats, self.index = _project(arrays, self.view)
         size = camera.width, camera.height
         lists = rendering_tiles.tile_lists(self.splats, *size)
-        limits = limits_of(convention)
+        limits = (convention.alpha_min, convention.alpha_max, convention.transmittance_min)
         self.colour, *self.state = rendering_tiles.blend(self.splats, lists, *size, limits)
         self.blended = self.splats, lists, *size, limits, self.state
 
     def backward(self, to_colour: np.ndarray, to_rest: np.ndarray) -> np.ndarray:
         """Gradients [M, 9] of the splats from those of colours and transmittances by tiles."""
         return rendering_tiles.blend_backward(*self.blended, to_colour, to_rest)
-
-
-def limits_of(convention: Convention) -> np.ndarray:
-    """Numbers of a convention that the tiles' kernels need."""
-    return np.array([convention.alpha_min, convention.alpha_max, convention.transmittance_min])
 
 
 def _project(arrays, view) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import torch
 
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.trainable import Tensors, rendered
+from splatcore.model.gradients.trainable import Optimizers, Tensors, rendered
 from splatcore.spec.error import InputError
 
 Tell = Callable[[str, int, int, float | None], None]
@@ -45,11 +45,7 @@ def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
 
 
 def optimise(
-    optimizers: dict[str, torch.optim.Adam],
-    steps: int,
-    loss_of: Callable[[int], torch.Tensor],
-    tell: Tell,
-    what: str,
+    optimizers: Optimizers, steps: int, loss_of: Callable[[], torch.Tensor], tell: Tell, what: str
 ) -> float | None:
     """`steps` steps of Adam with learning rates that rise, then fall; returns the mean loss lately.
 
@@ -57,13 +53,11 @@ def optimise(
     by it.
     """
     mean = None
-    falling = {
-        name: (DECAY_MEANS if name == "means" else DECAY) ** (1 / max(steps, 1))
-        for name in optimizers
-    }
+    left = {name: DECAY_MEANS if name == "means" else DECAY for name in optimizers}
+    falling = {name: share ** (1 / max(steps, 1)) for name, share in left.items()}
     full = {name: optimizer.param_groups[0]["lr"] for name, optimizer in optimizers.items()}
     for step in range(steps):
-        loss = loss_of(step)
+        loss = loss_of()
         value = float(loss.detach())
         if not np.isfinite(value):
             raise InputError(f"{what}: the loss is {value} at step {step + 1} of {steps}")
@@ -80,7 +74,7 @@ def optimise(
 
 def finetune(
     tensors: Tensors,
-    optimizers: dict[str, torch.optim.Adam],
+    optimizers: Optimizers,
     targets: Sequence[Target],
     steps: int,
     seed: int,
@@ -94,7 +88,7 @@ def finetune(
     """
     views = views_in_turn(targets, seed)
 
-    def loss_of(step: int) -> torch.Tensor:
+    def loss_of() -> torch.Tensor:
         target = next(views)
         picture = render(*parameters(tensors), target.camera).image
         return difference(picture, as_tensor(target.image, picture))

@@ -130,7 +130,7 @@ def blend(splats, lists, width, height, limits) -> tuple[np.ndarray, ...]:
     last = np.empty_like(transmittance)
     _blend(
         splats, lists[1], lists[3], corners(width, height, kind), (width, height),
-        limits.astype(kind), TERMS.astype(kind), np.arange(TILE).astype(kind),
+        np.array(limits, kind), TERMS.astype(kind), np.arange(TILE).astype(kind),
         numba.get_num_threads(), colour, transmittance, last,
     )  # fmt: skip
     return colour, transmittance, last
@@ -144,7 +144,7 @@ def blend_backward(splats, lists, width, height, limits, drawn, to_colour, to_re
     pairs = np.zeros((len(pair), GRADIENTS), kind)
     _blend_backward(
         splats, start, pair, owner, corners(width, height, kind),
-        limits.astype(kind), TERMS.astype(kind), np.arange(TILE).astype(kind),
+        np.array(limits, kind), TERMS.astype(kind), np.arange(TILE).astype(kind),
         numba.get_num_threads(), *drawn, to_colour, to_rest, pairs,
     )  # fmt: skip
     gradient = np.empty((len(splats), GRADIENTS), kind)

@@ -36,6 +36,7 @@ EPSILON = 1e-15
 """Adam's, as 3DGS has it."""
 
 Tensors = dict[str, torch.Tensor]
+Optimizers = dict[str, torch.optim.Adam]
 
 
 def device() -> torch.device:
@@ -94,17 +95,14 @@ def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
     return tensors["means"], factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh
 
 
-def scaled(rates: dict[str, float], share: float) -> dict[str, float]:
-    """That share of the learning rates."""
-    return {name: share * rate for name, rate in rates.items()}
-
-
-def optimizers(tensors: Tensors, extent: float, rates: dict[str, float] = RATES) -> dict:
-    """One Adam for each tensor; `extent` (scene units) scales the rate of the positions."""
+def optimizers(
+    tensors: Tensors, extent: float, rates: dict[str, float] = RATES, share: float = 1.0
+) -> Optimizers:
+    """One Adam for each tensor, at that share of the learning rates; `extent` (scene units) scales
+    that of the positions."""
+    rates = {name: share * rates[name] * (extent if name == "means" else 1) for name in tensors}
     return {
-        name: torch.optim.Adam(
-            [tensor], lr=rates[name] * (extent if name == "means" else 1), eps=EPSILON, fused=True
-        )
+        name: torch.optim.Adam([tensor], lr=rates[name], eps=EPSILON, fused=True)
         for name, tensor in tensors.items()
         if tensor.numel()
     }

@@ -215,7 +215,7 @@ def test_learning_rates_rise_then_fall():
     def tell(*_):
         seen.append([adam.param_groups[0]["lr"] for adam in adams.values()])
 
-    optimise(adams, 200, lambda _: sum(leaf.sum() for leaf in leaves.values()), tell, "test")
+    optimise(adams, 200, lambda: sum(leaf.sum() for leaf in leaves.values()), tell, "test")
     rates = np.array(seen)
     assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
     assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
