@@ -22,10 +22,8 @@ VOLUME_POWER = 0.1
 def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:
     """For each camera Σ over its pixels of alpha·T, [N]."""
     gaussians = scene.gaussians()
-    arrays = [
-        np.asarray(array, np.float32)
-        for array in (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
-    ]
+    arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
+    arrays = [np.asarray(array, np.float32) for array in arrays]
     for camera in cameras:
         yield blending_weights(*arrays, camera)
 

@@ -92,10 +92,8 @@ def moved(part: Part, place: np.ndarray, angle: float) -> Part:
 def bench(rng: np.random.Generator, count: int) -> Part:
     """A garden bench: four seat planks, three in the leaning back, two sides with arm rests."""
     boxes = [Box((0, 0.47, -0.24 + 0.125 * i), (0.78, 0.016, 0.053)) for i in range(4)]
-    boxes += [
-        Box((0, 0.60 + 0.14 * i, 0.22 + 0.035 * i), (0.78, 0.055, 0.014), tilt=0.24)
-        for i in range(3)
-    ]
+    back = (0.78, 0.055, 0.014)
+    boxes += [Box((0, 0.60 + 0.14 * i, 0.22 + 0.035 * i), back, tilt=0.24) for i in range(3)]
     for x in (-0.68, 0.68):
         boxes += [
             Box((x, 0.33, -0.25), (0.032, 0.34, 0.032)),

@@ -32,12 +32,9 @@ class Part:
 def splats(position, scale, frame, opacity, albedo, gloss=0.0, leafy=0.0, glow=False) -> Part:
     """A Part of len(position) Gaussians; every other argument is broadcast to that number."""
     count = len(position)
-    values = (position, scale, frame, opacity, albedo, gloss, leafy)
     shapes = ((3,), (3,), (3, 3), (), (3,), (), ())
-    spread = [
-        np.broadcast_to(value, (count, *shape)).astype(np.float64)
-        for value, shape in zip(values, shapes, strict=True)
-    ]
+    values = zip((position, scale, frame, opacity, albedo, gloss, leafy), shapes, strict=True)
+    spread = [np.broadcast_to(value, (count, *shape)).astype(np.float64) for value, shape in values]
     return Part(*spread, np.full(count, glow))
 
 

@@ -190,10 +190,8 @@ def unnormalised_quaternions(rng: np.random.Generator) -> Scene:
 @hard_case("NaN and Inf in every field among good Gaussians: they must vanish and be counted")
 def not_finite(rng: np.random.Generator) -> Scene:
     scene = spread(rng, 300)
-    arrays = {
-        name: getattr(scene, name).copy()
-        for name in ("position", "scale", "quaternion", "opacity", "sh")
-    }
+    names = ("position", "scale", "quaternion", "opacity", "sh")
+    arrays = {name: getattr(scene, name).copy() for name in names}
     bad = rng.permutation(300)[: 3 * len(arrays)].reshape(len(arrays), 3)
     for array, rows in zip(arrays.values(), bad, strict=True):
         flat = array.reshape(300, -1)

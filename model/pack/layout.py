@@ -99,10 +99,8 @@ def chunk_headers(model: Quantised) -> np.ndarray:
 def attributes(model: Quantised) -> np.ndarray:
     """Attributes, uint8 [N, size]."""
     record = model.format.attribute_record
-    values = {
-        f"l{row}{column}": model.factor[:, row, column]
-        for row, column in zip(*np.tril_indices(3), strict=True)
-    }
+    places = zip(*np.tril_indices(3), strict=True)
+    values = {f"l{row}{column}": model.factor[:, row, column] for row, column in places}
     values["opacity"] = model.attenuation
     values |= {f"colour{stage}": index for stage, index in enumerate(model.colour.index)}
     values |= {f"sh{stage}": index for stage, index in enumerate(model.harmonics.index)}

@@ -54,10 +54,8 @@ def test_the_call(monkeypatch, degree):
     monkeypatch.setattr(gsplat, "rasterization", stand_in)
     gaussians = random_scene(40, degree).gaussians()
     camera = look_at(np.array([0.3, -1.0, -5.0]), np.zeros(3), 50, 40, 45.0)
-    tensors = [
-        torch.tensor(array)
-        for array in (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh)
-    ]
+    arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh)
+    tensors = [torch.tensor(array) for array in arrays]
     wanted = np.random.default_rng(0).random((40, 50, 3))
     found = []
     for how in (render, None):

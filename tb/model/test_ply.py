@@ -131,12 +131,9 @@ def test_compressed(tmp_path, degree, coloured):
     scene = read_written(tmp_path / "scene.ply", data)
 
     low, high = np.repeat(bounds.reshape(-1, 3, 2, 3), 256, axis=0)[:count].transpose(2, 1, 0, 3)
-    position, quaternion, log_scale, colour = (
-        _unpacked(word, widths)
-        for word, widths in zip(
-            packed.T, [(11, 10, 11), (2, 10, 10, 10), (11, 10, 11), (8,) * 4], strict=True
-        )
-    )
+    widths = [(11, 10, 11), (2, 10, 10, 10), (11, 10, 11), (8,) * 4]
+    words = zip(packed.T, widths, strict=True)
+    position, quaternion, log_scale, colour = (_unpacked(*word) for word in words)
     assert np.abs(scene.position - (low + (high - low) * position)[0]).max() < 1e-6
     assert np.abs(np.log(scene.scale) - low[1] - (high - low)[1] * log_scale).max() < 1e-6
     rgb = colour[:, :3] * (high - low)[2] + low[2] if coloured else colour[:, :3]

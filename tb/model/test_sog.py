@@ -36,12 +36,9 @@ def test_every_image(tmp_path, version, degree):
             low, high = low[channel], high[channel]
         return low + (high - low) * code / 255
 
+    images = {name: image for name, image in codes.items() if name != "shN_centroids"}
     for i in range(count):
-        pixel = {
-            name: image[i // width, i % width].astype(int)
-            for name, image in codes.items()
-            if name != "shN_centroids"
-        }
+        pixel = {name: image[i // width, i % width].astype(int) for name, image in images.items()}
         for axis in range(3):
             low, high = meta["means"]["mins"][axis], meta["means"]["maxs"][axis]
             code = pixel["means_l"][axis] + 256 * pixel["means_u"][axis]
@@ -103,12 +100,8 @@ def test_agrees_with_ply():
     """
     ply = read_scene(scene_path("leica-sofort-top8192.ply"))
     sog = read_scene(scene_path("leica-sofort-top8192.sog"))
-    nearest = np.concatenate(
-        [
-            np.argmin(((sog.position - part[:, None]) ** 2).sum(axis=2), axis=1)
-            for part in np.array_split(ply.position, 32)
-        ]
-    )
+    away = (sog.position - part[:, None] for part in np.array_split(ply.position, 32))
+    nearest = np.concatenate([np.argmin((each**2).sum(axis=2), axis=1) for each in away])
     assert len(set(nearest)) == len(ply)  # one to one
     sog = sog[nearest]
     position = np.abs(sog.position - ply.position) / (1 + np.abs(ply.position))
