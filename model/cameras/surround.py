@@ -211,6 +211,5 @@ def perturbed(camera: Camera, distance: float, angle: float, rng: np.random.Gene
     way, axis = way / np.linalg.norm(way), axis / np.linalg.norm(axis)
     step, turn = rng.uniform(0, 1, 2) * (distance, angle)
     rotation = Rotation.from_rotvec(turn * axis).as_matrix() @ camera.rotation
-    return replace(
-        camera, rotation=rotation, translation=-rotation @ (camera.position + step * way)
-    )
+    translation = -rotation @ (camera.position + step * way)
+    return replace(camera, rotation=rotation, translation=translation)

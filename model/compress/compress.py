@@ -151,11 +151,13 @@ class Compression:
 
         def make() -> tuple[Scene, float | None]:
             smaller = prune(scene, self.weights(scene, name), rate)
-            tensors, recipe = trainable.tensors_of(smaller), self.recipe
-            adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, recipe.rate)
-            loss = finetune(
-                tensors, adams, self.targets, recipe.steps, recipe.seed, self.tell, name
+            tensors, steps, seed = (
+                trainable.tensors_of(smaller),
+                self.recipe.steps,
+                self.recipe.seed,
             )
+            adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, self.recipe.rate)
+            loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name)
             return sound(trainable.scene_of(tensors, scene.name)), loss
 
         return self.step(name, "prune", make)

@@ -174,9 +174,8 @@ def quantised(scene: Scene, weight: np.ndarray, config: Config, seed: int) -> Qu
     like = tensors["means"].detach()
     colour = quantise(colours, format.colour_index, COMPONENT, seed, weight)
     harmonics = quantise(slopes, format.sh_index, SLOPE, seed, weight if len(slopes) else None)
-    return Quantised(
-        tensors, config, Stages.of(colour, COMPONENT, like), Stages.of(harmonics, SLOPE, like)
-    )
+    stages = Stages.of(colour, COMPONENT, like), Stages.of(harmonics, SLOPE, like)
+    return Quantised(tensors, config, *stages)
 
 
 def stored_positions(position: np.ndarray) -> np.ndarray:

@@ -35,9 +35,8 @@ class Recipe:
                 raise InputError(f"{option}: {what}")
 
         rates = ", ".join(f"{rate:g}" for rate in self.schedule)
-        require(
-            "--schedule", all(0 < rate < 1 for rate in self.schedule), f"{rates} is not in 0 … 1"
-        )
+        shares = all(0 < rate < 1 for rate in self.schedule)
+        require("--schedule", shares, f"{rates} is not in 0 … 1")
         for option in ("steps", "distill_steps", "quantize_steps"):
             value = getattr(self, option)
             require(f"--{option.replace('_', '-')}", value >= 0, f"{value} is below 0")

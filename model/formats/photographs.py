@@ -66,9 +66,8 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
             missing.append(str(file))
             continue
         camera = replace(camera, name=name)
-        if picture.size != (camera.width, camera.height):
-            camera, resized = _same_aspect(camera, picture, file), resized + 1
-        targets.append(_shrunk(camera, picture, name, scale))
+        resized += picture.size != (camera.width, camera.height)
+        targets.append(_target(camera, picture, file, scale))
     if not targets:
         why = f"none of its {len(missing)} photographs can be read" if missing else "has no images"
         raise input_error(path, why)
@@ -113,19 +112,19 @@ def _over_black(image: Image.Image) -> Image.Image:
     return image.convert("RGB")
 
 
-def _same_aspect(camera: Camera, picture: Image.Image, file: Path) -> Camera:
-    """The camera with the photograph's size; InputError if that is another view."""
+def _target(camera: Camera, picture: Image.Image, file: Path, scale: float) -> Target:
+    """The photograph, and a camera of its size, at `scale`; InputError if that is another view.
+
+    Each pixel is the mean of those it covers, as a sensor's would be.
+    """
     width, height = picture.size
     if abs(height - camera.height * width / camera.width) > ASPECT_TOLERANCE:
         sizes = f"{width}x{height} and its camera {camera.width}x{camera.height}"
         raise input_error(file, f"is {sizes}: not the same view")
-    with reading(file):
-        return camera.resized(width, height)
-
-
-def _shrunk(camera: Camera, picture: Image.Image, name: str, scale: float) -> Target:
-    """A target at `scale`. Each pixel is the mean of those it covers, as a sensor's would be."""
+    if picture.size != (camera.width, camera.height):
+        with reading(file):
+            camera = camera.resized(width, height)
     width, height = (max(round(side * scale), 1) for side in picture.size)
     if (width, height) != picture.size:
         picture = picture.resize((width, height), Image.Resampling.BOX)
-    return Target(camera.resized(width, height), np.array(picture, np.uint8), name)
+    return Target(camera.resized(width, height), np.array(picture, np.uint8), camera.name)

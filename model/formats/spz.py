@@ -167,9 +167,8 @@ def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
         data = gsply.read_spz(source)
     higher = data.shN if data.shN is not None and data.shN.size else None
     opacity = file.sigmoid(data.opacities)
-    return turned(
-        file.stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
-    )
+    arrays = (data.means, data.scales, data.quats, opacity, data.sh0, higher)
+    return turned(file.stored_scene(path, *arrays))
 
 
 def turned(scene: Scene) -> Scene:

@@ -58,10 +58,8 @@ def tensors_of(scene: Scene) -> Tensors:
         "sh0": scene.sh[:, :1],
         "shN": scene.sh[:, 1:],
     }
-    return {
-        name: torch.tensor(array, dtype=torch.float32, device=device(), requires_grad=True)
-        for name, array in arrays.items()
-    }
+    leaf = {"dtype": torch.float32, "device": device(), "requires_grad": True}
+    return {name: torch.tensor(array, **leaf) for name, array in arrays.items()}
 
 
 def scene_of(tensors: Tensors, name: str = "") -> Scene:

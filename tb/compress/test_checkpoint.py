@@ -51,9 +51,8 @@ def test_steps_are_found_again(kept):
         assert np.array_equal(found, getattr(SCENE[:24], name).astype(np.float32)), name
     assert again.load(again.steps[0]).name == "cube"
     assert np.array_equal(again.load(again.last).image, pack(SCENE[:24], TINY)[0].image)
-    assert sorted(path.name for path in kept.folder.iterdir()) == sorted(
-        [STEPS, *(step.file for step in kept.steps)]
-    )
+    files = [STEPS, *(step.file for step in kept.steps)]
+    assert sorted(path.name for path in kept.folder.iterdir()) == sorted(files)
 
 
 def test_new_folder_is_empty(tmp_path):

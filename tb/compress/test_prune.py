@@ -44,9 +44,8 @@ def test_the_cheapest_pairs():
     place = np.zeros((6, 3))
     place[:, 0] = (0, 1, 10, 10.5, 20, 21)
     even = replace(six, position=place, scale=np.ones((6, 3)), sh=np.zeros((6, 1, 3)))
-    pairs = [
-        sorted(map(int, pair)) for pair in zip(*cheapest_pairs(even, np.ones(6), 3), strict=True)
-    ]
+    found = zip(*cheapest_pairs(even, np.ones(6), 3), strict=True)
+    pairs = [sorted(map(int, pair)) for pair in found]
     assert pairs[0] == [2, 3] and sorted(pairs) == [[0, 1], [2, 3], [4, 5]]
     light = np.array([1, 1, 1, 1, 0.01, 1])
     first, second = cheapest_pairs(even, light, 1)
@@ -90,9 +89,8 @@ def test_merged_moments():
     factor = pair.gaussians().factor
     drawn = [pair.position[k] + rng.standard_normal((400_000, 3)) @ factor[k].T for k in range(2)]
     mean = share @ np.array([each.mean(axis=0) for each in drawn])
-    spread = sum(
-        share[k] * (drawn[k] - mean).T @ (drawn[k] - mean) / len(drawn[k]) for k in range(2)
-    )
+    away = [each - mean for each in drawn]
+    spread = sum(share[k] * away[k].T @ away[k] / len(away[k]) for k in range(2))
     assert np.allclose(one.position[0], mean, atol=0.01)
     found = one.gaussians().factor[0] @ one.gaussians().factor[0].T
     assert np.allclose(found, spread, atol=0.01 * np.abs(spread).max())

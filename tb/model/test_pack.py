@@ -89,9 +89,8 @@ def test_every_bit_by_plain_integers():
         assert list(gaussians.position[n]) == position
         assert (gaussians.factor[n] == factor).all()
         assert gaussians.opacity[n] == pytest.approx(opacity, rel=1e-15)
-        np.testing.assert_allclose(
-            gaussians.sh[n, 0] * 0.28209479177387814 + 0.5, colour, atol=1e-14
-        )
+        shown = gaussians.sh[n, 0] * 0.28209479177387814 + 0.5
+        np.testing.assert_allclose(shown, colour, atol=1e-14)
         direction = np.array([0.6, -0.64, 0.48])
         x, y, z = 0.4886025119029199 * direction
         sheen = -y * gaussians.sh[n, 1] + z * gaussians.sh[n, 2] - x * gaussians.sh[n, 3]
@@ -222,9 +221,8 @@ def test_chunk_headers_are_bounds():
 def test_a_packed_model_renders_like_its_scene():
     scene = cloud(10, count=500)
     model, _ = pack(scene)
-    a, b = (
-        render(g, camera(64, 48)).image.clip(0, 1) for g in (model.gaussians(), scene.gaussians())
-    )
+    both = (model.gaussians(), scene.gaussians())
+    a, b = (render(each, camera(64, 48)).image.clip(0, 1) for each in both)
     assert psnr(a, b) > 30
 
 

@@ -40,9 +40,8 @@ def test_any_layout_reads_alike(tmp_path, degree, form, extra):
         columns |= {name: np.full(5, 7.0) for name in ("nx", "ny", "nz", "red")}
         columns = {name: columns[name] for name in np.random.default_rng(1).permutation([*columns])}
         types = {"red": "uchar", "x": "double"}
-    elements = (
-        {"camera": {"focal": np.ones(2)}, "vertex": columns} if extra else {"vertex": columns}
-    )
+    elements = {"camera": {"focal": np.ones(2)}} if extra else {}
+    elements["vertex"] = columns
     scene = read_written(tmp_path / "scene.ply", ply_bytes(elements, form, types))
     check_equal(scene, expected)
     assert (scene.name, scene.sh_degree) == (f"{tmp_path}/scene.ply", degree)
@@ -160,9 +159,8 @@ def _header(count: object, properties: str = "property float x\n", form: str = "
 
 def _packed(names=CHUNK_BOUNDS, chunks: int = 1, sh: int = 9, rows: int = 10) -> bytes:
     bounds, packed, _ = _compressed(10, 0)
-    return scene_file.compressed_ply_bytes(
-        np.repeat(bounds, chunks, axis=0), packed, np.zeros((rows, sh), np.uint8), names
-    )
+    bounds, harmonics = np.repeat(bounds, chunks, axis=0), np.zeros((rows, sh), np.uint8)
+    return scene_file.compressed_ply_bytes(bounds, packed, harmonics, names)
 
 
 BAD = {

@@ -42,11 +42,8 @@ def test_many_records(tmp_path):
 def test_odd_gaussians_are_noted(tmp_path):
     """NaN stays, the sign of a scale goes, a quaternion of 128s is zero."""
     grey = struct.pack("<8B", 128, 128, 128, 128, 128, 128, 128, 128)
-    records = [
-        struct.pack("<6f", 0, 0, 0, 1, -2, 3) + grey,
-        struct.pack("<6f", np.nan, 0, 0, 1, 2, 3) + grey,
-    ]
-    scene = read(tmp_path, b"".join(records))
+    odd = (0, 0, 0, 1, -2, 3), (np.nan, 0, 0, 1, 2, 3)
+    scene = read(tmp_path, b"".join(struct.pack("<6f", *numbers) + grey for numbers in odd))
     assert scene.scale.tolist() == [[1, 2, 3]] * 2
     assert scene.notes == (
         "1 Gaussians with a negative scale, sign dropped",
