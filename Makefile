@@ -4,7 +4,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SPLATCORE := $(BIN)/splatcore
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo pictures test test-compress verify check report results clean

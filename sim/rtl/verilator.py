@@ -12,7 +12,7 @@ VERSION_MIN = (5, 36)
 """First version that compiles what we ask of it."""
 
 WHEEL_MAKEFLAGS = (
-    " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_COROUTINES=-std=c++20 OPT_FAST=-O2 OPT_GLOBAL=-O2"
+    " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_COROUTINES=-std=c++20 OPT_FAST=-O1 OPT_GLOBAL=-O2"
 )
 """Settings that the wheel's makefile lacks: it was configured for another compiler."""
 
