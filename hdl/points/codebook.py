@@ -233,11 +233,7 @@ class Codebook(wiring.Component):
         for name, number in zip(COLOURS, numbers, strict=True):
             converter = FromFixed(fixed, self.config.arithmetic, CONVERT, scales)
             m.submodules[f"convert_{name}"] = converter
-            m.d.comb += [
-                converter.i.eq(number),
-                converter.scale.eq(scale),
-                converter.enable.eq(1),
-            ]
+            m.d.comb += [converter.i.eq(number), converter.scale.eq(scale), converter.enable.eq(1)]
             floats.append(converter.o)
         return floats
 

@@ -15,19 +15,10 @@ from splatcore.hdl.raster.prepare import Prepare
 from splatcore.hdl.raster.raster import Raster as Hardware
 from splatcore.hdl.raster.raster import counted as counters_of
 from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import colour_format, group_grid
-from splatcore.spec.raster import (
-    BLOCKS,
-    SHIFT,
-    SHIFT_MIN,
-    featured_record,
-    owned,
-    pixels_record,
-    position_record,
-    prepared_record,
-)
 from splatcore.spec.record import Codes
 from tb.helpers.forward import counters, forward
 
@@ -70,8 +61,8 @@ class Watched(wiring.Component):
 def prepared_codes(config: Config, features: Codes) -> Codes:
     """Codes of `prepared_record` for codes of features."""
     numbers, codes = prepare(config, features), {}
-    for column, (name, format) in enumerate(prepared_record(config).fields):
-        values = numbers[:, column] - (SHIFT_MIN if format == SHIFT else 0)
+    for column, (name, format) in enumerate(raster.prepared_record(config).fields):
+        values = numbers[:, column] - (raster.SHIFT_MIN if format == raster.SHIFT else 0)
         codes[name] = (values & ((1 << format.width) - 1)).astype(np.uint64)
     return codes
 
@@ -92,30 +83,30 @@ def featured_rows(config: Config, features: Codes, entries: Entries) -> np.ndarr
         name: codes[index].astype(np.uint64) if len(codes) else np.zeros(total, np.uint64)
         for name, codes in features.items()
     }
-    return featured_record(config).pack({"splat": splat, "mask": mask, "end": end})
+    return raster.featured_record(config).pack({"splat": splat, "mask": mask, "end": end})
 
 
 def place_rows(config: Config, groups: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Rows of the groups' places."""
     _, columns = group_grid(config, *size)
     row, column = (part.astype(np.uint64) for part in np.divmod(groups, columns))
-    return position_record(config).pack({"column": column, "row": row})
+    return raster.position_record(config).pack({"column": column, "row": row})
 
 
 def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tuple[int, int]):
     """Column and row [N, 2] of a rasterizer's blocks within the image, group after group."""
     _, columns = group_grid(config, *size)
     tiles = np.arange(config.group**2)
-    own = np.array(owned(config, rasterizer))
+    own = np.array(raster.owned(config, rasterizer))
     row, column = np.divmod(groups, columns)
     places = [
         np.broadcast_arrays(
-            ((first[:, None] * config.group + inner[None, :]) * BLOCKS)[:, :, None] + block,
+            ((first[:, None] * config.group + inner[None, :]) * raster.BLOCKS)[:, :, None] + block,
             np.zeros((len(groups), len(tiles), len(own)), int),
         )[0].ravel()
         for first, inner, block in (
-            (column, tiles % config.group, own % BLOCKS),
-            (row, tiles // config.group, own // BLOCKS),
+            (column, tiles % config.group, own % raster.BLOCKS),
+            (row, tiles // config.group, own // raster.BLOCKS),
         )
     ]
     found = np.stack(places, axis=1)
@@ -168,7 +159,7 @@ def run_groups(
     assert result.finished, result.stopped
     differing = 0
     for number, found in enumerate(places):
-        codes = pixels_record(config).unpack(result.outputs[f"o__{number}"])
+        codes = raster.pixels_record(config).unpack(result.outputs[f"o__{number}"])
         assert len(codes["column"]) == len(found)
         assert (np.stack([codes["column"], codes["row"]], axis=1) == found).all()
         differing += differing_blocks(codes["pixels"], golden.pixels, found)
