@@ -84,7 +84,9 @@ class Registers(wiring.Component):
         lock_broken = self._take(m)
         start_refused = self._commands(m)
         self._errors(m, start_refused, lock_broken)
-        self._frame(m)
+        for register in registers.frame_registers(self.config):
+            with m.If(self._at(register.name)):
+                m.d.sync += self.frame[register.name.lower()].eq(self.value)
         self._read(m)
         return m
 
@@ -97,10 +99,7 @@ class Registers(wiring.Component):
         s_axi = self.s_axi
         addressed, given, whole = Signal(), Signal(), Signal()
         with m.If(s_axi.awready):
-            m.d.sync += [
-                addressed.eq(s_axi.awvalid),
-                self.word.eq(s_axi.awaddr[WORD_BITS:]),
-            ]
+            m.d.sync += [addressed.eq(s_axi.awvalid), self.word.eq(s_axi.awaddr[WORD_BITS:])]
         with m.If(s_axi.wready):
             m.d.sync += [
                 given.eq(s_axi.wvalid),
@@ -170,12 +169,6 @@ class Registers(wiring.Component):
         with m.If(self._at("INTERRUPT_ENABLE")):
             m.d.sync += self.enabled.eq(self.value)
         m.d.comb += self.interrupt.eq((self.events & self.enabled).any())
-
-    def _frame(self, m: Module):
-        """The frame's registers."""
-        for register in registers.frame_registers(self.config):
-            with m.If(self._at(register.name)):
-                m.d.sync += self.frame[register.name.lower()].eq(self.value)
 
     def _values(self) -> dict[str, Value]:
         """Values of registers by name, but those that never change or read as 0."""

@@ -26,11 +26,7 @@ PHASES = 3
 """Cycles for a splat."""
 
 NUMBERS = ("half_width", "half_height", "u", "v", "lean", "shear", "slope")
-SHIFTERS = (
-    ("half_width", "u", "slope"),
-    ("half_height", "v", "shear"),
-    (None, "lean", None),
-)
+SHIFTERS = (("half_width", "u", "slope"), ("half_height", "v", "shear"), (None, "lean", None))
 """Numbers that make an outline; of them those that each shifter shifts, phase by phase."""
 
 SQUARE_NUMBERS = ("radius", "u", "v")

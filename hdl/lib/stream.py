@@ -20,6 +20,11 @@ HANDSHAKE = wiring.Signature({"valid": Out(1), "ready": In(1)})
 """A stream without its payload."""
 
 
+def passes(stream: stream.Interface) -> Value:
+    """High if an item passes."""
+    return stream.valid & stream.ready
+
+
 class Register(wiring.Component):
     """Two registers that cut every path between `i` and `o`.
 
@@ -195,12 +200,7 @@ class Pipe(wiring.Component):
         if latency < 1:
             raise ValueError(f"a pipe of latency {latency}, below 1")
         super().__init__(
-            {
-                "i": In(HANDSHAKE),
-                "o": Out(HANDSHAKE),
-                "enable": Out(1),
-                "valid": Out(latency),
-            }
+            {"i": In(HANDSHAKE), "o": Out(HANDSHAKE), "enable": Out(1), "valid": Out(latency)}
         )
 
     def elaborate(self, platform) -> Module:

@@ -5,6 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.shift import encoded
 from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.bus import FIXED, axi
 from splatcore.spec import axi as spec
@@ -30,14 +31,6 @@ def read_beat() -> data.StructLayout:
 def of_half(clients: dict[str, int], half: int) -> int:
     """A mask of the clients that work for a half."""
     return sum(1 << k for k, of in enumerate(clients.values()) if of == half)
-
-
-def number(chosen: Value) -> Value:
-    """The index of the one bit that is 1."""
-    return Cat(
-        Cat(chosen[k] for k in range(len(chosen)) if k >> bit & 1).any()
-        for bit in range(spec.ID_BITS)
-    )
 
 
 def selected(chosen: Value, values: list) -> Value:
@@ -211,7 +204,7 @@ class Axi(wiring.Component):
             turns.wants.eq(Cat(i.valid for i in self.reads) & ~blocked),
             turns.served.eq(request.valid & request.ready),
             request.valid.eq(turns.wants.any()),
-            request.payload.client.eq(number(turns.chosen)),
+            request.payload.client.eq(encoded(turns.chosen)),
             request.payload.burst.eq(selected(turns.chosen, [i.payload for i in self.reads])),
             began.eq(Mux(request.ready, turns.chosen, 0)),
         ]
@@ -255,7 +248,7 @@ class Axi(wiring.Component):
             given.eq(selected(current, [i.payload for i in self.writes])),
             abandoned.eq(inside & (owner & failing).any()),
             address.valid.eq(~inside & turns.wants.any() & beat.ready),
-            address.payload.client.eq(number(turns.chosen)),
+            address.payload.client.eq(encoded(turns.chosen)),
             address.payload.burst.beat.eq(given.beat),
             address.payload.burst.length.eq(given.length),
             beat.payload.data.eq(Cat(given.low, given.high)),

@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.shift import encoded
 from splatcore.spec.config import Config
 from splatcore.spec.raster import pair_record, position_record, readied_record
 
@@ -12,14 +13,6 @@ from splatcore.spec.raster import pair_record, position_record, readied_record
 def lowest(value: Value) -> Value:
     """The lowest set bit alone."""
     return value & (~value + 1)[: len(value)]
-
-
-def encoded(one_hot: Value) -> Value:
-    """The index of the set bit."""
-    width = max((len(one_hot) - 1).bit_length(), 1)
-    return Cat(
-        Cat(one_hot[k] for k in range(len(one_hot)) if k >> bit & 1).any() for bit in range(width)
-    )
 
 
 class Expand(wiring.Component):

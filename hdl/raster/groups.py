@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Queue
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.memory.unpack import unpacked
+from splatcore.hdl.memory.fetch import unpacked
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
@@ -20,11 +20,6 @@ from splatcore.spec.work import SLOT
 
 TAKERS = {"counts": 2, "lists": 2, "positions": 8, "pixels": 8}
 """Streams of groups → depth of each one's queue: sorting runs ahead of rasterizing and writing."""
-
-
-def known_record(config: Config) -> Record:
-    """A group: its list and its position in the image."""
-    return Record("known", {"group": group_record(), "position": position_record(config)})
 
 
 class Groups(wiring.Component):
@@ -65,8 +60,8 @@ class Groups(wiring.Component):
         m = Module()
         rows, columns = self._grid(m)
         slots = self._table(m, rows * columns)
-        known = layout(known_record(self.config))
-        m.submodules.fork = fork = Fork(known, len(TAKERS))
+        known = Record("known", {"group": group_record(), "position": position_record(self.config)})
+        m.submodules.fork = fork = Fork(layout(known), len(TAKERS))
         row, column = Signal.like(rows), Signal.like(columns)
         group = fork.i.payload.group
         m.d.comb += [
