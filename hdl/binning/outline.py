@@ -105,7 +105,11 @@ class Outline(wiring.Component):
         m = Module()
         phase, step, enable = Signal(PHASES, init=1), Signal(), Signal()
         names = SQUARE_NUMBERS if self.square else NUMBERS
-        self.parts = {name: self._unpack(m, name) for name in names}
+        self.parts = {}
+        for name in names:
+            m.submodules[f"unpack_{name}"] = unpack = Unpack(self.format)
+            m.d.comb += unpack.i.eq(self.i.payload[name])
+            self.parts[name] = unpack.o
         self.held = Signal(outline_layout(self.config), reset_less=True)
         self._registers()
         names = SQUARE_SHIFTERS if self.square else SHIFTERS
@@ -151,11 +155,6 @@ class Outline(wiring.Component):
                 self.known[f"{name}_y"] = Signal(shape, name=f"{name}_y", reset_less=True)
         else:
             self.finer = Signal(Shape.cast(range(-STEP_MAX, STEP_MAX + HALF_BITS + 1)))
-
-    def _unpack(self, m: Module, name: str) -> data.View:
-        m.submodules[f"unpack_{name}"] = unpack = Unpack(self.format)
-        m.d.comb += unpack.i.eq(self.i.payload[name])
-        return unpack.o
 
     def _shifter(self, m: Module, phase: Signal, axis: str, names: tuple) -> data.View:
         """⌊value · 2^power⌋ of the number that is up in each phase, and whether it fits.

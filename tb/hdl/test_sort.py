@@ -23,9 +23,10 @@ from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.config import TINY
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
-from tb.formal.planted import planted
-from tb.helpers.forward import counters, forward
+from tb.helpers.parts import forward
+from tb.helpers.runs import check_run, counters
 from tb.helpers.sort_runs import MACHINES, simulation
+from tb.planted.fault import planted
 
 NARROW = replace(TINY, sort_digits=(1,) * 8)
 CONFIGS = MACHINES | {"NARROW": NARROW}
@@ -42,14 +43,10 @@ def check(
     """A run, every stream compared with the golden model's."""
     config = CONFIGS[name]
     rows = sort_rows(config, np.array(counts, int), entries_of(config, kind, counts, seed))
-    result = (part or simulation(name)).run(
-        rows.inputs, constants={"stop": 0, "clear": 0} | constants, expected=rows.counts,
-        stall=stall, seed=seed, idle_max=3000,
+    return check_run(
+        part or simulation(name), rows.inputs, rows.expected, f"{kind} {counts}: ",
+        constants={"stop": 0, "clear": 0} | constants, stall=stall, seed=seed, idle_max=3000,
     )  # fmt: skip
-    assert result.finished, f"{kind} {counts}: {result.stopped}"
-    for port, wanted in rows.expected.items():
-        assert np.array_equal(result.outputs[port], wanted), f"{kind} {counts}: {port}"
-    return result
 
 
 def test_golden_in_small():

@@ -13,7 +13,7 @@ from cocotb.triggers import ClockCycles, RisingEdge
 from cocotbext.axi import AxiBus, AxiRam, AxiResp, AxiSlaveRead, AxiSlaveWrite
 
 from splatcore.spec import axi
-from tb.helpers.streams import Stream, never, start
+from tb.helpers.streams import Stream, never, pause, start
 
 BURSTS = 40
 """Bursts of each client in a test."""
@@ -89,10 +89,7 @@ class Bench:
             writing = AxiSlaveWrite(bus.write, dut.clk, dut.rst, target=self.memory)
             reading = Mixed(bus.read, dut.clk, dut.rst, target=self.memory)
             reading.ar_channel.queue_occupancy_limit = len(axi.READERS)
-        for name in ("aw", "w", "b"):
-            getattr(writing, f"{name}_channel").set_pause_generator(pattern())
-        for name in ("ar", "r"):
-            getattr(reading, f"{name}_channel").set_pause_generator(pattern())
+        pause(writing, reading, pattern)
         self.reads = [Stream(dut, f"reads__{k}") for k in range(len(axi.READERS))]
         self.data = [Stream(dut, f"data__{k}") for k in range(len(axi.READERS))]
         self.writes = [Stream(dut, f"writes__{k}") for k in range(len(axi.WRITERS))]
@@ -122,8 +119,7 @@ class Bench:
         """Random bursts for the clients of some halves."""
         for k, half in enumerate(axi.READERS.values()):
             if half in halves:
-                for _ in range(count):
-                    self.requests[k].append(self.burst(READ_BASE))
+                self.requests[k] += [self.burst(READ_BASE) for _ in range(count)]
         for k, half in enumerate(axi.WRITERS.values()):
             if half in halves:
                 for _ in range(count):

@@ -1,7 +1,6 @@
 """Binning under test: a frame's registers as a stream, whole frames as rows, and exact tiles."""
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from amaranth.hdl import Module, Mux, Signal
@@ -13,7 +12,7 @@ from splatcore.golden.lists import Lists
 from splatcore.golden.reference_tiles import bin_splats as touched
 from splatcore.hdl.binning.bin import COUNTED, Bin
 from splatcore.hdl.lib.record import layout
-from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
@@ -23,7 +22,8 @@ from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Record
-from tb.helpers.forward import counters, forward
+from tb.helpers.parts import forward
+from tb.helpers.runs import check_run, compiled, counters
 
 SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19, group=1)
 """A machine whose keys do not reach all depths, and whose groups are single tiles."""
@@ -35,6 +35,8 @@ FP16 = replace(PAPER, name="FP16", tile_test="exact")
 MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, SQUARE, PAPER, FP16)}
 
 SIZE_BITS = 13
+
+SAMPLES = ("room", "finishing", "bursts__valid")
 
 SETTLING = 2
 """Cycles for which a frame's registers stand before it begins."""
@@ -154,27 +156,15 @@ def near_code(config: Config) -> int:
     return int(config.arithmetic.encode(NEAR_PLANE))
 
 
-@cache
-def simulation(name: str) -> Simulation:
-    """A machine, compiled."""
-    return Simulation(BinFrames(MACHINES[name]), ("room", "finishing", "bursts__valid"))
-
-
 def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
     """Every bit of every stream, and the counters; the run and the golden results."""
     config = MACHINES[name]
     results = [bin_frame(config, frame) for frame in frames]
     expected = rows_out(config, results)
-    run = simulation(name).run(
-        rows_in(config, frames), constants={"near_code": near_code(config)}, stall=stall, seed=seed,
-        expected={port: len(rows) for port, rows in expected.items()},
+    run = check_run(
+        compiled(BinFrames, config, samples=SAMPLES), rows_in(config, frames), expected,
+        constants={"near_code": near_code(config)}, stall=stall, seed=seed,
     )  # fmt: skip
-    assert run.finished, run.stopped
-    for port, rows in expected.items():
-        found = run.outputs[port]
-        assert len(found) == len(rows), f"{port}: {len(found)} rows, not {len(rows)}"
-        wrong = np.flatnonzero((found != rows).any(axis=1))
-        assert not len(wrong), f"{port}: {len(wrong)} differ, first {wrong[0]}"
     counted = counters(COUNTED, run.ports["counters"])
     blocked = counted.pop("blocked")
     assert not blocked if stall == 0 else blocked < run.cycles

@@ -9,8 +9,7 @@ import pytest
 from amaranth.lib import wiring
 
 from splatcore.sim.rtl.cocotb_runner import run_testbench
-
-Rows = dict[str, np.ndarray]
+from tb.helpers.runs import Rows
 
 needs_icarus = pytest.mark.skipif(
     not shutil.which("iverilog"), reason="needs Icarus: apt-get install iverilog"

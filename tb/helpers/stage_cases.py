@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 
 import numpy as np
 from amaranth.lib import wiring
@@ -12,13 +12,11 @@ from splatcore.hdl.points.cull import Cull
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.points import COUNTED, Points
 from splatcore.hdl.points.project import Project
-from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.sim.rtl.streams import Result
 from splatcore.spec.config import Config
 from splatcore.spec.point import chunk_record, culling_record, placing_record, projecting_record
-from tb.helpers.forward import counters
-from tb.helpers.point_rows import PointRows, only_flags
-
-Rows = dict[str, np.ndarray]
+from tb.helpers.point_rows import PointRows, only_flags, point_counts
+from tb.helpers.runs import Rows, check_run, compiled, counters
 
 STAGES: dict[str, Callable[[Config], wiring.Component]] = {
     "chunk": Chunk,
@@ -57,10 +55,6 @@ class Case:
     def first(self) -> list[str]:
         """The codebook is written before anything else."""
         return [name for name in self.inputs if name == "write"]
-
-    @property
-    def counts(self) -> dict[str, int]:
-        return {name: len(rows) for name, rows in self.expected.items()}
 
 
 def case(stage: str, rows: PointRows) -> Case:
@@ -101,26 +95,16 @@ def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
     return {name: found[name] for name in component.signature.members if name in found}
 
 
-@cache
-def simulation(stage: str, config: Config) -> Simulation:
-    """A stage, compiled."""
-    return Simulation(STAGES[stage](config))
-
-
 def check(stage: str, frame: PointRows, stall: float, seed: int = 0) -> Result:
     """A stage's outputs against the golden model's, every bit, and the counters."""
     given = case(stage, frame)
-    result = simulation(stage, frame.config).run(
-        given.inputs, constants=given.constants, expected=given.counts, first=given.first,
-        stall=stall, seed=seed,
+    result = check_run(
+        compiled(STAGES[stage], frame.config), given.inputs, given.expected, f"{stage}.",
+        partial(settled_outputs, stage, frame.config), constants=given.constants,
+        first=given.first, stall=stall, seed=seed,
     )  # fmt: skip
-    assert result.finished, f"{stage}: {result.stopped}"
-    for port, found in settled_outputs(stage, frame.config, result.outputs).items():
-        expected = given.expected[port]
-        assert len(found) == len(expected), f"{stage}.{port}: {len(found)}, not {len(expected)}"
-        wrong = np.flatnonzero((found != expected).any(axis=1))
-        assert not len(wrong), f"{stage}.{port}: {len(wrong)} differ, first {wrong[0]}"
     if stage == "points":
         counted = counters(COUNTED, result.ports["counters"])
-        assert {name: counted[name] for name in frame.counts} == frame.counts
+        expected = point_counts(frame.points)
+        assert {name: counted[name] for name in expected} == expected
     return result

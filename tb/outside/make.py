@@ -18,9 +18,8 @@ from gsplat.cuda import _torch_impl as impl
 from gsplat.cuda import _wrapper
 
 from splatcore.spec.convention import TILE
-from tb.outside.convention import GSPLAT
 from tb.outside.scenes import CASES
-from tb.outside.stored import VERSIONS, Case, Stored, save
+from tb.outside.stored import GSPLAT, VERSIONS, Case, Stored, save
 
 MARGIN = 1e-9
 """Least relative distance of every quantity from the threshold that it is compared with, so that

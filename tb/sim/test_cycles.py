@@ -76,7 +76,7 @@ def test_stage_3():
     camera = generated_camera("garden")
     entries = frame.binned.entries
     run = raster_rows.run_groups(
-        raster_rows.simulation(DEFAULT), DEFAULT, frame.binned.features,
+        DEFAULT, frame.binned.features,
         Entries(frame.start, entries["splat"][frame.order], entries["mask"][frame.order]),
         (camera.width, camera.height),
     )  # fmt: skip

@@ -23,7 +23,7 @@ from splatcore.spec.registers import (
 )
 from splatcore.spec.work import PIXEL, stride
 from tb.helpers.machines import garden, view
-from tb.helpers.streams import PERIOD, at_random, bursts, never, reset
+from tb.helpers.streams import PERIOD, at_random, bursts, never, pause, reset
 
 ADDRESS = addresses(TINY)
 PATTERNS = {"never": never, "at_random": at_random, "bursts": bursts}
@@ -38,7 +38,7 @@ class Host:
     def __init__(self, dut, pattern):
         self.dut = dut
         self.master = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi_"), dut.clk, dut.rst)
-        pause(self.master, pattern)
+        pause(self.master.write_if, self.master.read_if, pattern)
 
     async def write(self, name: str, value: int):
         await self.master.write(ADDRESS[name], value.to_bytes(WORD, "little"))
@@ -63,13 +63,6 @@ class Host:
             assert not seen & INTERRUPT_ERROR, hex(await self.read("ERROR"))
 
 
-def pause(model, pattern):
-    """Pauses on all channels of one of cocotbext-axi's models."""
-    for side, names in (("write_if", ("aw", "w", "b")), ("read_if", ("ar", "r"))):
-        for name in names:
-            getattr(getattr(model, side), f"{name}_channel").set_pause_generator(pattern())
-
-
 @cocotb.test()
 async def frames(dut):
     """Two frames from two cameras, the second one's points while the first is rendered."""
@@ -79,7 +72,7 @@ async def frames(dut):
     areas = place_areas(TINY, [model], [(job.camera.width, job.camera.height) for job in jobs])
     size = 1 << (areas.end - BASE).bit_length()
     ram = AxiRam(AxiBus.from_prefix(dut, "m_axi_"), dut.clk, dut.rst, size=size)
-    pause(ram, pattern)
+    pause(ram.write_if, ram.read_if, pattern)
     ram.write(areas.models[0] - BASE, model.image.tobytes())
     host = Host(dut, pattern)
     Clock(dut.clk, PERIOD, "ns").start()

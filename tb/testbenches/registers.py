@@ -12,7 +12,7 @@ from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 from splatcore.spec import registers
 from splatcore.spec.axi import LITE_ADDRESS_BITS, OKAY, SLAVE_ERROR
 from splatcore.spec.config import DEFAULT
-from tb.helpers.streams import PERIOD, at_random, bursts, never, reset
+from tb.helpers.streams import PERIOD, at_random, bursts, never, pause, reset, timed_test
 
 MAP, ADDRESS = registers.register_map(DEFAULT), registers.addresses(DEFAULT)
 FRAME, COUNTERS = registers.frame_registers(DEFAULT), registers.counter_registers(DEFAULT)
@@ -38,10 +38,7 @@ class Host:
     async def begin(cls, dut, pattern) -> "Host":
         bus = AxiLiteBus.from_prefix(dut, "s_axi_")
         host = cls(dut, AxiLiteMaster(bus, dut.clk, dut.rst))
-        for side, names in (("write_if", ("aw", "w", "b")), ("read_if", ("ar", "r"))):
-            for name in names:
-                channel = getattr(getattr(host.master, side), f"{name}_channel")
-                channel.set_pause_generator(pattern())
+        pause(host.master.write_if, host.master.read_if, pattern)
         for name in INPUTS:
             getattr(dut, name).value = 0
         Clock(dut.clk, PERIOD, "ns").start()
@@ -91,18 +88,7 @@ def error(code: registers.ErrorCode, detail: int = 0) -> int:
     return code | detail << registers.CODE_BITS
 
 
-def test(**parameters):
-    """A test with a limit for its time."""
-
-    def made(function):
-        return cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")(
-            cocotb.parametrize(**parameters)(function)
-        )
-
-    return made
-
-
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def every_address_is_read(dut, pattern):
     """Registers give their values, all else an error and 0."""
     host = await Host.begin(dut, pattern)
@@ -123,7 +109,7 @@ async def every_address_is_read(dut, pattern):
         assert value == right and response == (OKAY if register else SLAVE_ERROR), hex(address)
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def every_address_is_written(dut, pattern):
     """Writable registers hold the written values; nothing else changes."""
     host = await Host.begin(dut, pattern)
@@ -146,7 +132,7 @@ async def every_address_is_written(dut, pattern):
     assert await host.get("ERROR") == 0 and host.starts == host.aborts == 0
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def locked_registers_stay(dut, pattern):
     host = await Host.begin(dut, pattern)
     for register in FRAME:
@@ -164,7 +150,7 @@ async def locked_registers_stay(dut, pattern):
     assert host.frame() == before | {FRAME[0].name: 5}
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def commands(dut, pattern):
     """START where READY says so, ABORT always; the first error stays."""
     host = await Host.begin(dut, pattern)
@@ -189,14 +175,15 @@ async def commands(dut, pattern):
     assert await host.get("ERROR") == error(registers.ErrorCode.WRITE, 3) and host.starts == 3
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def interrupts(dut, pattern):
     """Events set their bits, writing clears them, enabled ones raise the interrupt."""
     host = await Host.begin(dut, pattern)
     events = {
-        registers.INTERRUPT_READY: ("ready_event", 1), registers.INTERRUPT_FRAME: ("frame_event", 1),
+        registers.INTERRUPT_READY: ("ready_event", 1),
+        registers.INTERRUPT_FRAME: ("frame_event", 1),
         registers.INTERRUPT_ERROR: ("error", 1 | error(registers.ErrorCode.READ, 1) << 1),
-    }  # fmt: skip
+    }
     for bit, event in events.items():
         assert await host.get("INTERRUPT") == 0
         await host.pulse(*event)
@@ -211,7 +198,7 @@ async def interrupts(dut, pattern):
         assert dut.interrupt.value == 0
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def many_at_once(dut, pattern):
     """A host that waits for no answer has all of them, each its own."""
     host = await Host.begin(dut, pattern)
@@ -231,7 +218,7 @@ async def many_at_once(dut, pattern):
         assert await task == right
 
 
-@test(pattern=[never])
+@timed_test(TIMEOUT, pattern=[never])
 async def event_when_cleared(dut, pattern):
     """An event in the cycle in which its bit is cleared is not lost."""
     host = await Host.begin(dut, pattern)
@@ -254,7 +241,7 @@ async def event_when_cleared(dut, pattern):
     assert found == [0, *kept] and 2 < cleared < 12, (cleared, found)
 
 
-@test(pattern=[never])
+@timed_test(TIMEOUT, pattern=[never])
 async def errors_in_one_cycle(dut, pattern):
     """An error from outside goes before one of the host in the same cycle."""
     host = await Host.begin(dut, pattern)

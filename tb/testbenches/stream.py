@@ -82,16 +82,14 @@ class Probe:
         assert [len(monitor.payloads) for monitor in self.monitors] == passed
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS), idle=PATTERNS, stall=PATTERNS)
+@streams.timed_test(TIMEOUT, part=list(PARTS), idle=PATTERNS, stall=PATTERNS)
 async def order(dut, part, idle, stall):
     probe = Probe(dut, part)
     await probe.start()
     await probe.pass_on(probe.items(COUNT), idle, stall)
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS))
+@streams.timed_test(TIMEOUT, part=list(PARTS))
 async def throughput(dut, part):
     """Without stalls an item passes in every cycle, `latency` cycles after it went in."""
     probe = Probe(dut, part)
@@ -108,8 +106,7 @@ async def throughput(dut, part):
         assert monitor.cycles == list(range(first + probe.latency, first + probe.latency + COUNT))
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS))
+@streams.timed_test(TIMEOUT, part=list(PARTS))
 async def capacity(dut, part):
     """Behind an output that never takes, just so many items fit; then all leave without a gap."""
     probe = Probe(dut, part)
@@ -128,8 +125,7 @@ async def capacity(dut, part):
         assert monitor.cycles == list(range(monitor.cycles[0], monitor.cycles[0] + COUNT))
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS))
+@streams.timed_test(TIMEOUT, part=list(PARTS))
 async def reset_empties(dut, part):
     """After a reset at any moment nothing that went in before comes out."""
     probe = Probe(dut, part)
@@ -148,8 +144,7 @@ async def reset_empties(dut, part):
         await probe.pass_on(probe.items(2), streams.never, streams.never)
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=[name for name, part in PARTS.items() if part["outputs"] > 1])
+@streams.timed_test(TIMEOUT, part=[name for name, part in PARTS.items() if part["outputs"] > 1])
 async def outputs_do_not_wait(dut, part):
     """An output has its item while another has not taken it, and has it once."""
     probe = Probe(dut, part)

@@ -1,0 +1,43 @@
+"""Runs of compiled components: rows of their streams compared, counters read."""
+
+from collections.abc import Callable, Hashable, Iterable
+from functools import cache
+
+import numpy as np
+
+from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.spec.counters import COUNTER_BITS
+
+Rows = dict[str, np.ndarray]
+
+
+@cache
+def compiled(make: Callable, *arguments: Hashable, samples: tuple[str, ...] = ()) -> Simulation:
+    """A component, made of these arguments and compiled, once for all tests of a process."""
+    return Simulation(make(*arguments), samples)
+
+
+def check_run(
+    simulation: Simulation, inputs: Rows, expected: Rows, label="", settled=dict, **options
+) -> Result:
+    """A run that ends and gives these rows of the out streams, every bit, and no others.
+
+    label: goes before a stream's name in messages. settled: leaves what matters of the rows found.
+    options: those of `Simulation.run`.
+    """
+    counts = {port: len(rows) for port, rows in expected.items()}
+    result = simulation.run(inputs, expected=counts, **options)
+    assert result.finished, f"{label}{result.stopped}"
+    outputs = settled(result.outputs)
+    for port, rows in expected.items():
+        found = outputs[port]
+        assert len(found) == len(rows), f"{label}{port}: {len(found)} rows, not {len(rows)}"
+        wrong = np.flatnonzero((found != rows).any(axis=1))
+        assert not len(wrong), f"{label}{port}: {len(wrong)} differ, first {wrong[0]}"
+    return result
+
+
+def counters(names: Iterable[str], bits: int) -> dict[str, int]:
+    """Counters by name from the value of a port that has them side by side."""
+    mask = (1 << COUNTER_BITS) - 1
+    return {name: bits >> k * COUNTER_BITS & mask for k, name in enumerate(names)}
