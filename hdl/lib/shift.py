@@ -31,6 +31,11 @@ def _count_zeros(m: Module, value: Value) -> tuple[Value, Value]:
     return empty, count
 
 
+def lowest(value: Value) -> Value:
+    """The lowest set bit alone."""
+    return value & (~value + 1)[: len(value)]
+
+
 def encoded(one_hot: Value) -> Value:
     """The index of the one bit that is 1."""
     width = max((len(one_hot) - 1).bit_length(), 1)

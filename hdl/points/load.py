@@ -1,10 +1,10 @@
 """Reads and checks a model's header and loads its codebooks, before a frame's points."""
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.lib.record import layout
 from splatcore.spec import memory
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, range_record
 from splatcore.spec.config import Config
@@ -56,7 +56,7 @@ class Load(wiring.Component):
                 "loaded": Out(1),
                 "error": Out(CODE_BITS),
             }
-            | {name: Out(signed_shape(EXPONENT)) for name in EXPONENTS}
+            | {name: Out(signed(EXPONENT.width)) for name in EXPONENTS}
         )
 
     def elaborate(self, platform) -> Module:

@@ -1,12 +1,12 @@
 """Unpacks stored positions and makes rays of them: vectors from the camera, in world axes."""
 
 from amaranth.hdl import Array as Choice
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed
-from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Pipe
 from splatcore.hdl.points.array import codes
 from splatcore.spec import memory
@@ -57,8 +57,8 @@ class Position(wiring.Component):
                 "chunk": In(layout(culling_record(config))),
                 "chunk_valid": In(1),
                 "next_chunk": In(1),
-                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
-                "position_exponent": In(signed_shape(EXPONENT)),
+                "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
+                "position_exponent": In(signed(EXPONENT.width)),
                 "o": Out(stream.Signature(codes(config, AXES))),
             }
         )
@@ -148,7 +148,7 @@ class Position(wiring.Component):
         format = self.config.arithmetic
         m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
         [camera] = self._of_axis(*self.camera, widths=(CAMERA.width,))
-        way = Signal(signed_shape(AWAY), reset_less=True)
+        way = Signal(signed(AWAY.width), reset_less=True)
         with m.If(self.pipe.enable):
             m.d.sync += way.eq(point - camera.as_signed())
         m.d.comb += [

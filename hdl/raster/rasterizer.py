@@ -6,11 +6,10 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.shift import encoded
+from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
-from splatcore.hdl.raster.expand import lowest
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE

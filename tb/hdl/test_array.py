@@ -15,9 +15,8 @@ from splatcore.spec.config import DEFAULT
 from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from tb.helpers.icarus import check_under_icarus, needs_icarus
 from tb.helpers.parts import Beside
-from tb.helpers.runs import check_run
+from tb.helpers.runs import check_run, check_under_icarus, needs_icarus
 
 ITEMS, FEW = 300, 60
 

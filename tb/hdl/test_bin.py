@@ -28,7 +28,7 @@ from tb.helpers.bin_frames import (
     rows_out,
 )
 from tb.helpers.bin_splats import KINDS, splats, together
-from tb.helpers.icarus import check_under_icarus, needs_icarus
+from tb.helpers.runs import check_under_icarus, needs_icarus
 from tb.helpers.scene_frames import SCENES, scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
 

@@ -172,10 +172,6 @@ def extreme(entry, shape) -> np.ndarray:
     return np.random.default_rng(10).choice(ends, shape)
 
 
-def lowest(entry, shape) -> np.ndarray:
-    return np.full(shape, entry.min)
-
-
 def highest(entry, shape) -> np.ndarray:
     return np.full(shape, entry.max)
 
@@ -198,7 +194,7 @@ def test_hardware_equals_golden(config):
         model = garden(config, degree, COUNT)
         for distance in (interval, 4, 5, 10, irregular[: len(model) - 1]):
             frames.append(Frame(model, np.maximum(distance, interval)))
-    for numbers in (any_number, extreme, lowest, highest):
+    for numbers in (any_number, extreme, lambda entry, shape: np.full(shape, entry.min), highest):
         for degree in degrees(config):
             frames.append(Frame(altered(config, degree, numbers), interval))
     check(ports, frames)

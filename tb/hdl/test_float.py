@@ -3,6 +3,7 @@ large.
 """
 
 from functools import cache, partial
+from itertools import product
 
 import numpy as np
 import pytest
@@ -129,15 +130,10 @@ FLOATS = [
 
 def conversions() -> list[Datapath]:
     """Between all formats, at latencies in turn."""
-    kinds = [
-        *((Convert, arithmetic.convert, source, target) for source in FLOATS for target in FLOATS),
-        *(
-            (FromFixed, arithmetic.from_fixed, fixed, float)
-            for fixed in FIXED
-            for float in FLOATS[::2]
-        ),
-        *((ToFixed, arithmetic.to_fixed, float, fixed) for fixed in FIXED for float in FLOATS[::2]),
-    ]
+    kinds = [(Convert, arithmetic.convert, *formats) for formats in product(FLOATS, FLOATS)]
+    mixed = list(product(FIXED, FLOATS[::2]))
+    kinds += [(FromFixed, arithmetic.from_fixed, fixed, float) for fixed, float in mixed]
+    kinds += [(ToFixed, arithmetic.to_fixed, float, fixed) for fixed, float in mixed]
     return [
         Datapath(make(*formats, k % 5), k % 5, ("i",), partial(golden, *formats))
         for k, (make, golden, *formats) in enumerate(kinds)

@@ -17,8 +17,8 @@ from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from splatcore.spec.microprogram import projection
-from tb.helpers.icarus import check_under_icarus, needs_icarus
 from tb.helpers.point_rows import PointRows, point_rows
+from tb.helpers.runs import check_under_icarus, needs_icarus
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
 from tb.helpers.stage_cases import STAGES, case, check, settled_outputs
 

@@ -6,8 +6,8 @@ import pytest
 
 from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register
 from splatcore.sim.rtl.cocotb_runner import run_testbench
-from tb.helpers.icarus import needs_icarus
 from tb.helpers.parts import Beside, Piped
+from tb.helpers.runs import needs_icarus
 
 WIDTH = 16
 

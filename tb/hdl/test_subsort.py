@@ -147,7 +147,7 @@ FAULTS = {
     "the next cluster comes too early": ("elaborate", "takes & ~rest", "takes"),
     "the last entry is forgotten": ("elaborate", "rest, takes = ~self.single", "rest, takes = 0"),
     "a digit is not looked at": ("_clusters", "in digits:", "in digits[1:]:"),
-    "the first cycle is not kept": ("_clusters", "= self.halves[p]", "= self.sets[p]"),
+    "the first cycle is not kept": ("_clusters", "s = self.halves[p]", "s = self.sets[p]"),
     "not the last one": ("elaborate", "self.single & ~any_of", "self.single | any_of"),
     "an offer is overwritten": ("elaborate", "second & (~self.o.valid | self.o.ready)", "second"),
     "a drop forgets the sets only": ("elaborate", "*self.full, second,", "second,"),

@@ -42,15 +42,12 @@ SETTLING = 2
 """Cycles for which a frame's registers stand before it begins."""
 
 
-def frame_record() -> Record:
-    """The registers of a frame and how many splats it has."""
-    sizes = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
-    return Record("frame", {name: Bits(bits) for name, bits in sizes.items()})
+SIZES = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
+FRAME = Record("frame", {name: Bits(bits) for name, bits in SIZES.items()})
+"""The registers of a frame and how many splats it has."""
 
-
-def report_record() -> Record:
-    """The report when a frame is done."""
-    return Record("report", {"needed": Bits(PAGE_BITS)})
+REPORT = Record("report", {"needed": Bits(PAGE_BITS)})
+"""The report when a frame is done."""
 
 
 class BinFrames(wiring.Component):
@@ -67,8 +64,8 @@ class BinFrames(wiring.Component):
         super().__init__(
             {name: inner[name] for name in names}
             | {
-                "frames": In(stream.Signature(layout(frame_record()))),
-                "reports": Out(stream.Signature(layout(report_record()))),
+                "frames": In(stream.Signature(layout(FRAME))),
+                "reports": Out(stream.Signature(layout(REPORT))),
                 "room": Out(1),
                 "finishing": Out(1),
             }
@@ -122,11 +119,9 @@ def rows_in(config: Config, frames: list[Frame]) -> dict[str, np.ndarray]:
     """The rows of both in streams."""
     sizes = [(len(frame), frame.width, frame.height, frame.pages) for frame in frames]
     columns = np.array(sizes, np.uint64).T
-    record = frame_record()
-    names = [name for name, _ in record.fields]
     return {
         "i": np.concatenate([splat_record(config).pack(frame.splats) for frame in frames]),
-        "frames": record.pack(dict(zip(names, columns, strict=True))),
+        "frames": FRAME.pack(dict(zip(SIZES, columns, strict=True))),
     }
 
 
@@ -141,7 +136,7 @@ def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
         groups = {"page": lists.page.astype(np.uint64), "count": lists.count.astype(np.uint64)}
         found["groups"].append(group_record().pack(groups))
         needed = np.array([lists.needed], np.uint64)
-        found["reports"].append(report_record().pack({"needed": needed}))
+        found["reports"].append(REPORT.pack({"needed": needed}))
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
@@ -199,7 +194,7 @@ def read_memory(config: Config, run: Result) -> list[np.ndarray]:
     """The same of the one frame of a run: rows of `entry_record`, group by group."""
     bursts = burst_record(config).unpack(run.outputs["bursts"])
     groups = group_record().unpack(run.outputs["groups"])
-    needed = report_record().unpack(run.outputs["reports"])["needed"][0]
+    needed = REPORT.unpack(run.outputs["reports"])["needed"][0]
     address, page, count = (
         codes.astype(np.int64) for codes in (bursts["address"], groups["page"], groups["count"])
     )

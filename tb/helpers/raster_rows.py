@@ -89,12 +89,9 @@ def featured_rows(config: Config, features: Codes, entries: Entries) -> np.ndarr
     group = np.repeat(np.arange(len(lengths)), lengths)
     place = np.arange(len(entries.splat)) + group  # an end behind each group
     total = len(entries.splat) + len(lengths)
-    index, mask, end = (
-        np.zeros(total, np.int64),
-        np.zeros(total, np.uint64),
-        np.ones(total, np.uint64),
-    )
-    index[place], mask[place], end[place] = entries.splat, entries.mask, 0
+    index, mask = np.zeros((2, total), np.uint64)
+    index[place], mask[place] = entries.splat, entries.mask
+    end = ~np.isin(np.arange(total), place)
     splat = {
         name: codes[index].astype(np.uint64) if len(codes) else np.zeros(total, np.uint64)
         for name, codes in features.items()

@@ -37,7 +37,7 @@ MACHINE = (
 )
 STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
-RASTER = ("blend", "evaluate", "expand", "mark", "raster", "rasterizer", "setup")
+RASTER = ("blend", "evaluate", "mark", "raster", "rasterizer", "setup")
 
 JUDGES = {
     "": MACHINE,
