@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 from amaranth.lib import wiring
 
-from splatcore.hdl.arithmetic.add import Add
+from splatcore.hdl.arithmetic.add import Add, MultiplyAdd
 from splatcore.hdl.arithmetic.multiply import Multiply
-from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
 from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import Binned

@@ -11,8 +11,8 @@ from amaranth.hdl import Cat, Const, Module, ShapeLike, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from splatcore.hdl.arithmetic.add import MultiplyAdd
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
-from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
 from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import Program

@@ -10,12 +10,11 @@ import pytest
 from amaranth.back import verilog
 
 from splatcore.golden import arithmetic
-from splatcore.hdl.arithmetic.add import Add
+from splatcore.hdl.arithmetic.add import Add, MultiplyAdd
 from splatcore.hdl.arithmetic.compare import Compare
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed, ToFixed
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
 from splatcore.hdl.arithmetic.multiply import Multiply
-from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
 from splatcore.spec.number import FP16, FP24, Fixed, Float
 from tb.helpers.datapaths import Datapath, check, with_pauses
 from tb.helpers.float_pairs import every_pair, pairs

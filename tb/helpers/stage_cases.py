@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
 from amaranth.lib import wiring
 
 from splatcore.hdl.points.chunk import Chunk
@@ -69,20 +68,17 @@ def case(stage: str, rows: PointRows) -> Case:
         component,
         {port: streams[name] for port, name in sources.items()},
         constants(component, rows),
-        {port: settled(config, name, streams[name]) for port, name in sinks.items()},
+        settled_outputs(stage, config, {port: streams[name] for port, name in sinks.items()}),
     )
 
 
-def settled(config: Config, stream: str, rows: np.ndarray) -> np.ndarray:
-    """Rows of a stream without what does not matter in them."""
-    coordinates = {"culled": "z", "placed": "x y z"}.get(stream)
-    return only_flags(config, coordinates, rows) if coordinates else rows
-
-
 def settled_outputs(stage: str, config: Config, outputs: Rows) -> Rows:
-    """A stage's output without what does not matter in it."""
-    sinks = STREAMS[stage][1]
-    return {port: settled(config, name, outputs[port]) for port, name in sinks.items()}
+    """Rows of a stage's out streams without what does not matter in them."""
+    coordinates, found = {"culled": "z", "placed": "x y z"}, dict(outputs)
+    for port, name in STREAMS[stage][1].items():
+        if name in coordinates:
+            found[port] = only_flags(config, coordinates[name], outputs[port])
+    return found
 
 
 def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
