@@ -9,31 +9,16 @@ from splatcore.hdl.lib.counters import counters_layout
 from splatcore.hdl.lib.record import ERROR as ERROR_EVENT
 from splatcore.hdl.lib.record import frame_layout
 from splatcore.hdl.memory.bus import axi_lite
+from splatcore.spec import registers
 from splatcore.spec.axi import LITE_ADDRESS_BITS, LITE_DATA_BITS, OKAY, SLAVE_ERROR
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.counters import counters
-from splatcore.spec.registers import (
-    ABORT,
-    CODE_BITS,
-    DETAIL_BITS,
-    FRAME_START,
-    INTERRUPT_ERROR,
-    INTERRUPT_FRAME,
-    INTERRUPT_READY,
-    READY,
-    START,
-    WORD,
-    ErrorCode,
-    Register,
-    frame_registers,
-    register_map,
-)
 
-WORD_BITS = exact_log2(WORD)
-FIRST = FRAME_START // WORD
+WORD_BITS = exact_log2(registers.WORD)
+FIRST = registers.FRAME_START // registers.WORD
 
-ERROR = data.StructLayout({"code": CODE_BITS, "detail": DETAIL_BITS})
+ERROR = data.StructLayout({"code": registers.CODE_BITS, "detail": registers.DETAIL_BITS})
 """The value of the register ERROR."""
 
 
@@ -65,7 +50,7 @@ class Registers(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.map: dict[int, Register] = register_map(config)
+        self.map: dict[int, registers.Register] = registers.register_map(config)
         self.address = {register.name: address for address, register in self.map.items()}
         stages = {stage: counters_layout(names) for stage, names in counters(config).items()}
         super().__init__(
@@ -99,23 +84,22 @@ class Registers(wiring.Component):
         lock_broken = self._take(m)
         start_refused = self._commands(m)
         self._errors(m, start_refused, lock_broken)
-        self._frame(m)
+        for register in registers.frame_registers(self.config):
+            with m.If(self._at(register.name)):
+                m.d.sync += self.frame[register.name.lower()].eq(self.value)
         self._read(m)
         return m
 
     def _at(self, name: str) -> Value:
         """High if a register is being written."""
-        return self.taken & (self.word == self.address[name] // WORD)
+        return self.taken & (self.word == self.address[name] // registers.WORD)
 
     def _take(self, m: Module) -> Value:
         """Writes; returns a bit that says that one of a locked register is refused."""
         s_axi = self.s_axi
         addressed, given, whole = Signal(), Signal(), Signal()
         with m.If(s_axi.awready):
-            m.d.sync += [
-                addressed.eq(s_axi.awvalid),
-                self.word.eq(s_axi.awaddr[WORD_BITS:]),
-            ]
+            m.d.sync += [addressed.eq(s_axi.awvalid), self.word.eq(s_axi.awaddr[WORD_BITS:])]
         with m.If(s_axi.wready):
             m.d.sync += [
                 given.eq(s_axi.wvalid),
@@ -126,7 +110,7 @@ class Registers(wiring.Component):
         with m.Switch(self.word):
             for address, register in self.map.items():
                 if register.access != "read":
-                    with m.Case(address // WORD):
+                    with m.Case(address // registers.WORD):
                         m.d.comb += writable.eq(1)
                         if register.access == "frame":
                             m.d.comb += of_frame.eq(1)
@@ -152,9 +136,9 @@ class Registers(wiring.Component):
         start, abort, ready = Signal(), Signal(), Signal()
         control = self._at("CONTROL")
         m.d.comb += [
-            abort.eq(control & (self.value & ABORT).any()),
-            start.eq(control & (self.value & START).any() & ~abort),
-            ready.eq((self.status & READY).any()),
+            abort.eq(control & (self.value & registers.ABORT).any()),
+            start.eq(control & (self.value & registers.START).any() & ~abort),
+            ready.eq((self.status & registers.READY).any()),
             self.start.eq(start & ready),
             self.abort.eq(abort),
         ]
@@ -165,18 +149,18 @@ class Registers(wiring.Component):
         new, valid = Signal(ERROR), Signal()
         m.d.comb += [
             valid.eq(self.error.valid | start_refused | lock_broken),
-            new.code.eq(Mux(lock_broken, ErrorCode.LOCKED, ErrorCode.START)),
+            new.code.eq(Mux(lock_broken, registers.ErrorCode.LOCKED, registers.ErrorCode.START)),
             new.detail.eq(Mux(lock_broken, self.word - FIRST, 0)),
         ]
         with m.If(self.error.valid):
             m.d.comb += [new.code.eq(self.error.code), new.detail.eq(self.error.detail)]
         clears = self._at("ERROR")
-        with m.If(clears | (self.first_error.code == ErrorCode.NONE)):
+        with m.If(clears | (self.first_error.code == registers.ErrorCode.NONE)):
             m.d.sync += self.first_error.eq(Mux(valid, new, 0))
         events = {
-            INTERRUPT_READY: self.ready_event,
-            INTERRUPT_FRAME: self.frame_event,
-            INTERRUPT_ERROR: valid,
+            registers.INTERRUPT_READY: self.ready_event,
+            registers.INTERRUPT_FRAME: self.frame_event,
+            registers.INTERRUPT_ERROR: valid,
         }
         cleared = Mux(self._at("INTERRUPT"), self.value, 0)
         for bit, event in events.items():
@@ -185,12 +169,6 @@ class Registers(wiring.Component):
         with m.If(self._at("INTERRUPT_ENABLE")):
             m.d.sync += self.enabled.eq(self.value)
         m.d.comb += self.interrupt.eq((self.events & self.enabled).any())
-
-    def _frame(self, m: Module):
-        """The frame's registers."""
-        for register in frame_registers(self.config):
-            with m.If(self._at(register.name)):
-                m.d.sync += self.frame[register.name.lower()].eq(self.value)
 
     def _values(self) -> dict[str, Value]:
         """Values of registers by name, but those that never change or read as 0."""
@@ -219,7 +197,7 @@ class Registers(wiring.Component):
             m.d.sync += [asked.eq(s_axi.arvalid), word.eq(s_axi.araddr[WORD_BITS:])]
         with m.Switch(word):
             for address, register in self.map.items():
-                with m.Case(address // WORD):
+                with m.Case(address // registers.WORD):
                     m.d.comb += known.eq(1)
                     if register.value is not None:
                         m.d.comb += found.eq(register.value)

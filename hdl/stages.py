@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 from amaranth.lib import wiring
 
-from splatcore.hdl.arithmetic.add import Add
+from splatcore.hdl.arithmetic.add import Add, MultiplyAdd
 from splatcore.hdl.arithmetic.multiply import Multiply
-from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
 from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import Binned
@@ -37,11 +36,8 @@ from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.scratch import Scratch
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.hdl.sorting.subsort import SubSorter
+from splatcore.spec import microprogram, raster, schedule, stages
 from splatcore.spec.config import Config
-from splatcore.spec.microprogram import projection
-from splatcore.spec.raster import block_count
-from splatcore.spec.schedule import latencies
-from splatcore.spec.stages import BLOCKS
 
 Build = Callable[[Config], wiring.Component]
 
@@ -72,7 +68,7 @@ CONTROL: dict[str, Build] = {
 """Memory access and the host's side; with points, bin, sort and raster they are all of `Top`."""
 
 WHOLE: dict[str, tuple[Build, ...]] = {
-    block: (STAGES[block],) for blocks in BLOCKS.values() for block in blocks
+    block: (STAGES[block],) for blocks in stages.BLOCKS.values() for block in blocks
 } | {"control": tuple(CONTROL.values())}
 """Blocks and control: together all of the machine."""
 
@@ -82,10 +78,10 @@ LARGE = ("sort", "raster")
 PRIMITIVES: dict[str, Build] = {
     "position": Position,
     "codebook": Codebook,
-    "array": lambda config: Array(config, projection(config), stalls=False),
+    "array": lambda config: Array(config, microprogram.projection(config), stalls=False),
     "multiply": lambda config: Multiply(config.arithmetic, config.multiply_latency),
     "add": lambda config: Add(config.arithmetic, config.add_latency),
-    "multiply_add": lambda config: MultiplyAdd(config.arithmetic, latencies(config)["pe"]),
+    "multiply_add": lambda config: MultiplyAdd(config.arithmetic, schedule.latencies(config)["pe"]),
     "reciprocal": lambda config: Reciprocal(config.arithmetic, config.unary_latency),
     "rsqrt": lambda config: Rsqrt(config.arithmetic, config.unary_latency),
     "sub_sorter": SubSorter,
@@ -94,8 +90,8 @@ PRIMITIVES: dict[str, Build] = {
     "setup": Setup,
     "mark": Mark,
     "evaluate": lambda config: Evaluate(config, 0),
-    "lane": lambda config: Blend(config, block_count(config), 1),
-    "blend": lambda config: Blend(config, block_count(config)),
+    "lane": lambda config: Blend(config, raster.block_count(config), 1),
+    "blend": lambda config: Blend(config, raster.block_count(config)),
     "rasterizer": lambda config: Rasterizer(config, 0),
 }
 """Parts that stages are made of, on their own."""

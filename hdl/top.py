@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.frame import Frame
 from splatcore.hdl.lib.counters import Counters
-from splatcore.hdl.memory.axi import Axi
+from splatcore.hdl.memory.axi import HALVES, Axi
 from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.hdl.points.preprocess import Preprocess
 from splatcore.hdl.raster.render import Render
@@ -50,20 +50,17 @@ class Top(wiring.Component):
             self._count(m, name, half)
         connect(m, flipped(self).s_axi, self.registers.s_axi)
         connect(m, self.axi.m_axi, flipped(self).m_axi)
-        settled = self.axi.settled
+        settled = [
+            Cat(self.axi.settled[k] for k, of in enumerate(WRITERS.values()) if of == half)
+            for half in HALVES
+        ]
         m.d.comb += [
             self.preprocess.frame.eq(self.registers.frame),
             self.preprocess.area.eq(frame.area),
             self.preprocess.taken.eq(frame.taken),
-            self.preprocess.settled.eq(
-                Cat(
-                    settled[k] for k, of in enumerate(WRITERS.values()) if of == PREPROCESSING
-                ).all()
-            ),
+            self.preprocess.settled.eq(settled[PREPROCESSING].all()),
             self.render.job.eq(frame.job),
-            self.render.settled.eq(
-                Cat(settled[k] for k, of in enumerate(WRITERS.values()) if of == RENDERING)
-            ),
+            self.render.settled.eq(settled[RENDERING]),
         ]
         self._host(m)
         return m

@@ -47,11 +47,7 @@ class Compare(wiring.Component):
         if format.signed:
             a_negative, b_negative = self.a[-1], self.b[-1]
             zeros = same & ~a.any()
-            less = Mux(
-                a_negative,
-                Mux(b_negative, ~below & ~same, ~zeros),
-                ~b_negative & below,
-            )
+            less = Mux(a_negative, Mux(b_negative, ~below & ~same, ~zeros), ~b_negative & below)
             equal = (same & (a_negative == b_negative)) | zeros
         if format.overflow == "infinity":
             infinity = ((1 << format.exponent) - 1) << format.fraction

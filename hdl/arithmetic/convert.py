@@ -22,8 +22,7 @@ class Convert(wiring.Component):
     """
 
     def __init__(self, source: Float, target: Float, latency: int):
-        self.source = source
-        self.target = target
+        self.source, self.target = source, target
         # Subnormal values that are so in the target as well remain as they are.
         normalise = target.bias > source.bias or not target.subnormal
         self.zeros = source.fraction + 1 if source.subnormal and normalise else 1
@@ -68,8 +67,7 @@ class FromFixed(wiring.Component):
     """
 
     def __init__(self, fixed: Fixed, format: Float, latency: int, scale: range | None = None):
-        self.fixed = fixed
-        self.format = format
+        self.fixed, self.format = fixed, format
         self.zeros = max(fixed.width - 1, 1)
         self.registers = spread(latency, {"magnitude": 10} | Round.cuts(format, self.zeros))
         # The highest bit of the magnitude is the higher one before the rounder's binary point.
@@ -123,8 +121,7 @@ class ToFixed(wiring.Component):
     """
 
     def __init__(self, format: Float, fixed: Fixed, latency: int):
-        self.format = format
-        self.fixed = fixed
+        self.format, self.fixed = format, fixed
         self.registers = spread(latency, {"shift": 16, "round": 16})
         super().__init__({"i": In(format.width), "o": Out(fixed.width), "enable": In(1)})
 

@@ -114,10 +114,8 @@ class Round(wiring.Component):
     """
 
     def __init__(self, format: Float, layout: Unpacked, zeros: int, registers: Registers):
-        self.format = format
-        self.layout = layout
-        self.zeros = zeros
-        self.registers = registers
+        self.format, self.layout = format, layout
+        self.zeros, self.registers = zeros, registers
         super().__init__({"i": In(layout), "o": Out(format.width), "enable": In(1)})
 
     @staticmethod

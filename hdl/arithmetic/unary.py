@@ -76,9 +76,7 @@ class Unary(wiring.Component):
     def __init__(self, function: Function, format: Float, latency: int):
         if latency < 0:
             raise ValueError(f"{function}: latency {latency} is negative")
-        self.function = function
-        self.format = format
-        self.latency = latency
+        self.function, self.format, self.latency = function, format, latency
         extra = max(0, latency - len(REGISTERS))
         self.registers = Counter([*REGISTERS[:latency], *REGISTERS[:1] * extra])
         super().__init__({"a": In(format.width), "enable": In(1), "o": Out(format.width)})

@@ -38,8 +38,7 @@ class Unpack(wiring.Component):
     """
 
     def __init__(self, function: Function, format: Float):
-        self.function = function
-        self.format = format
+        self.function, self.format = function, format
         root = function == "rsqrt"
         super().__init__(
             {
@@ -138,8 +137,7 @@ class Pack(wiring.Component):
     """
 
     def __init__(self, function: Function, format: Float):
-        self.function = function
-        self.format = format
+        self.function, self.format = function, format
         super().__init__(
             {
                 "fraction": In(format.fraction + 1),
@@ -166,7 +164,9 @@ class Pack(wiring.Component):
             fill = Cat(Const(0, format.fraction - 1), filled)
         fraction = low & computed.replicate(format.fraction) | fill
         exponent = (result.exponent + carry)[: format.exponent]
-        if saturate and self._may_carry_out():
+        # Some input's result may round up past the highest exponent.
+        highest = result_exponent(self.function, format, 1 - places_in(self.function, format))
+        if saturate and highest >= exponent_max(format):
             over = carry & result.exponent.all()
             fraction = fraction | over.replicate(format.fraction)
             exponent = exponent | over.replicate(format.exponent)
@@ -175,9 +175,3 @@ class Pack(wiring.Component):
         sign = result.sign & magnitude.any() if saturate else result.sign
         m.d.comb += self.o.eq(Cat(magnitude, sign))
         return m
-
-    def _may_carry_out(self) -> bool:
-        """True if some input's result may round up past the highest exponent."""
-        least = 1 - places_in(self.function, self.format)
-        highest = result_exponent(self.function, self.format, least)
-        return highest >= exponent_max(self.format)

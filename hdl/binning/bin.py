@@ -13,10 +13,9 @@ from splatcore.hdl.binning.rows import Rows
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
+from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import Config
-from splatcore.spec.convention import TILE
-from splatcore.spec.counters import BIN
 from splatcore.spec.group import (
     EXTENT_FRACTION,
     SPLAT_BITS,
@@ -26,10 +25,9 @@ from splatcore.spec.group import (
     unscaled_colour_format,
 )
 from splatcore.spec.number import Fixed
-from splatcore.spec.point import splat_record
 from splatcore.spec.raster import COLOURS
 
-COUNTED = tuple(BIN)
+COUNTED = tuple(counters.BIN)
 
 SPLATS_INSIDE = 32
 """Splats whose features wait until it is known whether they touch a tile."""
@@ -65,7 +63,7 @@ class Bin(wiring.Component):
         self.gather, self.lists = Gather(config), ListWriter(config)
         super().__init__(
             {
-                "i": In(stream.Signature(layout(splat_record(config)))),
+                "i": In(stream.Signature(layout(point.splat_record(config)))),
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
                 "near_code": In(config.arithmetic.width),
@@ -148,7 +146,7 @@ class Bin(wiring.Component):
 
     def _group(self, m: Module) -> Value:
         """The number of the group that a part lies in."""
-        part, side = self.parts.o.payload, exact_log2(TILE * self.config.group)
+        part, side = self.parts.o.payload, exact_log2(convention.TILE * self.config.group)
         columns = Signal(range((self.config.width_max >> side) + 2))
         rows = Signal(range((self.config.height_max >> side) + 2))
         m.d.sync += [

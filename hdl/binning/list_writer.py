@@ -7,14 +7,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
-from splatcore.spec.binning import (
-    PAGE_BITS,
-    bin_entry_record,
-    burst_record,
-    bursts_per_page,
-    group_record,
-    groups_max,
-)
+from splatcore.spec import binning
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, entry_record
 
@@ -54,26 +47,26 @@ class ListWriter(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        self.config, self.count = config, max(2, groups_max(config))  # addresses have bits
+        self.config, self.count = config, max(2, binning.groups_max(config))  # addresses have bits
         self.burst = config.burst
-        self.position_bits = exact_log2(bursts_per_page(config) * config.burst)
+        self.position_bits = exact_log2(binning.bursts_per_page(config) * config.burst)
         self.row = data.StructLayout(
             {
-                "page": PAGE_BITS,
+                "page": binning.PAGE_BITS,
                 "position": self.position_bits,
-                "first": PAGE_BITS,
+                "first": binning.PAGE_BITS,
                 "count": COUNT_BITS,
             }
         )
         super().__init__(
             {
-                "i": In(stream.Signature(layout(bin_entry_record(config)))),
+                "i": In(stream.Signature(layout(binning.bin_entry_record(config)))),
                 "groups_count": In(range(self.count + 1)),
-                "pages": In(PAGE_BITS),
+                "pages": In(binning.PAGE_BITS),
                 "finish": In(1),
-                "bursts": Out(stream.Signature(layout(burst_record(config)))),
-                "groups": Out(stream.Signature(layout(group_record()))),
-                "needed": Out(PAGE_BITS),
+                "bursts": Out(stream.Signature(layout(binning.burst_record(config)))),
+                "groups": Out(stream.Signature(layout(binning.group_record()))),
+                "needed": Out(binning.PAGE_BITS),
                 "empty": Out(1),
                 "taking": Out(1),
                 "done": Out(1),
@@ -85,7 +78,7 @@ class ListWriter(wiring.Component):
         state, group = Signal(State), Signal(range(self.count))
         # An entry, or a group to flush, is being handled; it is through in this cycle.
         full, through = Signal(), Signal()
-        held = Signal(layout(bin_entry_record(self.config)), reset_less=True)
+        held = Signal(layout(binning.bin_entry_record(self.config)), reset_less=True)
         free = ~full | through
         take, flush = Signal(), Signal()
         last = group + 1 == self.groups_count
@@ -201,7 +194,4 @@ class ListWriter(wiring.Component):
         with m.If(through & ~flushing & turn & ~self.needed.all()):
             m.d.sync += self.needed.eq(self.needed + 1)
         for k, port in enumerate(write_entry):
-            m.d.comb += [
-                port.data.eq(entry),
-                port.en.eq(through & ~flushing & (self.slot == k)),
-            ]
+            m.d.comb += [port.data.eq(entry), port.en.eq(through & ~flushing & (self.slot == k))]

@@ -26,11 +26,7 @@ PHASES = 3
 """Cycles for a splat."""
 
 NUMBERS = ("half_width", "half_height", "u", "v", "lean", "shear", "slope")
-SHIFTERS = (
-    ("half_width", "u", "slope"),
-    ("half_height", "v", "shear"),
-    (None, "lean", None),
-)
+SHIFTERS = (("half_width", "u", "slope"), ("half_height", "v", "shear"), (None, "lean", None))
 """Numbers that make an outline; of them those that each shifter shifts, phase by phase."""
 
 SQUARE_NUMBERS = ("radius", "u", "v")
@@ -109,7 +105,11 @@ class Outline(wiring.Component):
         m = Module()
         phase, step, enable = Signal(PHASES, init=1), Signal(), Signal()
         names = SQUARE_NUMBERS if self.square else NUMBERS
-        self.parts = {name: self._unpack(m, name) for name in names}
+        self.parts = {}
+        for name in names:
+            m.submodules[f"unpack_{name}"] = unpack = Unpack(self.format)
+            m.d.comb += unpack.i.eq(self.i.payload[name])
+            self.parts[name] = unpack.o
         self.held = Signal(outline_layout(self.config), reset_less=True)
         self._registers()
         names = SQUARE_SHIFTERS if self.square else SHIFTERS
@@ -155,11 +155,6 @@ class Outline(wiring.Component):
                 self.known[f"{name}_y"] = Signal(shape, name=f"{name}_y", reset_less=True)
         else:
             self.finer = Signal(Shape.cast(range(-STEP_MAX, STEP_MAX + HALF_BITS + 1)))
-
-    def _unpack(self, m: Module, name: str) -> data.View:
-        m.submodules[f"unpack_{name}"] = unpack = Unpack(self.format)
-        m.d.comb += unpack.i.eq(self.i.payload[name])
-        return unpack.o
 
     def _shifter(self, m: Module, phase: Signal, axis: str, names: tuple) -> data.View:
         """⌊value · 2^power⌋ of the number that is up in each phase, and whether it fits.

@@ -74,10 +74,7 @@ class Rows(wiring.Component):
         row, number = Signal.like(held.first), Signal(range(OUTLINES))
         room = self._output(m, full)
         last = row == held.last
-        m.d.comb += [
-            self.row.eq(full & room),
-            self.i.ready.eq(~full | (self.row & last)),
-        ]
+        m.d.comb += [self.row.eq(full & room), self.i.ready.eq(~full | (self.row & last))]
         with m.If(self.i.ready):
             m.d.sync += [
                 held.eq(self.i.payload),

@@ -51,9 +51,7 @@ class Pipeline:
     """
 
     def __init__(self, m: Module, enable: Signal, registers: Registers):
-        self.m = m
-        self.enable = enable
-        self.registers = registers
+        self.m, self.enable, self.registers = m, enable, registers
 
     def cut(self, name: str, *values: ValueLike) -> tuple:
         """`values` behind the registers of one cut; themselves if there are none."""

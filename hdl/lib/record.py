@@ -5,7 +5,6 @@ from amaranth.lib import data
 
 from splatcore.spec.axi import BEAT_ADDRESS_BITS
 from splatcore.spec.config import Config
-from splatcore.spec.number import Fixed
 from splatcore.spec.record import Array, Format, Record
 from splatcore.spec.registers import CODE_BITS, DETAIL_BITS, frame_registers
 
@@ -32,11 +31,6 @@ def _shape(format: Format) -> data.Layout | Shape:
     if isinstance(format, Array):
         return data.ArrayLayout(_shape(format.format), format.length)
     return unsigned(format.width)
-
-
-def signed_shape(fixed: Fixed) -> Shape:
-    """The shape of a signed integer of a fixed-point format."""
-    return Shape(fixed.width, signed=True)
 
 
 def frame_layout(config: Config) -> data.StructLayout:

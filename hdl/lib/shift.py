@@ -1,4 +1,4 @@
-"""Barrel shifters with a sticky bit, and counting of leading zeros.
+"""Barrel shifters with a sticky bit, counting of leading zeros, and encoding of one bit.
 
 Each function adds what it needs to the module that it is given.
 """
@@ -29,6 +29,19 @@ def _count_zeros(m: Module, value: Value) -> tuple[Value, Value]:
     m.d.comb += empty.eq(high_empty & low_empty)
     m.d.comb += count.eq(Cat(Mux(high_empty, low, high), high_empty))
     return empty, count
+
+
+def lowest(value: Value) -> Value:
+    """The lowest set bit alone."""
+    return value & (~value + 1)[: len(value)]
+
+
+def encoded(one_hot: Value) -> Value:
+    """The index of the one bit that is 1."""
+    width = max((len(one_hot) - 1).bit_length(), 1)
+    return Cat(
+        Cat(one_hot[k] for k in range(len(one_hot)) if k >> bit & 1).any() for bit in range(width)
+    )
 
 
 def sticky(value: Value, width: int) -> Value:

@@ -20,16 +20,20 @@ HANDSHAKE = wiring.Signature({"valid": Out(1), "ready": In(1)})
 """A stream without its payload."""
 
 
+def passes(stream: stream.Interface) -> Value:
+    """High if an item passes."""
+    return stream.valid & stream.ready
+
+
 class Register(wiring.Component):
     """Two registers that cut every path between `i` and `o`.
 
     The second register takes the item that is already on its way when the output stalls.
 
     Members
-    -------
-    i : stream of `shape`, in
-    o : stream of `shape`, out
-    head, spare, full : the item at `o`, the one behind it, whether there is one (for proofs)
+        i: stream of `shape`, in
+        o: stream of `shape`, out
+        head, spare, full: the item at `o`, the one behind it, whether there is one (for proofs)
 
     **Timing**: latency 1, one item per cycle, no path; two items' flip-flops, no multiplier.
     """
@@ -62,11 +66,10 @@ class Queue(wiring.Component):
     read in the same cycle. Such a queue is at least `MEMORY_DEPTH_MIN` deep.
 
     Members
-    -------
-    i : stream of `shape`, in
-    o : stream of `shape`, out
-    level : range(depth + 1), out; items inside, the one at `o` included
-    write, read : rows of the next write and the next read (for proofs)
+        i: stream of `shape`, in
+        o: stream of `shape`, out
+        level: range(depth + 1), out; items inside, the one at `o` included
+        write, read: rows of the next write and the next read (for proofs)
 
     **Timing**: latency 1, with `memory` 2; one item per cycle. No path, but from `o.ready` to
     `i.ready` at depth 1, which can only so take an item in the cycle in which it gives one.
@@ -134,10 +137,9 @@ class Fork(wiring.Component):
     """Gives every item to each of `count` outputs; each takes it at its own pace.
 
     Members
-    -------
-    i : stream of `shape`, in
-    o : `count` streams of `shape`, out; none of them waits for another to take the same item
-    taken : outputs that have had the item at `i` (for proofs)
+        i: stream of `shape`, in
+        o: `count` streams of `shape`, out; none of them waits for another to take the same item
+        taken: outputs that have had the item at `i` (for proofs)
 
     **Timing**: latency 0, one item per cycle. Paths from `i` to all outputs and from every
     `o.ready` to `i.ready`. No multiplier.
@@ -181,11 +183,10 @@ class Pipe(wiring.Component):
         ]
 
     Members
-    -------
-    i : `HANDSHAKE`, in
-    o : `HANDSHAKE`, out
-    enable : out; the datapath's registers load at the end of this cycle
-    valid : `latency` bits, out; bit k: an item is in the datapath's registers after k + 1 cycles
+        i: `HANDSHAKE`, in
+        o: `HANDSHAKE`, out
+        enable: out; the datapath's registers load at the end of this cycle
+        valid: `latency` bits, out; bit k: an item is in the datapath's registers after k + 1 cycles
 
     **Timing**: latency `latency` enabled cycles, one item per cycle. A path from `o.ready` to
     `i.ready` and `enable`: a `Register` behind the pipe cuts it. No multiplier.
@@ -195,12 +196,7 @@ class Pipe(wiring.Component):
         if latency < 1:
             raise ValueError(f"a pipe of latency {latency}, below 1")
         super().__init__(
-            {
-                "i": In(HANDSHAKE),
-                "o": Out(HANDSHAKE),
-                "enable": Out(1),
-                "valid": Out(latency),
-            }
+            {"i": In(HANDSHAKE), "o": Out(HANDSHAKE), "enable": Out(1), "valid": Out(latency)}
         )
 
     def elaborate(self, platform) -> Module:

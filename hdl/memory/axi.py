@@ -5,24 +5,13 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.shift import encoded
 from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.bus import FIXED, axi
-from splatcore.spec.axi import (
-    BEAT,
-    BEAT_BITS,
-    DATA_BITS,
-    ID_BITS,
-    LENGTH_BITS,
-    PREPROCESSING,
-    READERS,
-    RENDERING,
-    WRITERS,
-    read_record,
-    write_record,
-)
+from splatcore.spec import axi as spec
 from splatcore.spec.config import Config
 
-HALVES = (PREPROCESSING, RENDERING)
+HALVES = (spec.PREPROCESSING, spec.RENDERING)
 
 OUTSTANDING_BITS = 8
 """Width of the count of bursts of a half's readers, or of a writer, that are not yet answered."""
@@ -30,25 +19,18 @@ OUTSTANDING_BITS = 8
 ERROR = 1
 """The bit of a response that signals an error."""
 
-CLIENT_ERROR = data.StructLayout({"valid": 1, "client": ID_BITS})
+CLIENT_ERROR = data.StructLayout({"valid": 1, "client": spec.ID_BITS})
 """A beat or burst of a client has been answered by an error."""
 
 
 def read_beat() -> data.StructLayout:
     """The layout of a beat that was read. last: of its burst."""
-    return data.StructLayout({"beat": DATA_BITS, "last": 1})
+    return data.StructLayout({"beat": spec.DATA_BITS, "last": 1})
 
 
 def of_half(clients: dict[str, int], half: int) -> int:
     """A mask of the clients that work for a half."""
     return sum(1 << k for k, of in enumerate(clients.values()) if of == half)
-
-
-def number(chosen: Value) -> Value:
-    """The index of the one bit that is 1."""
-    return Cat(
-        Cat(chosen[k] for k in range(len(chosen)) if k >> bit & 1).any() for bit in range(ID_BITS)
-    )
 
 
 def selected(chosen: Value, values: list) -> Value:
@@ -116,20 +98,22 @@ class Axi(wiring.Component):
         super().__init__(
             {
                 "m_axi": Out(axi()),
-                "reads": In(stream.Signature(layout(read_record()))).array(len(READERS)),
-                "data": Out(stream.Signature(read_beat())).array(len(READERS)),
-                "writes": In(stream.Signature(layout(write_record()))).array(len(WRITERS)),
+                "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
+                "data": Out(stream.Signature(read_beat())).array(len(spec.READERS)),
+                "writes": In(stream.Signature(layout(spec.write_record()))).array(
+                    len(spec.WRITERS)
+                ),
                 "failing": In(len(HALVES)),
                 "idle": Out(len(HALVES)),
-                "settled": Out(len(WRITERS)),
+                "settled": Out(len(spec.WRITERS)),
                 "read_error": Out(CLIENT_ERROR),
                 "write_error": Out(CLIENT_ERROR),
-                "beats_read": Out(len(READERS)),
-                "beats_written": Out(len(WRITERS)),
+                "beats_read": Out(len(spec.READERS)),
+                "beats_written": Out(len(spec.WRITERS)),
             }
         )
-        request = data.StructLayout({"client": ID_BITS, "burst": layout(read_record())})
-        beat = data.StructLayout({"data": DATA_BITS, "strobe": BEAT, "last": 1})
+        request = data.StructLayout({"client": spec.ID_BITS, "burst": layout(spec.read_record())})
+        beat = data.StructLayout({"data": spec.DATA_BITS, "strobe": spec.BEAT, "last": 1})
         self.ar, self.aw, self.w = Register(request), Register(request), Register(beat)
 
     def elaborate(self, platform) -> Module:
@@ -149,7 +133,7 @@ class Axi(wiring.Component):
         reads_idle = self._ask(m, returned)
         self._write(m, self._answers(m))
         for half in HALVES:
-            settled = (self.settled | ~of_half(WRITERS, half)).all()
+            settled = (self.settled | ~of_half(spec.WRITERS, half)).all()
             m.d.comb += self.idle[half].eq(reads_idle[half] & settled)
         return m
 
@@ -157,7 +141,7 @@ class Axi(wiring.Component):
         """An address channel of the port, from its register."""
         wires = {
             "id": request.payload.client,
-            "addr": request.payload.burst.beat << BEAT_BITS,
+            "addr": request.payload.burst.beat << spec.BEAT_BITS,
             "len": request.payload.burst.length,
             "valid": request.valid,
         }
@@ -186,10 +170,10 @@ class Axi(wiring.Component):
         m_axi = self.m_axi
         full = Signal()
         beat = Signal(read_beat(), reset_less=True)
-        client = Signal(ID_BITS, reset_less=True)
+        client = Signal(spec.ID_BITS, reset_less=True)
         error = Signal(reset_less=True)
-        target, fire = Signal(len(READERS)), Signal(len(READERS))
-        ready = Cat(o.ready for o in self.data) | self._failing(READERS)
+        target, fire = Signal(len(spec.READERS)), Signal(len(spec.READERS))
+        ready = Cat(o.ready for o in self.data) | self._failing(spec.READERS)
         m.d.comb += [
             target.eq(Mux(full, Const(1) << client, 0)),
             fire.eq(target & ready),
@@ -198,7 +182,7 @@ class Axi(wiring.Component):
             self.read_error.valid.eq(fire.any() & error),
             self.read_error.client.eq(client),
         ]
-        for k, (o, half) in enumerate(zip(self.data, READERS.values(), strict=True)):
+        for k, (o, half) in enumerate(zip(self.data, spec.READERS.values(), strict=True)):
             m.d.comb += [o.payload.eq(beat), o.valid.eq(target[k] & ~self.failing[half])]
         with m.If(m_axi.rready):
             m.d.sync += [
@@ -208,26 +192,26 @@ class Axi(wiring.Component):
                 client.eq(m_axi.rid),
                 error.eq(m_axi.rresp[ERROR]),
             ]
-        return Cat((fire & of_half(READERS, half)).any() & beat.last for half in HALVES)
+        return Cat((fire & of_half(spec.READERS, half)).any() & beat.last for half in HALVES)
 
     def _ask(self, m: Module, returned: Value) -> Value:
         """Bursts to be read; a bit for each half: none of them is on its way."""
-        m.submodules.read_turns = turns = Turns(len(READERS))
+        m.submodules.read_turns = turns = Turns(len(spec.READERS))
         full, idle = Signal(len(HALVES)), Signal(len(HALVES))
-        request, began = self.ar.i, Signal(len(READERS))
-        blocked = Cat(self.failing[half] | full[half] for half in READERS.values())
+        request, began = self.ar.i, Signal(len(spec.READERS))
+        blocked = Cat(self.failing[half] | full[half] for half in spec.READERS.values())
         m.d.comb += [
             turns.wants.eq(Cat(i.valid for i in self.reads) & ~blocked),
             turns.served.eq(request.valid & request.ready),
             request.valid.eq(turns.wants.any()),
-            request.payload.client.eq(number(turns.chosen)),
+            request.payload.client.eq(encoded(turns.chosen)),
             request.payload.burst.eq(selected(turns.chosen, [i.payload for i in self.reads])),
             began.eq(Mux(request.ready, turns.chosen, 0)),
         ]
         for k, i in enumerate(self.reads):
             m.d.comb += i.ready.eq(began[k])
         for half in HALVES:
-            begins = (began & of_half(READERS, half)).any()
+            begins = (began & of_half(spec.READERS, half)).any()
             count = self._outstanding(m, f"reads{half}", begins, returned[half])
             m.d.comb += [full[half].eq(count.all()), idle[half].eq(count == 0)]
         return idle
@@ -236,26 +220,26 @@ class Axi(wiring.Component):
         """Answers to bursts written; a bit for each writer."""
         m_axi = self.m_axi
         full, error = Signal(), Signal()
-        client = Signal(ID_BITS, reset_less=True)
+        client = Signal(spec.ID_BITS, reset_less=True)
         m.d.sync += [full.eq(m_axi.bvalid), client.eq(m_axi.bid), error.eq(m_axi.bresp[ERROR])]
         m.d.comb += [
             m_axi.bready.eq(1),
             self.write_error.valid.eq(full & error),
             self.write_error.client.eq(client),
         ]
-        return Cat(full & (client == k) for k in range(len(WRITERS)))
+        return Cat(full & (client == k) for k in range(len(spec.WRITERS)))
 
     def _write(self, m: Module, answered: Value):
         """Bursts to be written: a writer has the port for its burst."""
-        m.submodules.write_turns = turns = Turns(len(WRITERS))
-        count = len(WRITERS)
-        valid, failing = Cat(i.valid for i in self.writes), self._failing(WRITERS)
-        inside, left = Signal(), Signal(LENGTH_BITS)  # within a burst; its beats still to come
+        m.submodules.write_turns = turns = Turns(len(spec.WRITERS))
+        count = len(spec.WRITERS)
+        valid, failing = Cat(i.valid for i in self.writes), self._failing(spec.WRITERS)
+        inside, left = Signal(), Signal(spec.LENGTH_BITS)  # within a burst; its beats still to come
         owner, current, full, began = (
             Signal(count, name=name) for name in ("owner", "current", "full", "began")
         )
         address, beat = self.aw.i, self.w.i
-        given = Signal(layout(write_record()))
+        given = Signal(layout(spec.write_record()))
         abandoned, takes = Signal(), Signal()
         m.d.comb += [
             turns.wants.eq(valid & ~failing & ~full),
@@ -264,7 +248,7 @@ class Axi(wiring.Component):
             given.eq(selected(current, [i.payload for i in self.writes])),
             abandoned.eq(inside & (owner & failing).any()),
             address.valid.eq(~inside & turns.wants.any() & beat.ready),
-            address.payload.client.eq(number(turns.chosen)),
+            address.payload.client.eq(encoded(turns.chosen)),
             address.payload.burst.beat.eq(given.beat),
             address.payload.burst.length.eq(given.length),
             beat.payload.data.eq(Cat(given.low, given.high)),

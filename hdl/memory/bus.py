@@ -8,21 +8,12 @@ the slave of the registers has no use for (protection).
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.spec.axi import (
-    ADDRESS_BITS,
-    BEAT,
-    BEAT_BITS,
-    DATA_BITS,
-    ID_BITS,
-    LENGTH_BITS,
-    LITE_ADDRESS_BITS,
-    LITE_DATA_BITS,
-)
+from splatcore.spec import axi as spec
 
 RESPONSE_BITS = 2
 
 FIXED = {
-    "size": (3, BEAT_BITS),  # whole beats
+    "size": (3, spec.BEAT_BITS),  # whole beats
     "burst": (2, 1),  # INCR
     "cache": (4, 0b0011),  # a memory: bufferable, modifiable, in no cache
     "prot": (3, 0b010),  # data, not privileged, not secure
@@ -35,19 +26,19 @@ def axi() -> wiring.Signature:
     wires = {}
     for channel in ("aw", "ar"):
         wires |= {
-            f"{channel}id": Out(ID_BITS),
-            f"{channel}addr": Out(ADDRESS_BITS),
-            f"{channel}len": Out(LENGTH_BITS),
+            f"{channel}id": Out(spec.ID_BITS),
+            f"{channel}addr": Out(spec.ADDRESS_BITS),
+            f"{channel}len": Out(spec.LENGTH_BITS),
         }
         wires |= {f"{channel}{name}": Out(width) for name, (width, _) in FIXED.items()}
         wires |= {f"{channel}valid": Out(1), f"{channel}ready": In(1)}
     return wiring.Signature(
         wires
-        | {"wdata": Out(DATA_BITS), "wstrb": Out(BEAT), "wlast": Out(1)}
+        | {"wdata": Out(spec.DATA_BITS), "wstrb": Out(spec.BEAT), "wlast": Out(1)}
         | {"wvalid": Out(1), "wready": In(1)}
-        | {"bid": In(ID_BITS), "bresp": In(RESPONSE_BITS), "bvalid": In(1), "bready": Out(1)}
-        | {"rid": In(ID_BITS), "rdata": In(DATA_BITS), "rresp": In(RESPONSE_BITS), "rlast": In(1)}
-        | {"rvalid": In(1), "rready": Out(1)}
+        | {"bid": In(spec.ID_BITS), "bresp": In(RESPONSE_BITS), "bvalid": In(1), "bready": Out(1)}
+        | {"rid": In(spec.ID_BITS), "rdata": In(spec.DATA_BITS), "rresp": In(RESPONSE_BITS)}
+        | {"rlast": In(1), "rvalid": In(1), "rready": Out(1)}
     )
 
 
@@ -55,13 +46,13 @@ def axi_lite() -> wiring.Signature:
     """The signature of the AXI4-Lite port."""
     wires = {}
     for channel in ("aw", "ar"):
-        wires |= {f"{channel}addr": Out(LITE_ADDRESS_BITS)}
+        wires |= {f"{channel}addr": Out(spec.LITE_ADDRESS_BITS)}
         wires |= {f"{channel}valid": Out(1), f"{channel}ready": In(1)}
     return wiring.Signature(
         wires
-        | {"wdata": Out(LITE_DATA_BITS), "wstrb": Out(LITE_DATA_BITS // 8)}
+        | {"wdata": Out(spec.LITE_DATA_BITS), "wstrb": Out(spec.LITE_DATA_BITS // 8)}
         | {"wvalid": Out(1), "wready": In(1)}
         | {"bresp": In(RESPONSE_BITS), "bvalid": In(1), "bready": Out(1)}
-        | {"rdata": In(LITE_DATA_BITS), "rresp": In(RESPONSE_BITS)}
+        | {"rdata": In(spec.LITE_DATA_BITS), "rresp": In(RESPONSE_BITS)}
         | {"rvalid": In(1), "rready": Out(1)}
     )

@@ -11,8 +11,8 @@ from amaranth.hdl import Cat, Const, Module, ShapeLike, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from splatcore.hdl.arithmetic.add import MultiplyAdd
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
-from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
 from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import Program
@@ -145,15 +145,11 @@ class Array(wiring.Component):
             source = self.late[name] if entry else self.i.payload.fields[name]
             for number in range(entry, last_use[name] // self.plan.interval + 1):
                 if not self.held:
-                    source = self._moved(m, f"{name}_{number}", source)
+                    before = source
+                    source = Signal(before.shape(), name=f"{name}_{number}", reset_less=True)
+                    with m.If(self.enable & self.last):
+                        m.d.sync += source.eq(before)
                 self.field_at[name, number] = source
-
-    def _moved(self, m: Module, name: str, source: Value) -> Signal:
-        """A field's register in a round."""
-        register = Signal(source.shape(), name=name, reset_less=True)
-        with m.If(self.enable & self.last):
-            m.d.sync += register.eq(source)
-        return register
 
     def _units(self, m: Module):
         """The PEs, and one unit of each other kind that the program needs."""

@@ -1,19 +1,17 @@
 """Stage 0's front: values that a chunk's points share, and skipping of chunks out of view."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
-from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.lib.record import layout
 from splatcore.hdl.points.array import Array, codes
+from splatcore.spec import frame, microprogram, programs
 from splatcore.spec.config import Config
-from splatcore.spec.frame import CAMERA
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
-from splatcore.spec.microprogram import program
 from splatcore.spec.point import AWAY, EXPONENT, GAUSSIAN_BITS, NUMBER_BITS, chunk_record
-from splatcore.spec.programs import CORNERS
 
 AXES = "xyz"
 
@@ -41,13 +39,13 @@ class Chunk(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        self.config, self.program = config, program("chunk")
+        self.config, self.program = config, microprogram.program("chunk")
         super().__init__(
             {
                 "i": In(stream.Signature(layout(CHUNK_HEADER))),
                 "gaussians": In(GAUSSIAN_BITS),
-                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
-                "position_exponent": In(signed_shape(EXPONENT)),
+                "camera": In(data.ArrayLayout(signed(frame.CAMERA.width), 3)),
+                "position_exponent": In(signed(EXPONENT.width)),
                 "near_plane": In(config.arithmetic.width),
                 "constants": In(codes(config, self.program.constants)),
                 "o": Out(stream.Signature(layout(chunk_record(config)))),
@@ -70,10 +68,10 @@ class Chunk(wiring.Component):
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
-        way = Signal(signed_shape(AWAY))
+        way = Signal(signed(AWAY.width))
         step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
         converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
-        origin, eye = Signal(signed_shape(AWAY)), Signal(signed_shape(AWAY))
+        origin, eye = Signal(signed(AWAY.width)), Signal(signed(AWAY.width))
         span = Signal(AWAY.width)
         with m.Switch(step):
             for k in range(2 * len(AXES)):
@@ -110,7 +108,7 @@ class Chunk(wiring.Component):
             fields.chunk_reach.eq(reach.o),
             self.array.i.valid.eq(converted & ~inside),
         ]
-        for name, (constant, side) in CORNERS.items():
+        for name, (constant, side) in programs.CORNERS.items():
             falls, axis = self.constants[constant][-1], int(name[-1])
             least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])
             m.d.comb += fields[name].eq(least if side == "least" else most)

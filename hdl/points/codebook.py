@@ -83,24 +83,23 @@ class Codebook(wiring.Component):
         early, late = self.colour_stages[:-ROWS], self.colour_stages[-ROWS:]
         self.reads = [*early, *self.sh_stages, *late] if self.sh_stages else self.colour_stages
 
+        records = [dict(format.attribute_record.fields) for format in self.formats]
+        index = {  # of any model
+            name: max(record[name].width for record in records if name in record) for name in stages
+        }
         exponent = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         line = data.StructLayout({"address": range(self.words), "word": CODEBOOK_WORD * 8})
         ports = {
             # Always ready; Amaranth cannot convert a component with a port that says so.
             "write": In(stream.Signature(line)),
             "start": In(1),
-            "index": In(data.StructLayout({name: self._index_bits(name) for name in stages})),
+            "index": In(data.StructLayout(index)),
             "colour_exponent": In(exponent),
             "o": Out(codes(config, COLOURS + (SLOPES if self.sh_stages else ()))),
         }
         if self.sh_stages:
             ports |= {"sh": In(1), "sh_exponent": In(exponent)}
         super().__init__(ports)
-
-    def _index_bits(self, name: str) -> int:
-        """Bits of the index into a stage, of any model."""
-        records = [dict(format.attribute_record.fields) for format in self.formats]
-        return max(record[name].width for record in records if name in record)
 
     @property
     def interval(self) -> int:
@@ -233,11 +232,7 @@ class Codebook(wiring.Component):
         for name, number in zip(COLOURS, numbers, strict=True):
             converter = FromFixed(fixed, self.config.arithmetic, CONVERT, scales)
             m.submodules[f"convert_{name}"] = converter
-            m.d.comb += [
-                converter.i.eq(number),
-                converter.scale.eq(scale),
-                converter.enable.eq(1),
-            ]
+            m.d.comb += [converter.i.eq(number), converter.scale.eq(scale), converter.enable.eq(1)]
             floats.append(converter.o)
         return floats
 

@@ -1,11 +1,11 @@
 """Stage 0: computes each point's depth and culls it at the near plane."""
 
-from amaranth.hdl import Const, Module, Mux, Signal
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.compare import compared
-from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.lib.record import layout
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.position import AXES, BEAT, Position
 from splatcore.spec.config import Config
@@ -33,8 +33,8 @@ class Cull(wiring.Component):
             {
                 "chunks": In(stream.Signature(layout(culling_record(config)))),
                 "positions": In(stream.Signature(BEAT)),
-                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
-                "position_exponent": In(signed_shape(EXPONENT)),
+                "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
+                "position_exponent": In(signed(EXPONENT.width)),
                 "near_plane": In(config.arithmetic.width),
                 "constants": In(codes(config, self.program.constants)),
                 "o": Out(stream.Signature(layout(point_record(config, "z")))),

@@ -1,22 +1,13 @@
 """Reads and checks a model's header and loads its codebooks, before a frame's points."""
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.lib.record import layout
+from splatcore.spec import memory
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, range_record
 from splatcore.spec.config import Config
-from splatcore.spec.memory import (
-    ALIGNMENT,
-    CODEBOOK_WORD,
-    EXPONENT_MAX,
-    HEADER,
-    MAGIC,
-    POSITION_FORMATS,
-    VERSION,
-    model_format,
-)
 from splatcore.spec.point import EXPONENT, GAUSSIAN_BITS
 from splatcore.spec.registers import CODE_BITS, ErrorCode
 
@@ -43,12 +34,14 @@ class Load(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.formats = [model_format(config, degree) for degree in range(config.sh_degree + 1)]
+        self.formats = [
+            memory.model_format(config, degree) for degree in range(config.sh_degree + 1)
+        ]
         self.words = [
-            (format.layout(0).end - format.layout(0).colours) // CODEBOOK_WORD
+            (format.layout(0).end - format.layout(0).colours) // memory.CODEBOOK_WORD
             for format in self.formats
         ]
-        line = {"address": range(config.codebook // CODEBOOK_WORD), "word": DATA_BITS}
+        line = {"address": range(config.codebook // memory.CODEBOOK_WORD), "word": DATA_BITS}
         super().__init__(
             {
                 "start": In(1),
@@ -63,27 +56,27 @@ class Load(wiring.Component):
                 "loaded": Out(1),
                 "error": Out(CODE_BITS),
             }
-            | {name: Out(signed_shape(EXPONENT)) for name in EXPONENTS}
+            | {name: Out(signed(EXPONENT.width)) for name in EXPONENTS}
         )
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        number = Signal(range(max(HEADER.size // BEAT, *self.words) + 1))
+        number = Signal(range(max(memory.HEADER.size // BEAT, *self.words) + 1))
         m.d.comb += [
             self.write.payload.address.eq(number),
             self.write.payload.word.eq(self.beats.payload),
         ]
-        colours = Signal(HEADER["colours"].width)
+        colours = Signal(memory.HEADER["colours"].width)
         header, codebooks = Signal(), Signal()  # beats are of the one or the other
         wrong = self._header(m, number, colours, header)
         words = Array(self.words)[self.sh]
         ranges, asked = self.ranges.payload, self.ranges.valid & self.ranges.ready
-        last = number == Mux(header, HEADER.size // BEAT, words) - 1
+        last = number == Mux(header, memory.HEADER.size // BEAT, words) - 1
         m.d.comb += [
             self.beats.ready.eq(header | codebooks),
             self.write.valid.eq(codebooks & self.beats.valid),
             ranges.beat.eq(self.model),
-            ranges.count.eq(HEADER.size // BEAT),
+            ranges.count.eq(memory.HEADER.size // BEAT),
         ]
         with m.If(self.beats.valid & self.beats.ready):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
@@ -121,14 +114,14 @@ class Load(wiring.Component):
 
     def _address(self, part: Value) -> Value:
         """The address in beats at which a part of the model begins."""
-        return self.model + part * (ALIGNMENT // BEAT)
+        return self.model + part * (memory.ALIGNMENT // BEAT)
 
     def _header(self, m: Module, number: Value, colours: Signal, header: Value) -> Value:
         """Keep the fields in the header's beat `number`; the error in it, NONE if there is none."""
-        offsets = HEADER.offsets
+        offsets = memory.HEADER.offsets
 
         def field(name: str) -> Value:
-            return self.beats.payload[offsets[name] % DATA_BITS :][: HEADER[name].width]
+            return self.beats.payload[offsets[name] % DATA_BITS :][: memory.HEADER[name].width]
 
         def in_beat(name: str) -> Value:
             return number == offsets[name] // DATA_BITS
@@ -146,23 +139,23 @@ class Load(wiring.Component):
             self.attributes.eq(self._address(attributes)),
         ]
         fits = {
-            "position": field("position") == POSITION_FORMATS.index(self.config.position),
+            "position": field("position") == memory.POSITION_FORMATS.index(self.config.position),
             "sh_degree": field("sh_degree") <= self.config.sh_degree,
         }
         for name in EXPONENTS:
             value = field(name).as_signed()
-            fits[name] = (value <= EXPONENT_MAX) & (value >= -EXPONENT_MAX)
+            fits[name] = (value <= memory.EXPONENT_MAX) & (value >= -memory.EXPONENT_MAX)
         for part in ("colour_index", "sh_index"):
-            stages = HEADER[part].length
+            stages = memory.HEADER[part].length
             bits = [getattr(format, part) for format in self.formats]
             codes = [Cat(Const(k, 8) for k in b + (0,) * (stages - len(b))) for b in bits]
             fits[part] = field(part) == Mux(self.sh, codes[-1], codes[0])
         unfit = Cat(in_beat(name) & ~fit for name, fit in fits.items()).any()
         return Mux(
-            in_beat("magic") & (field("magic") != MAGIC),
+            in_beat("magic") & (field("magic") != memory.MAGIC),
             ErrorCode.MAGIC,
             Mux(
-                in_beat("version") & (field("version") != VERSION),
+                in_beat("version") & (field("version") != memory.VERSION),
                 ErrorCode.VERSION,
                 Mux(unfit, ErrorCode.FORMAT, ErrorCode.NONE),
             ),

@@ -9,14 +9,7 @@ from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch
 from splatcore.hdl.points.load import EXPONENTS, Load
-from splatcore.spec.axi import (
-    BEAT,
-    BEAT_ADDRESS_BITS,
-    BURST_BEATS,
-    DATA_BITS,
-    range_record,
-    read_record,
-)
+from splatcore.spec import axi
 from splatcore.spec.config import Config
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER, model_format
 from splatcore.spec.point import FETCH, GAUSSIAN_BITS, NUMBER_BITS
@@ -24,10 +17,10 @@ from splatcore.spec.point import FETCH, GAUSSIAN_BITS, NUMBER_BITS
 READING = ("model", "positions", "attributes")
 """Names of its readers in `spec.axi.READERS`, in that order."""
 
-BEATS_WAITING = 2 * BURST_BEATS
+BEATS_WAITING = 2 * axi.BURST_BEATS
 """Beats of chunk headers and of positions that may wait: two bursts of each."""
 
-HEADER_BEATS = CHUNK_HEADER.size // BEAT
+HEADER_BEATS = CHUNK_HEADER.size // axi.BEAT
 
 COUNT_BITS = NUMBER_BITS + 1 + (HEADER_BEATS - 1).bit_length()
 """Width of the number of beats of all chunk headers."""
@@ -58,11 +51,11 @@ class ModelReader(wiring.Component):
                 "run": In(1),
                 "headers": Out(stream.Signature(layout(CHUNK_HEADER))),
                 "fetch": In(stream.Signature(layout(FETCH))),
-                "positions": Out(stream.Signature(DATA_BITS)),
+                "positions": Out(stream.Signature(axi.DATA_BITS)),
                 "wanted": In(stream.Signature(GAUSSIAN_BITS)),
                 "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
                 "given": Out(1),
-                "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+                "reads": Out(stream.Signature(layout(axi.read_record()))).array(len(READING)),
                 "data": In(stream.Signature(read_beat())).array(len(READING)),
             }
         )
@@ -93,12 +86,12 @@ class ModelReader(wiring.Component):
         """The header and the codebooks first; then chunk headers, each of two beats."""
         fetch, load = self._reader(m, "model", COUNT_BITS), self.load
         asks, left = Signal(), Signal(NUMBER_BITS + 1)
-        upper, low = Signal(), Signal(DATA_BITS, reset_less=True)
+        upper, low = Signal(), Signal(axi.DATA_BITS, reset_less=True)
         running = Signal()
         m.d.comb += [
             fetch.i.valid.eq(asks | load.ranges.valid),
             fetch.i.payload.beat.eq(
-                Mux(asks, self.model + HEADER.size // BEAT, load.ranges.payload.beat)
+                Mux(asks, self.model + HEADER.size // axi.BEAT, load.ranges.payload.beat)
             ),
             fetch.i.payload.count.eq(
                 Mux(asks, self.chunks * HEADER_BEATS, load.ranges.payload.count)
@@ -125,15 +118,15 @@ class ModelReader(wiring.Component):
     def _positions(self, m: Module):
         """Each chunk that is fetched is a range of beats."""
         width = model_format(self.config, self.config.sh_degree).position_record.width
-        stride = CHUNK * width // DATA_BITS
-        shape = range_record(stride.bit_length())
+        stride = CHUNK * width // axi.DATA_BITS
+        shape = axi.range_record(stride.bit_length())
         fetch = self._reader(m, "positions", stride.bit_length())
         m.submodules.ranges = ranges = Register(layout(shape))
         chunk, asked = self.fetch.payload, ranges.i.payload
         offset = sum(chunk.number << k for k in range(stride.bit_length()) if stride >> k & 1)
         m.d.comb += [
             asked.beat.eq(self.load.positions + offset),
-            asked.count.eq((chunk.count * width + DATA_BITS - 1) // DATA_BITS),
+            asked.count.eq((chunk.count * width + axi.DATA_BITS - 1) // axi.DATA_BITS),
             ranges.i.valid.eq(self.fetch.valid),
             self.fetch.ready.eq(ranges.i.ready),
         ]
@@ -144,11 +137,11 @@ class ModelReader(wiring.Component):
         """A beat for each Gaussian that is wanted; its slot has room for it."""
         number = READING.index("attributes")
         read, back = self.reads[number], self.data[number]
-        m.submodules.attributes = wanted = Register(layout(read_record()))
+        m.submodules.attributes = wanted = Register(layout(axi.read_record()))
         m.d.comb += [
             wanted.i.valid.eq(self.wanted.valid),
             wanted.i.payload.beat.eq(
-                (self.load.attributes + self.wanted.payload)[:BEAT_ADDRESS_BITS]
+                (self.load.attributes + self.wanted.payload)[: axi.BEAT_ADDRESS_BITS]
             ),
             self.wanted.ready.eq(wanted.i.ready),
             self.attributes.valid.eq(back.valid),

@@ -4,19 +4,19 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Fork, Queue
+from splatcore.hdl.lib.stream import Fork, Queue, passes
 from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.cull import Cull
-from splatcore.hdl.points.front import Front
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.project import Project
 from splatcore.spec.config import Config
 from splatcore.spec.counters import POINTS
 from splatcore.spec.microprogram import constants
-from splatcore.spec.point import FETCH, chunk_record
+from splatcore.spec.point import FETCH, chunk_record, splat_record
 
 COUNTED = tuple(POINTS)
 
@@ -26,6 +26,37 @@ CHUNKS_WAITING = 2
 CHUNKS_INSIDE = 4 * CHUNKS_WAITING
 """More chunks than can be between the first part and the last: no queue holds more than
 `CHUNKS_WAITING`, and the fork one."""
+
+
+class Front(wiring.Component):
+    """Stage 1's end in a machine without culling: splats in, those out whose centres are in front.
+
+    With culling (`Config.culling`) they all are, and a machine has no such part.
+
+    Members
+        i, o: streams of `splat_record`.
+        near_plane: register of the frame.
+
+    **Timing**: combinational; a splat a cycle.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        splats = stream.Signature(layout(splat_record(config)))
+        super().__init__(
+            {"i": In(splats), "near_plane": In(config.arithmetic.width), "o": Out(splats)}
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        format = self.config.arithmetic
+        compare = compared(m, "compare", format, self.near_plane, self.i.payload.z)
+        m.d.comb += [
+            self.o.payload.eq(self.i.payload),
+            self.o.valid.eq(self.i.valid & compare.less),
+            self.i.ready.eq(self.o.ready | ~compare.less),
+        ]
+        return m
 
 
 class Points(wiring.Component):
@@ -140,29 +171,25 @@ class Points(wiring.Component):
 
     def _idle(self, m: Module):
         """Chunks from their first part to their last, and splats from their slot to the outside."""
-        first, last, project = self.chunk.o, self.project.chunks, self.project
+        project = self.project
         most = self.config.projection_slots + project.splats_inside
         chunks, splats = Signal(range(CHUNKS_INSIDE + 1)), Signal(range(most + 1))
         for count, comes, goes in (
-            (chunks, first.valid & first.ready, last.valid & last.ready),
-            (
-                splats,
-                project.wanted.valid & project.wanted.ready,
-                project.o.valid & project.o.ready,
-            ),
+            (chunks, passes(self.chunk.o), passes(project.chunks)),
+            (splats, passes(project.wanted), passes(project.o)),
         ):
             with m.If(comes != goes):
                 m.d.sync += count.eq(Mux(comes, count + 1, count - 1))
         m.d.comb += self.idle.eq(~(chunks.any() | splats.any()))
 
     def _count(self, m: Module):
-        o, wanted = self.cull.o, self.project.wanted
+        o = self.cull.o
         events = {
             "chunks": self.chunk.taken,
             "skipped": self.chunk.taken & ~self.chunk.o.valid,
             "points": self.cull.taken,
-            "front": o.valid & o.ready & o.payload.kept,
-            "inside": wanted.valid & wanted.ready,
+            "front": passes(o) & o.payload.kept,
+            "inside": passes(self.project.wanted),
             "projected": self.project.entered,
             "starved": self.project.starved,
             "blocked": self.project.blocked,

@@ -1,28 +1,21 @@
 """Unpacks stored positions and makes rays of them: vectors from the camera, in world axes."""
 
 from amaranth.hdl import Array as Choice
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed
-from splatcore.hdl.lib.record import layout, signed_shape
+from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Pipe
 from splatcore.hdl.points.array import codes
+from splatcore.spec import memory
 from splatcore.spec.config import Config
 from splatcore.spec.frame import CAMERA
-from splatcore.spec.memory import (
-    ABSOLUTE,
-    ABSOLUTE_EXPONENT,
-    ATTRIBUTE_BITS,
-    EXPONENT_MAX,
-    OCTANTS,
-    model_format,
-)
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import AWAY, EXPONENT, PLACE_BITS, culling_record
 
-BEAT = ATTRIBUTE_BITS
+BEAT = memory.ATTRIBUTE_BITS
 """Bits of a memory beat."""
 
 WORD = 16
@@ -33,7 +26,7 @@ CONVERT_LATENCY = 4
 
 AXES = ("ray_x", "ray_y", "ray_z")
 
-GRID = Fixed(ABSOLUTE.bias + 1, -ABSOLUTE_EXPONENT, signed=True)
+GRID = Fixed(memory.ABSOLUTE.bias + 1, -memory.ABSOLUTE_EXPONENT, signed=True)
 """Absolute positions on their grid."""
 
 
@@ -57,15 +50,15 @@ class Position(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.width = model_format(config, config.sh_degree).position_record["x"].width
+        self.width = memory.model_format(config, config.sh_degree).position_record["x"].width
         super().__init__(
             {
                 "i": In(stream.Signature(BEAT)),
                 "chunk": In(layout(culling_record(config))),
                 "chunk_valid": In(1),
                 "next_chunk": In(1),
-                "camera": In(data.ArrayLayout(signed_shape(CAMERA), 3)),
-                "position_exponent": In(signed_shape(EXPONENT)),
+                "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
+                "position_exponent": In(signed(EXPONENT.width)),
                 "o": Out(stream.Signature(codes(config, AXES))),
             }
         )
@@ -80,7 +73,7 @@ class Position(wiring.Component):
         if self.config.position == "chunk":
             point = self._offset(m, coordinate)
         else:
-            m.submodules.decode = decode = ToFixed(ABSOLUTE, GRID, 0)
+            m.submodules.decode = decode = ToFixed(memory.ABSOLUTE, GRID, 0)
             m.d.comb += [decode.i.eq(coordinate), decode.enable.eq(1), self.ready.eq(1)]
             point = decode.o.as_signed()
         self._convert(m, point)
@@ -125,8 +118,8 @@ class Position(wiring.Component):
 
     def _offset(self, m: Module, coordinate: Value) -> Value:
         """The coordinate on the model's grid: top bit by the octant, shifted, from the origin."""
-        octant, ends = Signal(range(OCTANTS)), Choice(self.chunk.octant_end)
-        at_end = (octant != OCTANTS - 1) & (self.number == ends[octant]) & (self.axis == 0)
+        octant, ends = Signal(range(memory.OCTANTS)), Choice(self.chunk.octant_end)
+        at_end = (octant != memory.OCTANTS - 1) & (self.number == ends[octant]) & (self.axis == 0)
         m.d.comb += self.ready.eq(~at_end)
         with m.If(self.next_chunk):
             m.d.sync += octant.eq(0)
@@ -151,11 +144,11 @@ class Position(wiring.Component):
 
     def _convert(self, m: Module, point: Value):
         """From a coordinate on the grid to the way from the camera, as a float in scene units."""
-        scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
+        scale = range(-memory.EXPONENT_MAX, memory.EXPONENT_MAX + 1)
         format = self.config.arithmetic
         m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
         [camera] = self._of_axis(*self.camera, widths=(CAMERA.width,))
-        way = Signal(signed_shape(AWAY), reset_less=True)
+        way = Signal(signed(AWAY.width), reset_less=True)
         with m.If(self.pipe.enable):
             m.d.sync += way.eq(point - camera.as_signed())
         m.d.comb += [

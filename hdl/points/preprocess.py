@@ -40,6 +40,8 @@ class Preprocess(wiring.Component):
         self.config = config
         self.model, self.points = ModelReader(config), Points(config)
         self.bin, self.binned = Bin(config), Binned(config)
+        parts = {"points": self.points, "bin": self.bin}
+        counters = {name: part.counters.shape() for name, part in parts.items()}
         super().__init__(
             {
                 "start": In(1),
@@ -53,14 +55,7 @@ class Preprocess(wiring.Component):
                 "taken": In(1),
                 "needed": Out(PAGE_BITS),
                 "error": Out(ERROR),
-                "counters": Out(
-                    data.StructLayout(
-                        {
-                            "points": self.points.counters.shape(),
-                            "bin": self.bin.counters.shape(),
-                        }
-                    )
-                ),
+                "counters": Out(data.StructLayout(counters)),
             }
         )
 

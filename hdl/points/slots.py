@@ -98,8 +98,7 @@ class Slots(wiring.Component):
             "index": (fill, filled, attributes[FACTOR_BITS:]),
         }
         if "ray" in self.parts:
-            ray = Cat(point[name] for name in RAY)
-            sources["ray"] = (push, free, ray)
+            sources["ray"] = (push, free, Cat(point[name] for name in RAY))
         for name, (write, slot, value) in sources.items():
             self._memory(m, name, write, slot, value)
         return m

@@ -7,11 +7,9 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.hdl.memory.axi import read_beat
+from splatcore.spec import group, raster, work
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
 from splatcore.spec.config import Config
-from splatcore.spec.group import feature_record, sorted_record
-from splatcore.spec.raster import featured_record
-from splatcore.spec.work import FEATURE
 
 FEATURES_WAITING = 32
 """Features that may be on their way or wait: what hides memory's latency."""
@@ -40,8 +38,8 @@ class Features(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(stream.Signature(layout(sorted_record(config)))),
-                "o": Out(stream.Signature(layout(featured_record(config)))),
+                "i": In(stream.Signature(layout(group.sorted_record(config)))),
+                "o": Out(stream.Signature(layout(raster.featured_record(config)))),
                 "features_at": In(BEAT_ADDRESS_BITS),
                 "live": In(config.group**2),
                 "stop": Out(1),
@@ -57,7 +55,7 @@ class Features(wiring.Component):
         depth = FEATURES_WAITING + ENDS_WAITING
         m.submodules.order = waiting = Queue(order, depth, memory=True)
         m.submodules.features = features = Queue(
-            layout(feature_record(self.config)), FEATURES_WAITING, memory=True
+            layout(group.feature_record(self.config)), FEATURES_WAITING, memory=True
         )
         reserved = Signal(range(FEATURES_WAITING + 1))  # features on their way or waiting
         ends = Signal(range(depth + 1))  # groups' ends inside
@@ -83,8 +81,8 @@ class Features(wiring.Component):
         drops = self.known & ~(i.payload.mask & self.live).any() & ~i.payload.end
         m.d.comb += [
             read.valid.eq(i.valid & ~i.payload.end & room & ~drops),
-            read.payload.beat.eq(self.features_at + i.payload.splat * (FEATURE // BEAT)),
-            read.payload.length.eq(FEATURE // BEAT - 1),
+            read.payload.beat.eq(self.features_at + i.payload.splat * (work.FEATURE // BEAT)),
+            read.payload.length.eq(work.FEATURE // BEAT - 1),
             taken.eq(read.valid & read.ready),
             order.payload.mask.eq(i.payload.mask),
             order.payload.end.eq(i.payload.end),

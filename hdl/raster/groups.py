@@ -7,24 +7,17 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Queue
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.memory.unpack import unpacked
+from splatcore.hdl.memory.fetch import unpacked
+from splatcore.spec import convention, sort, work
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
-from splatcore.spec.convention import TILE
 from splatcore.spec.group import COUNT_BITS
 from splatcore.spec.raster import position_record, written_record
 from splatcore.spec.record import Record
-from splatcore.spec.sort import count_record, half_entries
-from splatcore.spec.work import SLOT
 
 TAKERS = {"counts": 2, "lists": 2, "positions": 8, "pixels": 8}
 """Streams of groups → depth of each one's queue: sorting runs ahead of rasterizing and writing."""
-
-
-def known_record(config: Config) -> Record:
-    """A group: its list and its position in the image."""
-    return Record("known", {"group": group_record(), "position": position_record(config)})
 
 
 class Groups(wiring.Component):
@@ -51,7 +44,7 @@ class Groups(wiring.Component):
                 "height": In(range(config.height_max + 1)),
                 "groups_at": In(BEAT_ADDRESS_BITS),
                 "scratch_entries": In(COUNT_BITS),
-                "counts": Out(stream.Signature(layout(count_record()))),
+                "counts": Out(stream.Signature(layout(sort.count_record()))),
                 "lists": Out(stream.Signature(layout(group_record()))),
                 "positions": Out(stream.Signature(layout(position_record(config)))),
                 "pixels": Out(stream.Signature(layout(written_record(config)))),
@@ -65,8 +58,8 @@ class Groups(wiring.Component):
         m = Module()
         rows, columns = self._grid(m)
         slots = self._table(m, rows * columns)
-        known = layout(known_record(self.config))
-        m.submodules.fork = fork = Fork(known, len(TAKERS))
+        known = Record("known", {"group": group_record(), "position": position_record(self.config)})
+        m.submodules.fork = fork = Fork(layout(known), len(TAKERS))
         row, column = Signal.like(rows), Signal.like(columns)
         group = fork.i.payload.group
         m.d.comb += [
@@ -75,7 +68,7 @@ class Groups(wiring.Component):
             fork.i.payload.position.column.eq(column),
             self.too_long.eq(
                 slots.valid
-                & (group.count > half_entries(self.config))
+                & (group.count > sort.half_entries(self.config))
                 & (group.count > self.scratch_entries)
             ),
             fork.i.valid.eq(slots.valid & ~self.too_long),
@@ -91,7 +84,7 @@ class Groups(wiring.Component):
 
     def _grid(self, m: Module) -> tuple[Signal, Signal]:
         """Rows and columns of groups."""
-        side = TILE * self.config.group
+        side = convention.TILE * self.config.group
         rows = Signal(range(self.config.height_max // side + 2))
         columns = Signal(range(self.config.width_max // side + 2))
         m.d.sync += [
@@ -107,7 +100,7 @@ class Groups(wiring.Component):
         groups, waits = Signal(bits), Signal(3)
         asks, counts = Signal(), Signal()
         m.d.sync += [groups.eq(count), waits.eq(Cat(self.start, waits))]
-        a_beat = DATA_BITS // 8 // SLOT
+        a_beat = DATA_BITS // 8 // work.SLOT
         m.d.comb += [
             fetch.i.valid.eq(asks),
             fetch.i.payload.beat.eq(self.groups_at),

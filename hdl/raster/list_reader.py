@@ -6,8 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.memory.fetch import Fetch
-from splatcore.hdl.memory.unpack import Unpack, unpacked
+from splatcore.hdl.memory.fetch import Fetch, Unpack, unpacked
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from splatcore.spec.binning import PAGE_BITS, group_record
 from splatcore.spec.config import Config

@@ -1,36 +1,85 @@
 """Stage 3 connected: the sorted splats of each group to 8-bit pixels."""
 
-from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
-from splatcore.hdl.raster.expand import Expand
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.prepare import Prepare
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.hdl.raster.setup import Setup
+from splatcore.spec import counters, raster
 from splatcore.spec.config import Config
-from splatcore.spec.counters import RASTERIZER, raster
-from splatcore.spec.raster import (
-    COLOURS,
-    GROUP_BITS,
-    colours,
-    featured_record,
-    pixels_record,
-    position_record,
-)
 from splatcore.spec.record import Record
 
 SPLATS_WAITING = 16
 """Splats that may wait before stage 3: while others have many tiles, dead ones are left out."""
 
 
+class Expand(wiring.Component):
+    """Stage 3, second step: a pair for each tile of a splat that still has live pixels, and a
+    group's end.
+
+    Members
+        i: stream of `readied_record`.
+        positions: stream of `position_record`, one for each group, taken with the group's end.
+        live: the group's tiles that have live pixels.
+        o: stream of `pair_record`; an offer is taken back if its tile ends before it is taken.
+
+    **Timing**: a pair a cycle; a splat none of whose tiles is live takes a cycle. No registers but
+    those of the tiles done.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout(raster.readied_record(config)))),
+                "positions": In(stream.Signature(layout(raster.position_record(config)))),
+                "live": In(config.group**2),
+                "o": Out(stream.Signature(layout(raster.pair_record(config)))),
+            }
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        side = self.config.group
+        i, o, position = self.i.payload, self.o.payload, self.positions.payload
+        done = Signal(side**2)
+        open_tiles, chosen = Signal(side**2), Signal(side**2)
+        valid = self.i.valid & self.positions.valid
+        m.d.comb += [
+            open_tiles.eq(i.mask & self.live & ~done),
+            chosen.eq(lowest(open_tiles)),
+            self.o.valid.eq(valid & (i.end | open_tiles.any())),
+            self.i.ready.eq(
+                valid & Mux(self.o.valid, self.o.ready & (i.end | (open_tiles == chosen)), 1)
+            ),
+            self.positions.ready.eq(self.i.ready & i.end),
+            o.splat.eq(i.splat),
+            o.end.eq(i.end),
+            o.tile.eq(encoded(chosen)),
+        ]
+        columns = [Cat(chosen[row * side + k] for row in range(side)).any() for k in range(side)]
+        rows = [chosen[row * side : (row + 1) * side].any() for row in range(side)]
+        m.d.comb += [
+            o.column.eq(position.column * side + encoded(Cat(columns))),
+            o.row.eq(position.row * side + encoded(Cat(rows))),
+        ]
+        with m.If(self.i.ready):
+            m.d.sync += done.eq(0)
+        with m.Elif(self.o.valid & self.o.ready):
+            m.d.sync += done.eq(done | chosen)
+        return m
+
+
 def counted(config: Config) -> tuple[str, ...]:
     """Names of the counters."""
-    return tuple(raster(config))
+    return tuple(counters.raster(config))
 
 
 class Raster(wiring.Component):
@@ -53,16 +102,18 @@ class Raster(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.dropped = Signal()
-        self.splats = Queue(layout(featured_record(config)), SPLATS_WAITING, memory=True)
+        self.splats = Queue(layout(raster.featured_record(config)), SPLATS_WAITING, memory=True)
         self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
-        pixels = Out(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
+        pixels = Out(stream.Signature(layout(raster.pixels_record(config)))).array(
+            config.rasterizers
+        )
         super().__init__(
             {
-                "i": In(stream.Signature(layout(featured_record(config)))),
-                "positions": In(stream.Signature(layout(position_record(config)))),
+                "i": In(stream.Signature(layout(raster.featured_record(config)))),
+                "positions": In(stream.Signature(layout(raster.position_record(config)))),
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
-                "background": In(layout(Record("colour", colours(config)))),
+                "background": In(layout(Record("colour", raster.colours(config)))),
                 "live": Out(config.group**2),
                 "o": pixels,
                 "clear": In(1),
@@ -75,7 +126,7 @@ class Raster(wiring.Component):
         config = self.config
         m.submodules.prepare = self.prepare = Prepare(config)
         m.submodules.expand = self.expand = Expand(config)
-        fork = Fork(layout(position_record(config)), config.rasterizers + 1)
+        fork = Fork(layout(raster.position_record(config)), config.rasterizers + 1)
         m.submodules.positions = fork
         connect(m, self.prepare.o, self.expand.i)
         connect(m, flipped(self).positions, fork.i)
@@ -99,7 +150,7 @@ class Raster(wiring.Component):
 
     def _register(self, m: Module, name: str, source, target):
         """A group's position through a register, so that each taker has its own pace."""
-        m.submodules[name] = register = Register(layout(position_record(self.config)))
+        m.submodules[name] = register = Register(layout(raster.position_record(self.config)))
         connect(m, source, register.i)
         connect(m, register.o, target)
 
@@ -117,7 +168,7 @@ class Raster(wiring.Component):
             mark.enable.eq(pipe.enable),
         ]
         self.marked, self.reached = mark.o, Signal(len(mark.o.blocks))
-        self.arrived = Signal(GROUP_BITS)  # number of the group whose pairs arrive
+        self.arrived = Signal(raster.GROUP_BITS)  # number of the group whose pairs arrive
         with m.If(pipe.o.valid & pipe.o.ready & mark.o.end):
             m.d.sync += self.arrived.eq(self.arrived + 1)
         takers = []
@@ -126,7 +177,7 @@ class Raster(wiring.Component):
             live = part.live[mark.o.tile] | ~self._at(part, self.arrived).replicate(len(part.own))
             blocks = Cat(mark.o.blocks[block] for block in part.own) & live
             m.d.comb += [
-                o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *COLOURS)
+                o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
             ]
             m.d.comb += o.blocks.eq(blocks)
             takers.append((part, blocks.any() | mark.o.end))
@@ -160,7 +211,7 @@ class Raster(wiring.Component):
 
         ends: a group's end passes that point.
         """
-        group, live = Signal(GROUP_BITS, name=name), Signal(self.config.group**2)
+        group, live = Signal(raster.GROUP_BITS, name=name), Signal(self.config.group**2)
         with m.If(ends):
             m.d.sync += group.eq(group + 1)
         behind = ~Cat(self._at(part, group) for part in self.rasterizers).all()
@@ -180,5 +231,5 @@ class Raster(wiring.Component):
             "blocked": o.valid & ~o.ready,
         }
         for number, part in enumerate(self.rasterizers):
-            events |= {f"{name}{number}": getattr(part, name) for name in RASTERIZER}
+            events |= {f"{name}{number}": getattr(part, name) for name in counters.RASTERIZER}
         count_events(m, self, events)

@@ -6,22 +6,13 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
-from splatcore.hdl.raster.expand import encoded, lowest
+from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
-from splatcore.spec.raster import (
-    BLOCKS,
-    COLOURS,
-    GROUP_BITS,
-    colours,
-    marked_record,
-    owned,
-    pixels_record,
-    position_record,
-)
 from splatcore.spec.record import Record
 
 PAIRS_WAITING = 32
@@ -49,21 +40,21 @@ class Rasterizer(wiring.Component):
     """
 
     def __init__(self, config: Config, number: int):
-        self.config, self.number, self.own = config, number, owned(config, number)
+        self.config, self.number, self.own = config, number, raster.owned(config, number)
         self.tiles = config.group**2
         self.blocks = self.tiles * len(self.own)
-        pair, pixels = marked_record(config, len(self.own)), pixels_record(config)
+        pair, pixels = raster.marked_record(config, len(self.own)), raster.pixels_record(config)
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
         self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
         super().__init__(
             {
                 "i": In(stream.Signature(layout(pair))),
-                "positions": In(stream.Signature(layout(position_record(config)))),
+                "positions": In(stream.Signature(layout(raster.position_record(config)))),
                 "width": In(range(config.width_max + 1)),
                 "height": In(range(config.height_max + 1)),
-                "background": In(layout(Record("colour", colours(config)))),
+                "background": In(layout(Record("colour", raster.colours(config)))),
                 "started": Out(1),
-                "group": Out(GROUP_BITS, init=-1),
+                "group": Out(raster.GROUP_BITS, init=-1),
                 "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
                 "o": Out(stream.Signature(layout(pixels))),
                 "blended": Out(1),
@@ -77,7 +68,7 @@ class Rasterizer(wiring.Component):
         m.submodules.evaluate = self.evaluate = Evaluate(self.config, self.number)
         m.submodules.blend = self.blend = Blend(self.config, self.blocks)
         connect(m, flipped(self).i, self.pairs.i)
-        self.position = Signal(layout(position_record(self.config)))
+        self.position = Signal(layout(raster.position_record(self.config)))
         self.moves = Signal()  # blocks before the lanes move on
         self.on_the_way = Signal(1 + Evaluate.LATENCY)  # valid bits of the stages before the lanes
         self.issued, self.tile = Signal(), Signal(range(self.tiles))  # a block, and its tile
@@ -108,7 +99,8 @@ class Rasterizer(wiring.Component):
             for tile in range(self.tiles):
                 row, column = divmod(tile, self.config.group)
                 inside = [
-                    columns[column * BLOCKS + block % BLOCKS] & rows[row * BLOCKS + block // BLOCKS]
+                    columns[column * raster.BLOCKS + block % raster.BLOCKS]
+                    & rows[row * raster.BLOCKS + block // raster.BLOCKS]
                     for block in self.own
                 ]
                 m.d.sync += self.live[tile].eq(Cat(inside))
@@ -158,7 +150,7 @@ class Rasterizer(wiring.Component):
         pipeline = Pipeline(m, self.moves, dict.fromkeys(cuts, 1))
         quadratic, chosen, *rest = pipeline.cut(
             "issued", pair.quadratic, self.chosen, self.tile, self.final, give,
-            *(pair[name] for name in COLOURS),
+            *(pair[name] for name in raster.COLOURS),
         )  # fmt: skip
         m.d.comb += [
             evaluate.quadratic.eq(quadratic),
@@ -187,17 +179,17 @@ class Rasterizer(wiring.Component):
     def _edges(self, m: Module, tile: Value, chosen: Value) -> tuple[Value, Value]:
         """A block's column and row in the image, and a bit for each of its pixels within."""
         side = self.config.group
-        columns = Mux(chosen[0], self.own[0] % BLOCKS, 0)
-        rows = Mux(chosen[0], self.own[0] // BLOCKS, 0)
+        columns = Mux(chosen[0], self.own[0] % raster.BLOCKS, 0)
+        rows = Mux(chosen[0], self.own[0] // raster.BLOCKS, 0)
         for k, block in enumerate(self.own[1:], 1):
-            columns |= Mux(chosen[k], block % BLOCKS, 0)
-            rows |= Mux(chosen[k], block // BLOCKS, 0)
+            columns |= Mux(chosen[k], block % raster.BLOCKS, 0)
+            rows |= Mux(chosen[k], block // raster.BLOCKS, 0)
         tile_bits = (side - 1).bit_length()
         tile_column, tile_row = tile[:tile_bits], tile[tile_bits:]
         if side == 1:
             tile_column = tile_row = 0
-        column = (self.position.column * side + tile_column) * BLOCKS + columns
-        row = (self.position.row * side + tile_row) * BLOCKS + rows
+        column = (self.position.column * side + tile_column) * raster.BLOCKS + columns
+        row = (self.position.row * side + tile_row) * raster.BLOCKS + rows
         across = [column * BLOCK + k < self.width for k in range(BLOCK)]
         down = [row * BLOCK + k < self.height for k in range(BLOCK)]
         m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))

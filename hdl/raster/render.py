@@ -13,13 +13,11 @@ from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.scratch import Scratch
 from splatcore.hdl.sorting.sort import Sort
+from splatcore.spec import group, record, work
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BEAT_BITS, read_record, write_record
 from splatcore.spec.config import Config
-from splatcore.spec.group import COUNT_BITS
 from splatcore.spec.raster import colours
-from splatcore.spec.record import Record
 from splatcore.spec.registers import ErrorCode
-from splatcore.spec.work import STRIDE_BITS
 
 READING = ("groups", "lists", "scratch", "features")
 WRITING = ("scratch", "pixels")
@@ -32,13 +30,13 @@ def job_layout(config: Config) -> data.StructLayout:
         {
             "width": range(config.width_max + 1),
             "height": range(config.height_max + 1),
-            "background": layout(Record("colour", colours(config))),
+            "background": layout(record.Record("colour", colours(config))),
             "area": AREA,
             "scratch": BEAT_ADDRESS_BITS,
             "scratch_area": BEAT_ADDRESS_BITS,
-            "scratch_entries": COUNT_BITS,
+            "scratch_entries": group.COUNT_BITS,
             "pixels": BEAT_ADDRESS_BITS,
-            "stride": STRIDE_BITS - BEAT_BITS,
+            "stride": work.STRIDE_BITS - BEAT_BITS,
         }
     )
 

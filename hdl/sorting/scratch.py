@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.memory.unpack import unpacked
+from splatcore.hdl.memory.fetch import unpacked
 from splatcore.hdl.memory.write_combiner import WriteCombiner
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, read_record, write_record
 from splatcore.spec.config import Config

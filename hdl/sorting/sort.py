@@ -10,17 +10,10 @@ from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.refill import Refill
 from splatcore.hdl.sorting.runs import HALVES, Half, Runs, slot_layout
+from splatcore.spec import sort
 from splatcore.spec.config import Config
 from splatcore.spec.counters import SORT
 from splatcore.spec.group import COUNT_BITS, entry_record, sorted_record
-from splatcore.spec.sort import (
-    count_record,
-    half_entries,
-    read_entries,
-    spill_record,
-    wanted_record,
-    way_bits,
-)
 
 COUNTED = tuple(SORT)
 
@@ -53,10 +46,10 @@ class Sort(wiring.Component):
         entry = layout(entry_record(config))
         super().__init__(
             {
-                "groups": In(stream.Signature(layout(count_record()))),
+                "groups": In(stream.Signature(layout(sort.count_record()))),
                 "entries": In(stream.Signature(entry)),
-                "spill": Out(stream.Signature(layout(spill_record(config)))),
-                "wanted": Out(stream.Signature(layout(wanted_record(config)))),
+                "spill": Out(stream.Signature(layout(sort.spill_record(config)))),
+                "wanted": Out(stream.Signature(layout(sort.wanted_record(config)))),
                 "back": In(stream.Signature(entry)),
                 "stop": In(1),
                 "o": Out(stream.Signature(layout(sorted_record(config)))),
@@ -119,7 +112,7 @@ class Sort(wiring.Component):
         merge, given = self.merge, self.given.i.payload
         key, slot = Signal(self.config.sort_key_bits), Signal(slot_layout(self.config))
         first, second = self.halves
-        piece = read_entries(self.config) - 1
+        piece = sort.read_entries(self.config) - 1
         m.d.sync += [self.looking.eq(merge.o.valid), self.found.eq(self.looking)]
         with m.If(merge.o.valid):
             m.d.sync += [key.eq(merge.o.key), slot.eq(merge.o.slot)]
@@ -229,11 +222,11 @@ class Sort(wiring.Component):
         refill = self.refill
         base, total = Signal(COUNT_BITS), Signal(COUNT_BITS)
         length = Signal(COUNT_BITS + 1)  # of runs; the last of a list may be shorter
-        merged = Signal(COUNT_BITS + way_bits(self.config) + 1)
+        merged = Signal(COUNT_BITS + sort.way_bits(self.config) + 1)
         again, final, through = Signal(), Signal(), Signal()
         after = Signal.like(merged)  # where this merge ends, known long before it does
         m.d.comb += [
-            merged.eq(length << way_bits(self.config)),
+            merged.eq(length << sort.way_bits(self.config)),
             final.eq(merged >= total),
             through.eq(after >= total),
             again.eq(self.reading & self.to_spill),
@@ -247,7 +240,7 @@ class Sort(wiring.Component):
             m.d.sync += base.eq(after)
             with m.If(~self.reading | through):
                 m.d.sync += [base.eq(0), self.area.eq(~self.area), self.position.eq(0)]
-                m.d.sync += [length.eq(Mux(self.reading, merged, half_entries(self.config)))]
+                m.d.sync += [length.eq(Mux(self.reading, merged, sort.half_entries(self.config)))]
                 m.d.sync += total.eq(self.position)
         with m.If(self.ends):
             m.d.sync += [self.position.eq(0), self.area.eq(0)]

@@ -39,11 +39,7 @@ class Followed(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         i, o = self.part.i, self.part.o
-        m.d.comb += [
-            i.payload.eq(self.payload),
-            i.valid.eq(self.valid),
-            o.ready.eq(self.ready),
-        ]
+        m.d.comb += [i.payload.eq(self.payload), i.valid.eq(self.valid), o.ready.eq(self.ready)]
         put, take, picked, leaves = Signal(), Signal(), Signal(), Signal()
         m.d.comb += [
             put.eq(i.valid & i.ready),

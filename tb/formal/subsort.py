@@ -38,15 +38,8 @@ class Given(wiring.Component):
     """
 
     def __init__(self, part: SubSorter):
-        super().__init__(
-            {
-                "key": In(len(part.keys[0])),
-                "last": In(1),
-                "valid": In(1),
-                "ready": In(1),
-                "drop": In(1),
-            }
-        )
+        bits = dict.fromkeys(("last", "valid", "ready", "drop"), In(1))
+        super().__init__({"key": In(len(part.keys[0]))} | bits)
         self.part = part
         self.count = part.entries
         self.remaining = Signal(self.count)
@@ -71,10 +64,7 @@ class Given(wiring.Component):
         keys = Value.cast(Cat(part.keys))
         m.d.sync += offered.eq(~self.drop & (part.give | (o.valid & ~o.ready)))
         with m.If(part.give):
-            m.d.sync += [
-                index.eq(part.index),
-                last.eq((remaining & ~chosen) == 0),
-            ]
+            m.d.sync += [index.eq(part.index), last.eq((remaining & ~chosen) == 0)]
         m.d.comb += [
             Assert((chosen & ~remaining) == 0),
             Assert(o.valid == offered),

@@ -12,9 +12,8 @@ import pytest
 from splatcore.golden.reference import render
 from splatcore.spec.convention import Convention
 from splatcore.spec.scene import sh_count
-from tb.outside.convention import GSPLAT
 from tb.outside.scenes import CASES
-from tb.outside.stored import ATTRIBUTES, FOLDER, VERSIONS, Stored, load
+from tb.outside.stored import ATTRIBUTES, FOLDER, GSPLAT, VERSIONS, Stored, load
 
 ERROR_MAX = 1e-6
 """Largest difference of any pixel; 6e-8 is measured, which is how the files are rounded."""

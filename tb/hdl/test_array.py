@@ -15,8 +15,8 @@ from splatcore.spec.config import DEFAULT
 from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from tb.helpers.icarus import check_under_icarus, needs_icarus
 from tb.helpers.parts import Beside
+from tb.helpers.runs import check_run, check_under_icarus, needs_icarus
 
 ITEMS, FEW = 300, 60
 
@@ -64,15 +64,9 @@ def arrays() -> Simulation:
 def check(given: dict[str, tuple], stall: float = 0, seed: int = 0):
     """All items come out in order, every bit."""
     expected = {f"{name}__o": outputs for name, (_, outputs, _) in given.items()}
-    result = arrays().run(
-        {f"{name}__i": fields for name, (fields, _, _) in given.items()},
-        constants={f"{name}__constants": constants for name, (_, _, constants) in given.items()},
-        expected={name: len(outputs) for name, outputs in expected.items()},
-        stall=stall, seed=seed,
-    )  # fmt: skip
-    assert result.finished, result.stopped
-    for name, outputs in expected.items():
-        np.testing.assert_array_equal(result.outputs[name], outputs, name)
+    inputs = {f"{name}__i": fields for name, (fields, _, _) in given.items()}
+    constants = {f"{name}__constants": row for name, (_, _, row) in given.items()}
+    check_run(arrays(), inputs, expected, constants=constants, stall=stall, seed=seed)
 
 
 def test_under_stalls():

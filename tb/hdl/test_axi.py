@@ -1,31 +1,29 @@
-"""The memory port on memories of `cocotbext-axi`, and its pace without pauses."""
-
-from functools import cache
+"""Memory port and registers under the models of `cocotbext-axi`; the port's pace without pauses."""
 
 import numpy as np
 import pytest
 
 from splatcore.hdl.memory.axi import OUTSTANDING_BITS, Axi
+from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.cocotb_runner import run_testbench
-from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.sim.rtl.streams import Result
 from splatcore.spec.axi import DATA_BITS, READERS, WRITERS, read_record, write_record
 from splatcore.spec.config import DEFAULT
+from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.verify)])
-def test_clients_and_memories(seed):
-    run_testbench(Axi(DEFAULT), "tb.testbenches.axi", seed=seed)
+@pytest.mark.parametrize("name, part", [("axi", Axi), ("registers", Registers)])
+def test_under_cocotbext(name, part, seed):
+    """Clients and memories; the host on the registers' AXI4-Lite."""
+    run_testbench(part(DEFAULT), f"tb.testbenches.{name}", seed=seed)
 
 
-SAMPLES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
+NAMES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
+SAMPLES = tuple(f"m_axi__{name}" for name in NAMES)
 CYCLES = 1400
-
-
-@cache
-def simulation() -> Simulation:
-    return Simulation(Axi(DEFAULT), tuple(f"m_axi__{name}" for name in SAMPLES))
 
 
 def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
@@ -44,7 +42,8 @@ def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
     wires = ("arready", "awready", "wready", "bvalid", "bid", "bresp", "rvalid", "rid", "rlast")
     wires += ("rdata", "rresp")
     constants = {f"m_axi__{name}": port.get(name, 0) for name in wires}
-    return simulation().run(inputs, constants=constants | {"failing": 0}, cycles_max=CYCLES)
+    simulation = compiled(Axi, DEFAULT, samples=SAMPLES)
+    return simulation.run(inputs, constants=constants | {"failing": 0}, cycles_max=CYCLES)
 
 
 def gaps(signal: np.ndarray) -> int:

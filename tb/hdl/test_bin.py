@@ -1,7 +1,5 @@
 """Binning: the golden model against exact tiles and as linked lists, hardware against it."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -30,7 +28,7 @@ from tb.helpers.bin_frames import (
     rows_out,
 )
 from tb.helpers.bin_splats import KINDS, splats, together
-from tb.helpers.icarus import check_under_icarus, needs_icarus
+from tb.helpers.runs import check_under_icarus, needs_icarus
 from tb.helpers.scene_frames import SCENES, scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
 
@@ -84,7 +82,8 @@ def test_a_tile_that_is_missing_is_seen():
     assert compare_tiles(DEFAULT, frame, found)[1] == 1
 
 
-def check_against_reference(name: str, count: int | None = None):
+@pytest.mark.parametrize("name, count", with_counts(SCENES))
+def test_against_reference(name, count):
     """No tile is missing, neither by the splats' own codes nor by the reference's numbers."""
     frame, model, camera, points = scene_frame(name, count)
     found = bin_frame(DEFAULT, frame)
@@ -97,17 +96,6 @@ def check_against_reference(name: str, count: int | None = None):
     exact, missing = compare_tiles(DEFAULT, frame, found, ellipses, place)
     assert missing == 0 and exact <= pairs(found) <= RATIO_MAX * exact
     assert len(drawn) > 0.9 * len(found.kept)
-
-
-def test_garden_against_reference():
-    check_against_reference("garden")
-
-
-@needs_scenes
-@pytest.mark.slow
-@pytest.mark.parametrize("name, count", with_counts(SCENES))
-def test_scenes_against_reference(name, count):
-    check_against_reference(name, count)
 
 
 def test_features():
@@ -223,16 +211,11 @@ def test_queues_and_buffers_fill_and_run_empty():
     assert set(slots % TINY.burst) == set(range(TINY.burst))
 
 
-@cache
-def lists_simulation() -> Simulation:
-    return Simulation(ListWriter(TINY))
-
-
 @pytest.mark.slow
 def test_an_entry_a_cycle():
     """Whatever the groups are; `finish` comes so early that a cycle more would lose entries."""
     rng, count, groups = np.random.default_rng(0), 3000, groups_max(TINY)
-    record, lists = bin_entry_record(TINY), lists_simulation()
+    record, lists = bin_entry_record(TINY), Simulation(ListWriter(TINY))
     for choice in (np.zeros(count, int), rng.integers(0, groups, count), np.arange(count) // 3 % 4):
         entry = entry_record(TINY).unpack(
             rng.integers(0, 8, (count, entry_record(TINY).size), np.uint8)

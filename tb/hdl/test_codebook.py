@@ -15,16 +15,8 @@ from splatcore.hdl.points.codebook import Codebook, sum_of
 from splatcore.model.generate.generate import generate
 from splatcore.model.pack.pack import pack
 from splatcore.sim.rtl import vectors
+from splatcore.spec import memory
 from splatcore.spec.config import DEFAULT, PAPER, Config
-from splatcore.spec.memory import (
-    CODEBOOK_WORD,
-    COLOUR_ENTRY,
-    COMPONENT,
-    EXPONENT_MAX,
-    HEADER,
-    SH_ENTRY,
-    SLOPE,
-)
 from splatcore.spec.packed import PackedModel, checksum
 from splatcore.spec.programs import COLOURS, SLOPES
 
@@ -36,7 +28,7 @@ INTERVALS = {"DEFAULT": 4, "PAPER": 4, "PLAIN": 2, "MANY": 7}
 COUNT = 2000
 FEW = 500
 PORT = 64
-BEATS = CODEBOOK_WORD * 8 // PORT
+BEATS = memory.CODEBOOK_WORD * 8 // PORT
 """Ports that carry one word."""
 EXPONENTS = (-9, -10)
 """Of colours and slopes, where it does not matter which."""
@@ -149,8 +141,8 @@ def altered(config, degree, numbers, exponents=EXPONENTS, count=COUNT) -> Packed
         image[start : start + data.size] = data.reshape(-1)
 
     for record, start, count in (
-        (COLOUR_ENTRY, layout.colours, format.colour_entries),
-        (SH_ENTRY, layout.sh, format.sh_entries),
+        (memory.COLOUR_ENTRY, layout.colours, format.colour_entries),
+        (memory.SH_ENTRY, layout.sh, format.sh_entries),
     ):
         (field, array), (spare, bits) = record.fields
         codes = array.encode(numbers(array.format, (count, array.length)))
@@ -161,12 +153,12 @@ def altered(config, degree, numbers, exponents=EXPONENTS, count=COUNT) -> Packed
     }
     put(format.attribute_record, layout.attributes, model.attributes | index)
     codes = {
-        f"{part}_exponent": HEADER[f"{part}_exponent"].encode(np.array([exponent]))
+        f"{part}_exponent": memory.HEADER[f"{part}_exponent"].encode(np.array([exponent]))
         for part, exponent in zip(("colour", "sh"), exponents, strict=True)
     }
     header = model.header | codes
-    put(HEADER, layout.header, header)
-    put(HEADER, layout.header, header | {"checksum": np.array([checksum(image)])})
+    put(memory.HEADER, layout.header, header)
+    put(memory.HEADER, layout.header, header | {"checksum": np.array([checksum(image)])})
     return PackedModel(image, "altered")
 
 
@@ -178,10 +170,6 @@ def extreme(entry, shape) -> np.ndarray:
     """The ends of an entry's range and what is around them and zero."""
     ends = [entry.min, entry.min + 1, -1, 0, 1, entry.max - 1, entry.max]
     return np.random.default_rng(10).choice(ends, shape)
-
-
-def lowest(entry, shape) -> np.ndarray:
-    return np.full(shape, entry.min)
 
 
 def highest(entry, shape) -> np.ndarray:
@@ -206,7 +194,7 @@ def test_hardware_equals_golden(config):
         model = garden(config, degree, COUNT)
         for distance in (interval, 4, 5, 10, irregular[: len(model) - 1]):
             frames.append(Frame(model, np.maximum(distance, interval)))
-    for numbers in (any_number, extreme, lowest, highest):
+    for numbers in (any_number, extreme, lambda entry, shape: np.full(shape, entry.min), highest):
         for degree in degrees(config):
             frames.append(Frame(altered(config, degree, numbers), interval))
     check(ports, frames)
@@ -217,7 +205,7 @@ def test_hardware_equals_golden(config):
 def test_exponents_of_all_sizes(config):
     """Sums that underflow, in part, that just fit, that saturate; the ends of the exponent."""
     bias = config.arithmetic.bias
-    ends = [-EXPONENT_MAX, -EXPONENT_MAX + 1, EXPONENT_MAX]
+    ends = [-memory.EXPONENT_MAX, -memory.EXPONENT_MAX + 1, memory.EXPONENT_MAX]
     near = [sign * bias + k for sign in (-1, 1) for k in range(-32, 33, 3)]
     exponents = [*ends, *near, -200, -129, -128, -1, 0, 1, 127, 128, 200]
     rng = np.random.default_rng(12)
@@ -231,7 +219,7 @@ def test_exponents_of_all_sizes(config):
 
 def test_sums_fit():
     """The sum's format holds the sums at both ends, and half of it would not."""
-    for entry in (COMPONENT, SLOPE):
+    for entry in (memory.COMPONENT, memory.SLOPE):
         for stages in range(1, 5):
             total = sum_of(entry, stages)
             assert total.min <= stages * entry.min and stages * entry.max <= total.max
@@ -262,7 +250,10 @@ def test_golden_reads_the_packed_values(config, degree):
 
 def test_golden_at_the_ends_of_the_exponents():
     """Nothing, and the largest value."""
-    for exponent, largest in ((-EXPONENT_MAX, 0.0), (EXPONENT_MAX, DEFAULT.arithmetic.max)):
+    for exponent, largest in (
+        (-memory.EXPONENT_MAX, 0.0),
+        (memory.EXPONENT_MAX, DEFAULT.arithmetic.max),
+    ):
         model = altered(DEFAULT, 1, highest, (exponent, exponent), FEW)
         for values in look_up(DEFAULT, model, np.arange(len(model))).values():
             assert (values == largest).all()

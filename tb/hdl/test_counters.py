@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from amaranth.hdl import Module
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.counters import SPARE, Counters
 from splatcore.sim.rtl.streams import Simulation
@@ -15,26 +12,9 @@ BITS = 12
 pytestmark = pytest.mark.slow
 
 
-class Two(wiring.Component):
-    """Two counters."""
-
-    def __init__(self):
-        super().__init__({"event": In(2), "clear": In(1), "value": Out(2 * BITS)})
-
-    def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.counters = counters = Counters(("one", "other"), BITS)
-        m.d.comb += [
-            counters.event.eq(self.event),
-            counters.clear.eq(self.clear),
-            self.value.eq(counters.value),
-        ]
-        return m
-
-
 def counts(event: np.ndarray, clear: np.ndarray) -> np.ndarray:
     """Values of both counters in every cycle, [cycles, 2]."""
-    run = Simulation(Two(), samples=("value",)).run(
+    run = Simulation(Counters(("one", "other"), BITS), samples=("value",)).run(
         {}, constants={"event": event, "clear": clear}, cycles_max=len(event) + 8
     )
     value = run.samples["value"].astype(np.int64)

@@ -1,7 +1,5 @@
 """Reading ranges of memory: the bursts, the beats, and room for all of them."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from amaranth.hdl import Assert, Cat, Module, Signal
@@ -11,11 +9,11 @@ from amaranth.lib.wiring import In
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.fetch import Fetch
-from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from tb.helpers.forward import forward
+from tb.helpers.parts import forward
+from tb.helpers.runs import compiled
 
 COUNT_BITS = 10
 RANGE = Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(COUNT_BITS)})
@@ -70,11 +68,6 @@ class Memory(wiring.Component):
         return m
 
 
-@cache
-def simulation(depth: int) -> Simulation:
-    return Simulation(Memory(depth))
-
-
 def expected(first: np.ndarray, count: np.ndarray) -> tuple[list, np.ndarray]:
     """Bursts (first beat, beats) and the beats of ranges."""
     bursts = []
@@ -90,7 +83,7 @@ def expected(first: np.ndarray, count: np.ndarray) -> tuple[list, np.ndarray]:
 def check(depth: int, first: np.ndarray, count: np.ndarray, stall: float = 0, seed: int = 0) -> int:
     """The cycles that ranges take, after a look at what was asked for and what came."""
     bursts, beats = expected(first, count)
-    result = simulation(depth).run(
+    result = compiled(Memory, depth).run(
         {"i": RANGE.pack({"beat": first, "count": count}), "pace": np.zeros((len(beats), 1), "u1")},
         expected={"bursts": len(bursts), "o": len(beats)}, stall=stall, seed=seed,
     )  # fmt: skip

@@ -3,19 +3,20 @@ large.
 """
 
 from functools import cache, partial
+from itertools import product
 
 import numpy as np
 import pytest
 from amaranth.back import verilog
 
 from splatcore.golden import arithmetic
-from splatcore.hdl.arithmetic.add import Add
+from splatcore.hdl.arithmetic.add import Add, MultiplyAdd
 from splatcore.hdl.arithmetic.compare import Compare
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed, ToFixed
+from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
 from splatcore.hdl.arithmetic.multiply import Multiply
-from splatcore.hdl.arithmetic.multiply_add import MultiplyAdd
 from splatcore.spec.number import FP16, FP24, Fixed, Float
-from tb.helpers.datapaths import Datapath, check
+from tb.helpers.datapaths import Datapath, check, with_pauses
 from tb.helpers.float_pairs import every_pair, pairs
 
 pytestmark = pytest.mark.slow
@@ -128,15 +129,10 @@ FLOATS = [
 
 def conversions() -> list[Datapath]:
     """Between all formats, at latencies in turn."""
-    kinds = [
-        *((Convert, arithmetic.convert, source, target) for source in FLOATS for target in FLOATS),
-        *(
-            (FromFixed, arithmetic.from_fixed, fixed, float)
-            for fixed in FIXED
-            for float in FLOATS[::2]
-        ),
-        *((ToFixed, arithmetic.to_fixed, float, fixed) for fixed in FIXED for float in FLOATS[::2]),
-    ]
+    kinds = [(Convert, arithmetic.convert, *formats) for formats in product(FLOATS, FLOATS)]
+    mixed = list(product(FIXED, FLOATS[::2]))
+    kinds += [(FromFixed, arithmetic.from_fixed, fixed, float) for fixed, float in mixed]
+    kinds += [(ToFixed, arithmetic.to_fixed, float, fixed) for fixed, float in mixed]
     return [
         Datapath(make(*formats, k % 5), k % 5, ("i",), partial(golden, *formats))
         for k, (make, golden, *formats) in enumerate(kinds)
@@ -155,3 +151,50 @@ def test_no_empty_ranges(make):
     """Verilog has no vectors without bits: what a format does not need is left out."""
     for format in (FP16, FP24, Float(2, 2, subnormal=False, overflow="infinity"), Float(3, 2)):
         assert "[-1:0]" not in verilog.convert(make(format, 5), name="top")
+
+
+SMALLEST = Float(3, 3, subnormal=False)
+
+
+def canonical(format: Float, codes: np.ndarray) -> np.ndarray:
+    """Codes that encoding can give: there is one zero."""
+    return format.encode(format.decode(codes.astype(np.uint64)))
+
+
+def maximum(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return format.encode(np.maximum(format.decode(a), format.decode(b)))
+
+
+def clamp(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A negative number clamped to 0 is the sign alone, which reads as 0."""
+    bound, sign = format.decode(b), format.width - 1
+    found = format.encode(np.clip(format.decode(a), -bound, bound))
+    return found | (a >> sign & 1) << sign
+
+
+def positive(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The only bounds that there are."""
+    return b >> format.width - 1 == 0
+
+
+@pytest.mark.parametrize("format", [SMALLEST, FP24], ids=str)
+def test_clamp_and_maximum(format):
+    """Every pair of codes of a small format, hard pairs of the real one; with pauses, in which the
+    register holds.
+    """
+    size, rng = 1 << format.width, np.random.default_rng(0)
+    if format is SMALLEST:
+        a, b = (codes.ravel() for codes in np.mgrid[:size, :size])
+    else:
+        a = rng.integers(0, size, 100_000)
+        near = np.clip(a + rng.integers(-1, 2, a.size), 0, size - 1)
+        b = np.where(rng.random(a.size) < 0.5, near, rng.integers(0, size, a.size))
+        b ^= rng.integers(0, 2, a.size) << format.width - 1
+    units = [
+        Datapath(Maximum(format), 1, ("a", "b"), partial(maximum, format)),
+        Datapath(
+            Clamp(format), 1, ("a", "b"), partial(clamp, format), where=partial(positive, format)
+        ),
+    ]
+    inputs = {"a": canonical(format, a), "b": canonical(format, b)}
+    check(units, *with_pauses(inputs, rng, 2))

@@ -1,6 +1,7 @@
 """Proofs of the stream primitives, and that proofs can fail."""
 
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal
@@ -9,9 +10,9 @@ from amaranth.lib.wiring import In
 
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
 from splatcore.sim.rtl.formal import ProofError, cover, prove, search
-from tb.formal.planted import planted
 from tb.formal.stream import WIDTH, Followed, Forked, WatchedQueue, in_pipe, in_queue, in_register
 from tb.helpers.parts import Beside, Piped
+from tb.planted.fault import planted
 
 pytestmark = pytest.mark.slow
 
@@ -19,12 +20,8 @@ COVER_DEPTH = 8
 """Cycles in which an item can go into and come out of each part below."""
 
 
-def queue(depth: int) -> Followed:
-    return Followed(WatchedQueue(depth), in_queue, latency=1, capacity=depth)
-
-
-def memory(depth: int) -> Followed:
-    return Followed(WatchedQueue(depth, memory=True), in_queue, latency=2, capacity=depth)
+def queue(depth: int, memory: bool = False) -> Followed:
+    return Followed(WatchedQueue(depth, memory), in_queue, latency=1 + memory, capacity=depth)
 
 
 def pipe(latency: int) -> Followed:
@@ -33,13 +30,9 @@ def pipe(latency: int) -> Followed:
 
 PROOFS = {
     "register": lambda: Followed(Register(WIDTH), in_register, latency=1, capacity=2),
-    "queue_1": lambda: queue(1),
-    "queue_2": lambda: queue(2),
-    "queue_5": lambda: queue(5),  # rows that are no power of two
-    "memory_3": lambda: memory(3),
-    "memory_8": lambda: memory(8),
-    "pipe_1": lambda: pipe(1),
-    "pipe_4": lambda: pipe(4),
+    **{f"queue_{depth}": partial(queue, depth) for depth in (1, 2, 5)},  # 5: no power of two
+    **{f"memory_{depth}": partial(queue, depth, True) for depth in (3, 8)},
+    **{f"pipe_{latency}": partial(pipe, latency) for latency in (1, 4)},
     "fork": lambda: Forked(Fork(WIDTH, 3)),
 }
 

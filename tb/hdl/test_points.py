@@ -1,6 +1,7 @@
 """Stages 0 and 1: hardware against golden model, that against the reference, on real Gaussians."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,9 +18,9 @@ from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from splatcore.spec.microprogram import projection
 from tb.helpers.point_rows import PointRows, point_rows
+from tb.helpers.runs import check_under_icarus, needs_icarus
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
-from tb.helpers.scenes import needs_scenes
-from tb.helpers.stage_cases import STAGES, check
+from tb.helpers.stage_cases import STAGES, case, check, settled_outputs
 
 
 def points(name: str) -> tuple:
@@ -83,6 +84,22 @@ def test_culling_leaves_the_same_splats():
         assert np.array_equal(frame.pixels, found["all"].pixels)
 
 
+GAUSSIANS = {"chunk": 600, "cull": 60, "place": 60, "project": 24}
+"""Of each stage under Icarus, which is slow."""
+
+
+@needs_icarus
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", GAUSSIANS)
+def test_under_icarus(stage, tmp_path):
+    model, _ = pack(generate("garden", GAUSSIANS[stage]), DEFAULT)
+    given = case(stage, point_rows(DEFAULT, model, GARDEN))
+    check_under_icarus(
+        given.component, tmp_path, given.inputs, given.expected, given.constants, given.first,
+        partial(settled_outputs, stage, DEFAULT),
+    )  # fmt: skip
+
+
 @pytest.mark.slow
 def test_cycles():
     """A point every 4 cycles, a Gaussian every 11: the figures of the issue are 4 and 12."""
@@ -92,8 +109,6 @@ def test_cycles():
     assert cull < 4.1 and project < 11.1
 
 
-@needs_scenes
-@pytest.mark.slow
 @pytest.mark.parametrize("file", parameters(POINT_SCENES))
 def test_points_equal_golden(file):
     frame = rows(file)
@@ -102,7 +117,8 @@ def test_points_equal_golden(file):
     check("points", frame, 0.4, seed=len(file))
 
 
-def check_skipping(name: str):
+@pytest.mark.parametrize("name", ["garden", *parameters(POINT_SCENES)])
+def test_skipped_chunks_hold_nothing_visible(name):
     """Skipping chunks by their headers changes nothing but what is read."""
     model, camera, result = points(name)
 
@@ -115,18 +131,7 @@ def check_skipping(name: str):
         whole = project_points(DEFAULT, model, camera)
     assert (whole.index == result.index).all()
     assert len(whole.points) == len(model) >= len(result.points)
-    return len(result.read) - result.read.sum()
-
-
-def test_skipped_chunks_hold_nothing_visible():
-    assert check_skipping("garden") > 0
-
-
-@needs_scenes
-@pytest.mark.slow
-@pytest.mark.parametrize("file", parameters(POINT_SCENES))
-def test_skipped_chunks_hold_nothing_visible_of_scenes(file):
-    check_skipping(file)
+    assert name != "garden" or len(result.read) > result.read.sum()
 
 
 @pytest.mark.parametrize("tile_test", ["exact", "3sigma"])
@@ -148,7 +153,8 @@ def largest(found: np.ndarray, exact: np.ndarray, scale: np.ndarray) -> float:
     return float(np.max(np.abs(found - exact) / scale) / DEFAULT.arithmetic.epsilon)
 
 
-def check_against_reference(name: str):
+@pytest.mark.parametrize("name", ["garden", *parameters(POINT_SCENES)])
+def test_golden_against_the_reference(name):
     """The bound of each output: a few roundings of 17 significant bits.
 
     A rounding is relative to the largest summand: to the way from the camera in world axes, not to
@@ -183,26 +189,10 @@ def check_against_reference(name: str):
         exact = np.sqrt(reach * cov[:, row])
         assert largest(values[half], exact, deviations * spread * slant) < 6
     assert (values["across"] > 0).all() and (values["along"] > 0).all()  # positive definite
-    assert not len(np.setdiff1d(visible_indices(model, camera), result.index))
-
-
-def visible_indices(model, camera) -> np.ndarray:
-    """Gaussians that the reference draws, but those within an error of the near plane: none of
-    them may have left.
-    """
-    splats, _ = project(model.gaussians(), camera)
-    return splats.index[splats.depth > NEAR_PLANE * 1.001]
-
-
-def test_golden_against_the_reference_on_the_garden():
-    check_against_reference("garden")
-
-
-@needs_scenes
-@pytest.mark.slow
-@pytest.mark.parametrize("file", parameters(POINT_SCENES))
-def test_golden_against_the_reference(file):
-    check_against_reference(file)
+    # None may have left of those that the reference draws, but within an error of the near plane.
+    splats, _ = project(gaussians, camera)
+    visible = splats.index[splats.depth > NEAR_PLANE * 1.001]
+    assert not len(np.setdiff1d(visible, result.index))
 
 
 def test_culling_agrees_with_the_reference():

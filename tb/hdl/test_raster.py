@@ -12,12 +12,14 @@ from splatcore.golden.pipeline import render as render_golden
 from splatcore.golden.raster import WORK, rasterize
 from splatcore.golden.reference import project, render
 from splatcore.golden.sort import sort
+from splatcore.hdl.raster.prepare import Prepare
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.sim.accuracy.points import with_width
+from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
 from splatcore.spec.frame import POWER_SCALE
@@ -25,11 +27,10 @@ from splatcore.spec.group import entry_record, extent_format, feature_record, gr
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
 from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
-from tb.helpers.needles import COUNT, long_needles
-from tb.helpers.raster_rows import prepare_simulation, prepared_codes, run_groups, simulation
+from tb.helpers.machines import NEEDLES, long_needles
+from tb.helpers.raster_rows import prepared_codes, random_features, run_groups
 from tb.helpers.scene_frames import parameters
-from tb.helpers.scenes import needs_scenes, scene_path
-from tb.helpers.splat_features import random_features
+from tb.helpers.scenes import scene_path
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
@@ -62,7 +63,7 @@ def test_prepare(config):
         "mask": rng.integers(0, 1 << config.group**2, count).astype(np.uint64),
         "end": rng.integers(0, 2, count).astype(np.uint64),
     }
-    result = prepare_simulation(config).run(
+    result = Simulation(Prepare(config)).run(
         {"i": featured_record(config).pack({"splat": features} | rest)},
         expected={"o": count}, stall=0.2,
     )  # fmt: skip
@@ -80,7 +81,7 @@ def test_nothing_is_thinner_than_the_blur(bits):
     config, case = with_width(bits), long_needles()
     frame = render_golden(config, pack(case.scene, config)[0], case.camera)
     codes = prepared_codes(config, frame.binned.features)
-    assert len(codes["cxx"]) == COUNT
+    assert len(codes["cxx"]) == NEEDLES
     for name, format in curvature_formats(config).items():
         assert np.abs(format.decode(codes[name])).max() <= 1.01 * POWER_SCALE / COVARIANCE_BLUR
 
@@ -95,7 +96,7 @@ def test_random_tiles(size, stall):
         entries = random_entries(TINY, 1000, size, seed)
         background = ((0, 0, 0), (511, 0, 1), (100, 200, 300))[seed]
         run = run_groups(
-            simulation(TINY), TINY, features, entries, size, background=background,
+            TINY, features, entries, size, background=background,
             stall=stall, seed=seed,
         )  # fmt: skip
         assert run.differing == 0 and run.blocks > 0
@@ -109,7 +110,7 @@ def test_groups_without_splats():
     groups = int(np.prod(group_grid(TINY, 64, 64)))
     nothing = Entries(np.zeros(groups + 1, int), np.zeros(0, int), np.zeros(0, int))
     background = (10, 512, 255)
-    run = run_groups(simulation(TINY), TINY, features, nothing, (64, 64), background=background)
+    run = run_groups(TINY, features, nothing, (64, 64), background=background)
     assert run.differing == 0 and run.blocks == 256
     full = (1 << TINY.weight) - 1  # of 2^weight
     bytes_ = [full * code / 2 ** (TINY.weight + TINY.colour_fraction - 8) for code in background]
@@ -129,7 +130,7 @@ def test_queues_fill_and_run_empty():
         entries = random_entries(TINY, count, size, seed)
         background = (0, 300 * (seed & 1), 0)
         run = run_groups(
-            simulation(TINY), TINY, features, entries, size, groups, background, stall=stall,
+            TINY, features, entries, size, groups, background, stall=stall,
             seed=seed,
         )  # fmt: skip
         assert run.differing == 0
@@ -149,7 +150,7 @@ def test_counters(count):
     features = random_features(TINY, count, size, 7)
     features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
     entries = random_entries(TINY, count, size, 7)
-    run = run_groups(simulation(TINY), TINY, features, entries, size)
+    run = run_groups(TINY, features, entries, size)
     golden, counters = run.golden.counts, run.counters
     assert run.differing == 0 and golden["ended"] == 0 and golden["visited"] > count
     assert counters["splats"] == count and counters["dropped"] == 0
@@ -173,7 +174,7 @@ def test_stop():
     features["half_width"][:] = features["half_height"][:] = (1 << 13) - 1
     features["u"][:] = features["v"][:] = TINY.arithmetic.encode(16.0)
     entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
-    run = run_groups(simulation(TINY), TINY, features, entries, size)
+    run = run_groups(TINY, features, entries, size)
     assert run.differing == 0 and (run.result.samples["live"] == 0).any()
     assert run.golden.counts["entries"] < 10 and run.counters["dropped"] > 500
 
@@ -194,7 +195,7 @@ def test_without_early_termination(hardware):
     assert whole.counts["ended"] == 0 and ending.counts["ended"] > 100
     assert ending.counts["contributions"] < whole.counts["contributions"]
     if hardware:
-        run = run_groups(simulation(config), config, features, entries, size)
+        run = run_groups(config, features, entries, size)
         assert run.differing == 0 and run.counters["dropped"] == 0
 
 
@@ -214,7 +215,7 @@ def test_hard_cases(name):
     features, entries = features_of(TINY, splats), entries_of(TINY, splats, case.camera)
     size = case.camera.width, case.camera.height
     for seed, stall in enumerate((0, 0.3, 0.7)):
-        run = run_groups(simulation(TINY), TINY, features, entries, size, stall=stall, seed=seed)
+        run = run_groups(TINY, features, entries, size, stall=stall, seed=seed)
         assert run.differing == 0 and run.blocks == -(-size[0] // BLOCK) * -(-size[1] // BLOCK)
 
 
@@ -238,7 +239,7 @@ def test_from_splats_to_pixels(stall):
     splat, mask = (ordered[name][given].astype(np.int64) for name in ("splat", "mask"))
     features = feature_record(TINY).unpack(binned.outputs["features"])
     run = run_groups(
-        simulation(TINY), TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall
+        TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall
     )  # fmt: skip
     assert run.differing == 0 and (run.golden.pixels == frame.pixels).all()
     assert counts.min() > 20 and frame.pixels.std() > 10
@@ -258,14 +259,12 @@ def scene_groups(name: str):
     return features_of(DEFAULT, splats), entries, size, np.unique(chosen)
 
 
-@needs_scenes
-@pytest.mark.slow
 @pytest.mark.parametrize("name", parameters(SCENES, 2))
 def test_scenes(name):
     features, entries, size, groups = scene_groups(name)
     for stall in (0, 0.3):
         run = run_groups(
-            simulation(DEFAULT), DEFAULT, features, entries, size, groups, stall=stall
+            DEFAULT, features, entries, size, groups, stall=stall
         )  # fmt: skip
         assert run.differing == 0 and len(groups) >= 20
 

@@ -20,12 +20,22 @@ from splatcore.sim.bench.sort import BOUND, BOUND_FROM
 from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Result, Simulation
-from splatcore.spec.config import TINY
+from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
-from tb.formal.planted import planted
-from tb.helpers.forward import counters, forward
-from tb.helpers.sort_runs import MACHINES, simulation
+from tb.helpers.parts import forward
+from tb.helpers.runs import check_run, compiled, counters
+from tb.planted.fault import planted
+
+MACHINES = {
+    "TINY": TINY,
+    "DEFAULT": DEFAULT,
+    "four": replace(TINY, sub_sorters=4, merge_ways=16, sort_digits=PAPER.sort_digits),
+    "one": replace(TINY, sub_sorters=1, merge_ways=2, sort_digits=(1,) * 23),
+    "three": replace(TINY, sub_sorters=3, merge_ways=8, sub_sorter_entries=32, sort_digits=(5, 3)),
+}
+
+SAMPLES = ("o__valid", "o__payload")
 
 NARROW = replace(TINY, sort_digits=(1,) * 8)
 CONFIGS = MACHINES | {"NARROW": NARROW}
@@ -42,14 +52,11 @@ def check(
     """A run, every stream compared with the golden model's."""
     config = CONFIGS[name]
     rows = sort_rows(config, np.array(counts, int), entries_of(config, kind, counts, seed))
-    result = (part or simulation(name)).run(
-        rows.inputs, constants={"stop": 0, "clear": 0} | constants, expected=rows.counts,
-        stall=stall, seed=seed, idle_max=3000,
+    part = part or compiled(Sort, config, samples=SAMPLES)
+    return check_run(
+        part, rows.inputs, rows.expected, f"{kind} {counts}: ",
+        constants={"stop": 0, "clear": 0} | constants, stall=stall, seed=seed, idle_max=3000,
     )  # fmt: skip
-    assert result.finished, f"{kind} {counts}: {result.stopped}"
-    for port, wanted in rows.expected.items():
-        assert np.array_equal(result.outputs[port], wanted), f"{kind} {counts}: {port}"
-    return result
 
 
 def test_golden_in_small():
@@ -192,7 +199,7 @@ def test_stop(counts, stall):
 
     def run(stop) -> Result:
         constants = {"stop": np.array(stop, np.uint64), "clear": 0}
-        return simulation("TINY").run(
+        return compiled(Sort, TINY, samples=SAMPLES).run(
             rows.inputs, constants=constants, stall=stall, seed=1, idle_max=400
         )
 

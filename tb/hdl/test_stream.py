@@ -6,8 +6,8 @@ import pytest
 
 from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register
 from splatcore.sim.rtl.cocotb_runner import run_testbench
-from tb.helpers.icarus import needs_icarus
 from tb.helpers.parts import Beside, Piped
+from tb.helpers.runs import needs_icarus
 
 WIDTH = 16
 
@@ -21,15 +21,10 @@ def part(component, latency: int, capacity: int, outputs: int = 1) -> tuple:
 
 PARTS = {
     "register": part(Register(WIDTH), 1, 2),
-    "queue_1": part(Queue(WIDTH, 1), 1, 1),
-    "queue_2": part(Queue(WIDTH, 2), 1, 2),
-    "queue_5": part(Queue(WIDTH, 5), 1, 5),
-    "queue_8": part(Queue(WIDTH, 8), 1, 8),
-    "memory_3": part(Queue(WIDTH, 3, memory=True), 2, 3),
-    "memory_8": part(Queue(WIDTH, 8, memory=True), 2, 8),
+    **{f"queue_{n}": part(Queue(WIDTH, n), 1, n) for n in (1, 2, 5, 8)},
+    **{f"memory_{n}": part(Queue(WIDTH, n, memory=True), 2, n) for n in (3, 8)},
     "fork": part(Fork(WIDTH, 3), 0, 0, outputs=3),
-    "pipe_1": part(Piped(WIDTH, 1), 1, 1),
-    "pipe_4": part(Piped(WIDTH, 4), 4, 4),
+    **{f"pipe_{n}": part(Piped(WIDTH, n), n, n) for n in (1, 4)},
 }
 
 

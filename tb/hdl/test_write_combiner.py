@@ -1,26 +1,19 @@
 """Gathering slots to lines."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
 from splatcore.hdl.memory.write_combiner import SLOTS, WriteCombiner
-from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, LINE_BEATS, write_record
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
+from tb.helpers.runs import compiled
 
 ADDRESS_BITS = BEAT_ADDRESS_BITS + 1
 RECORD = Record("slot", {"slot": Bits(ADDRESS_BITS), "data": Bits(64)})
 COUNT = 800
 
 pytestmark = pytest.mark.slow
-
-
-@cache
-def simulation() -> Simulation:
-    return Simulation(WriteCombiner(), ("empty", "writes__valid"))
 
 
 def addresses(rng: np.random.Generator) -> np.ndarray:
@@ -65,7 +58,7 @@ def run(slot: np.ndarray, flush, stall: float, count: int | None, seed: int = 0)
     """A run and what it has written."""
     data = np.random.default_rng(seed).integers(0, 1 << 63, len(slot))
     expected = None if count is None else {"writes": count * LINE_BEATS}
-    result = simulation().run(
+    result = compiled(WriteCombiner, samples=("empty", "writes__valid")).run(
         {"i": RECORD.pack({"slot": slot, "data": data})}, constants={"flush": flush},
         expected=expected, stall=stall, seed=seed, idle_max=5000,
     )  # fmt: skip

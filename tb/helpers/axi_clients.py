@@ -12,30 +12,19 @@ import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 from cocotbext.axi import AxiBus, AxiRam, AxiResp, AxiSlaveRead, AxiSlaveWrite
 
-from splatcore.spec.axi import (
-    BEAT,
-    BEAT_ADDRESS_BITS,
-    BEAT_BITS,
-    BOUNDARY,
-    DATA_BITS,
-    LENGTH_BITS,
-    PREPROCESSING,
-    READERS,
-    RENDERING,
-    WRITERS,
-)
-from tb.helpers.streams import Stream, never, start
+from splatcore.spec import axi
+from tb.helpers.streams import Stream, never, pause, start
 
 BURSTS = 40
 """Bursts of each client in a test."""
 
-REGION = 2 * BOUNDARY
+REGION = 2 * axi.BOUNDARY
 """Bytes of a client's region; that of the readers is the last one."""
 
-MEMORY = REGION * (len(WRITERS) + 1)
-READ_BASE = REGION * len(WRITERS)
+MEMORY = REGION * (len(axi.WRITERS) + 1)
+READ_BASE = REGION * len(axi.WRITERS)
 LENGTH_MAX = 16
-HALVES = (PREPROCESSING, RENDERING)
+HALVES = (axi.PREPROCESSING, axi.RENDERING)
 CHANNELS = {
     "ar": ("id", "addr", "len"), "aw": ("id", "addr", "len"), "w": ("data", "strb", "last"),
 }  # fmt: skip
@@ -45,20 +34,20 @@ class Mixed(AxiSlaveRead):
     """Answers of different IDs come in any order, beat by beat."""
 
     async def _process_read(self):
-        queues = {k: deque() for k in range(len(READERS))}
+        queues = {k: deque() for k in range(len(axi.READERS))}
         while True:
             while not any(queues.values()) or not self.ar_channel.empty():
                 ar = await self.ar_channel.recv()
                 address, beats = int(ar.araddr), int(ar.arlen) + 1
-                assert address % BOUNDARY + beats * BEAT <= BOUNDARY
-                queues[int(ar.arid)] += [(address + n * BEAT, n + 1) for n in range(beats)]
-                queues[int(ar.arid)][-1] = (address + (beats - 1) * BEAT, 0)
+                assert address % axi.BOUNDARY + beats * axi.BEAT <= axi.BOUNDARY
+                queues[int(ar.arid)] += [(address + n * axi.BEAT, n + 1) for n in range(beats)]
+                queues[int(ar.arid)][-1] = (address + (beats - 1) * axi.BEAT, 0)
             client = random.choice([k for k, queue in queues.items() if queue])
             address, more = queues[client].popleft()
             r = self.r_channel._transaction_obj()
             r.rid, r.rlast, r.rresp, r.rdata = client, not more, AxiResp.OKAY, 0
             try:
-                r.rdata = int.from_bytes(await self._read(address, BEAT), "little")
+                r.rdata = int.from_bytes(await self._read(address, axi.BEAT), "little")
             except OSError:
                 r.rresp = AxiResp.SLVERR
             await self.r_channel.send(r)
@@ -76,7 +65,7 @@ class Memory:
         return self.content[address : address + length].tobytes()
 
     async def write(self, address: int, given: bytes) -> None:
-        if address // BEAT * BEAT in self.broken:
+        if address // axi.BEAT * axi.BEAT in self.broken:
             raise OSError
         self.content[address : address + len(given)] = list(given)
 
@@ -99,21 +88,18 @@ class Bench:
             self.content = lambda: self.memory.content
             writing = AxiSlaveWrite(bus.write, dut.clk, dut.rst, target=self.memory)
             reading = Mixed(bus.read, dut.clk, dut.rst, target=self.memory)
-            reading.ar_channel.queue_occupancy_limit = len(READERS)
-        for name in ("aw", "w", "b"):
-            getattr(writing, f"{name}_channel").set_pause_generator(pattern())
-        for name in ("ar", "r"):
-            getattr(reading, f"{name}_channel").set_pause_generator(pattern())
-        self.reads = [Stream(dut, f"reads__{k}") for k in range(len(READERS))]
-        self.data = [Stream(dut, f"data__{k}") for k in range(len(READERS))]
-        self.writes = [Stream(dut, f"writes__{k}") for k in range(len(WRITERS))]
+            reading.ar_channel.queue_occupancy_limit = len(axi.READERS)
+        pause(writing, reading, pattern)
+        self.reads = [Stream(dut, f"reads__{k}") for k in range(len(axi.READERS))]
+        self.data = [Stream(dut, f"data__{k}") for k in range(len(axi.READERS))]
+        self.writes = [Stream(dut, f"writes__{k}") for k in range(len(axi.WRITERS))]
         # By client: bursts to be asked for; beats expected back; beats to be written.
-        self.requests = [deque() for _ in READERS]
-        self.awaited = [deque() for _ in READERS]
-        self.beats = [deque() for _ in WRITERS]
-        self.inside = [0 for _ in WRITERS]  # beats left of the burst that has begun
+        self.requests = [deque() for _ in axi.READERS]
+        self.awaited = [deque() for _ in axi.READERS]
+        self.beats = [deque() for _ in axi.WRITERS]
+        self.inside = [0 for _ in axi.WRITERS]  # beats left of the burst that has begun
         self.silent = [False, False]  # halves whose clients do nothing
-        self.reading, self.writing = [0, 0], [0 for _ in WRITERS]  # bursts under way
+        self.reading, self.writing = [0, 0], [0 for _ in axi.WRITERS]  # bursts under way
         self.errors = {"read": set(), "write": set()}
         self.passed = 0  # beats taken and given by clients, less those that were counted
 
@@ -123,45 +109,44 @@ class Bench:
         await start(dut, [*self.reads, *self.writes], self.data)
         cocotb.start_soon(self.watch_port())
         cocotb.start_soon(self.watch())
-        for k in range(len(READERS)):
+        for k in range(len(axi.READERS)):
             cocotb.start_soon(self.reader(k))
             cocotb.start_soon(self.takes(k))
-        for k in range(len(WRITERS)):
+        for k in range(len(axi.WRITERS)):
             cocotb.start_soon(self.writer(k))
 
     def load(self, halves=HALVES, count: int = BURSTS):
         """Random bursts for the clients of some halves."""
-        for k, half in enumerate(READERS.values()):
+        for k, half in enumerate(axi.READERS.values()):
             if half in halves:
-                for _ in range(count):
-                    self.requests[k].append(self.burst(READ_BASE))
-        for k, half in enumerate(WRITERS.values()):
+                self.requests[k] += [self.burst(READ_BASE) for _ in range(count)]
+        for k, half in enumerate(axi.WRITERS.values()):
             if half in halves:
                 for _ in range(count):
                     first, length = self.burst(k * REGION)
                     for n in range(length):
-                        strobe = random.choice([0xFFFF, random.getrandbits(BEAT)])
-                        beat = (first, n, length, strobe, random.getrandbits(DATA_BITS))
+                        strobe = random.choice([0xFFFF, random.getrandbits(axi.BEAT)])
+                        beat = (first, n, length, strobe, random.getrandbits(axi.DATA_BITS))
                         self.beats[k].append(beat)
 
     def burst(self, base: int) -> tuple[int, int]:
         """First beat and beats of a burst that does not cross the boundary."""
-        page, beats = BOUNDARY // BEAT, random.choice([1, 2, random.randint(1, LENGTH_MAX)])
+        page, beats = axi.BOUNDARY // axi.BEAT, random.choice([1, 2, random.randint(1, LENGTH_MAX)])
         place = random.randint(0, page - beats)
-        return (base // BEAT + page * random.randrange(REGION // BOUNDARY) + place), beats
+        return (base // axi.BEAT + page * random.randrange(REGION // axi.BOUNDARY) + place), beats
 
     def fails(self, half: int) -> bool:
         return bool(int(self.dut.failing.value) >> half & 1)
 
     async def reader(self, k: int):
         """Asks for bursts."""
-        stream, half, idle = self.reads[k], list(READERS.values())[k], self.pattern()
+        stream, half, idle = self.reads[k], list(axi.READERS.values())[k], self.pattern()
         while True:
             offers = bool(self.requests[k]) and not self.silent[half] and not next(idle)
             stream.valid.value = offers
             if offers:
                 first, beats = self.requests[k][0]
-                stream.payload.value = first | beats - 1 << BEAT_ADDRESS_BITS
+                stream.payload.value = first | beats - 1 << axi.BEAT_ADDRESS_BITS
             await RisingEdge(self.dut.clk)
             while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
@@ -173,7 +158,7 @@ class Bench:
 
     async def takes(self, k: int):
         """Takes beats and compares them."""
-        stream, half, stall = self.data[k], list(READERS.values())[k], self.pattern()
+        stream, half, stall = self.data[k], list(axi.READERS.values())[k], self.pattern()
         while True:
             free = not self.silent[half] and not next(stall)
             stream.ready.value = free
@@ -183,27 +168,27 @@ class Bench:
             if free and stream.valid.value:
                 found = int(stream.payload.value)
                 beat, last = self.awaited[k].popleft()
-                assert found >> DATA_BITS == last, f"reader {k}: last"
-                address = beat * BEAT
+                assert found >> axi.DATA_BITS == last, f"reader {k}: last"
+                address = beat * axi.BEAT
                 if address not in self.memory.broken:
-                    right = self.initial[address : address + BEAT].tobytes()
-                    data = found % (1 << DATA_BITS)
+                    right = self.initial[address : address + axi.BEAT].tobytes()
+                    data = found % (1 << axi.DATA_BITS)
                     assert data == int.from_bytes(right, "little"), f"reader {k}: {beat:#x}"
                 self.reading[half] -= last
                 self.passed += 1
 
     async def writer(self, k: int):
         """Gives beats; once a burst has begun, without waiting."""
-        stream, half, idle = self.writes[k], list(WRITERS.values())[k], self.pattern()
+        stream, half, idle = self.writes[k], list(axi.WRITERS.values())[k], self.pattern()
         while True:
             offers = bool(self.beats[k]) and not self.silent[half]
             offers = offers and (bool(self.inside[k]) or not next(idle))
             stream.valid.value = offers
             if offers:
                 first, place, length, strobe, data = self.beats[k][0]
-                value = first | length - 1 << BEAT_ADDRESS_BITS
-                above = BEAT_ADDRESS_BITS + LENGTH_BITS
-                stream.payload.value = value | strobe << above | data << above + BEAT
+                value = first | length - 1 << axi.BEAT_ADDRESS_BITS
+                above = axi.BEAT_ADDRESS_BITS + axi.LENGTH_BITS
+                stream.payload.value = value | strobe << above | data << above + axi.BEAT
             await RisingEdge(self.dut.clk)
             while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
@@ -213,10 +198,10 @@ class Bench:
                 self.inside[k] = length - 1 - place
                 self.writing[k] += place == 0
                 self.passed += 1
-                self.put((first + place) * BEAT, strobe, data)
+                self.put((first + place) * axi.BEAT, strobe, data)
 
     def put(self, address: int, strobe: int, data: int):
-        for byte in range(BEAT):
+        for byte in range(axi.BEAT):
             if strobe >> byte & 1:
                 self.expected[address + byte] = data >> 8 * byte & 255
 
@@ -224,7 +209,7 @@ class Bench:
         """Offers are kept; what never changes is right."""
         dut, offered = self.dut, {}
         for channel in ("ar", "aw"):
-            for name, value in (("size", BEAT_BITS), ("burst", 1)):
+            for name, value in (("size", axi.BEAT_BITS), ("burst", 1)):
                 assert int(getattr(dut, f"m_axi__{channel}{name}").value) == value
         wires = {
             channel: [
@@ -245,7 +230,7 @@ class Bench:
     async def watch(self):
         """Answers, dropped beats, errors; nothing is called idle or settled that is not."""
         dut = self.dut
-        halves = list(WRITERS.values())
+        halves = list(axi.WRITERS.values())
         while True:
             await RisingEdge(dut.clk)
             idle, settled = int(dut.idle.value), int(dut.settled.value)
@@ -260,7 +245,7 @@ class Bench:
             if dut.m_axi__bvalid.value and dut.m_axi__bready.value:
                 self.writing[int(dut.m_axi__bid.value)] -= 1
             passed = int(dut.beats_read.value)
-            for k, half in enumerate(READERS.values()):
+            for k, half in enumerate(axi.READERS.values()):
                 if failing >> half & 1 and passed >> k & 1:
                     self.reading[half] -= self.awaited[k].popleft()[1]
                     self.passed += 1
@@ -273,23 +258,23 @@ class Bench:
     async def done(self, halves=HALVES):
         """Wait until all clients of some halves are through and the module says so."""
         mask = sum(1 << half for half in halves)
-        mine = [*zip(READERS.values(), self.requests, strict=True)]
-        mine += [*zip(WRITERS.values(), self.beats, strict=True)]
+        mine = [*zip(axi.READERS.values(), self.requests, strict=True)]
+        mine += [*zip(axi.WRITERS.values(), self.beats, strict=True)]
         while any(left for half, left in mine if half in halves):
             await RisingEdge(self.dut.clk)
         while int(self.dut.idle.value) & mask != mask:
             await RisingEdge(self.dut.clk)
         await ClockCycles(self.dut.clk, 2)
-        for k, half in enumerate(READERS.values()):
+        for k, half in enumerate(axi.READERS.values()):
             assert half not in halves or not self.awaited[k], f"reader {k} lacks beats"
 
     def give_up(self, half: int):
         """Clients of a half begin anew."""
-        for k, of in enumerate(READERS.values()):
+        for k, of in enumerate(axi.READERS.values()):
             if of == half:
                 assert not self.awaited[k], f"reader {k} lacks beats"
                 self.requests[k].clear()
-        for k, of in enumerate(WRITERS.values()):
+        for k, of in enumerate(axi.WRITERS.values()):
             if of == half:
                 self.beats[k].clear()
                 self.inside[k] = 0
@@ -298,6 +283,6 @@ class Bench:
         """Memory holds what it must."""
         found = self.content()
         wrong = np.flatnonzero(found != self.expected)
-        wrong = [k for k in wrong if k // BEAT * BEAT not in self.memory.broken]
+        wrong = [k for k in wrong if k // axi.BEAT * axi.BEAT not in self.memory.broken]
         assert not wrong, f"{len(wrong)} bytes differ, first {wrong[0]:#x}"
         assert (found != self.initial).any() and self.passed == 0

@@ -1,7 +1,6 @@
 """Binning under test: a frame's registers as a stream, whole frames as rows, and exact tiles."""
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from amaranth.hdl import Module, Mux, Signal
@@ -13,7 +12,7 @@ from splatcore.golden.lists import Lists
 from splatcore.golden.reference_tiles import bin_splats as touched
 from splatcore.hdl.binning.bin import COUNTED, Bin
 from splatcore.hdl.lib.record import layout
-from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
@@ -23,7 +22,8 @@ from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Record
-from tb.helpers.forward import counters, forward
+from tb.helpers.parts import forward
+from tb.helpers.runs import check_run, compiled, counters
 
 SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19, group=1)
 """A machine whose keys do not reach all depths, and whose groups are single tiles."""
@@ -36,19 +36,18 @@ MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, SQUARE, PAP
 
 SIZE_BITS = 13
 
+SAMPLES = ("room", "finishing", "bursts__valid")
+
 SETTLING = 2
 """Cycles for which a frame's registers stand before it begins."""
 
 
-def frame_record() -> Record:
-    """The registers of a frame and how many splats it has."""
-    sizes = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
-    return Record("frame", {name: Bits(bits) for name, bits in sizes.items()})
+SIZES = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
+FRAME = Record("frame", {name: Bits(bits) for name, bits in SIZES.items()})
+"""The registers of a frame and how many splats it has."""
 
-
-def report_record() -> Record:
-    """The report when a frame is done."""
-    return Record("report", {"needed": Bits(PAGE_BITS)})
+REPORT = Record("report", {"needed": Bits(PAGE_BITS)})
+"""The report when a frame is done."""
 
 
 class BinFrames(wiring.Component):
@@ -65,8 +64,8 @@ class BinFrames(wiring.Component):
         super().__init__(
             {name: inner[name] for name in names}
             | {
-                "frames": In(stream.Signature(layout(frame_record()))),
-                "reports": Out(stream.Signature(layout(report_record()))),
+                "frames": In(stream.Signature(layout(FRAME))),
+                "reports": Out(stream.Signature(layout(REPORT))),
                 "room": Out(1),
                 "finishing": Out(1),
             }
@@ -120,11 +119,9 @@ def rows_in(config: Config, frames: list[Frame]) -> dict[str, np.ndarray]:
     """The rows of both in streams."""
     sizes = [(len(frame), frame.width, frame.height, frame.pages) for frame in frames]
     columns = np.array(sizes, np.uint64).T
-    record = frame_record()
-    names = [name for name, _ in record.fields]
     return {
         "i": np.concatenate([splat_record(config).pack(frame.splats) for frame in frames]),
-        "frames": record.pack(dict(zip(names, columns, strict=True))),
+        "frames": FRAME.pack(dict(zip(SIZES, columns, strict=True))),
     }
 
 
@@ -139,7 +136,7 @@ def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
         groups = {"page": lists.page.astype(np.uint64), "count": lists.count.astype(np.uint64)}
         found["groups"].append(group_record().pack(groups))
         needed = np.array([lists.needed], np.uint64)
-        found["reports"].append(report_record().pack({"needed": needed}))
+        found["reports"].append(REPORT.pack({"needed": needed}))
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
@@ -154,27 +151,15 @@ def near_code(config: Config) -> int:
     return int(config.arithmetic.encode(NEAR_PLANE))
 
 
-@cache
-def simulation(name: str) -> Simulation:
-    """A machine, compiled."""
-    return Simulation(BinFrames(MACHINES[name]), ("room", "finishing", "bursts__valid"))
-
-
 def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
     """Every bit of every stream, and the counters; the run and the golden results."""
     config = MACHINES[name]
     results = [bin_frame(config, frame) for frame in frames]
     expected = rows_out(config, results)
-    run = simulation(name).run(
-        rows_in(config, frames), constants={"near_code": near_code(config)}, stall=stall, seed=seed,
-        expected={port: len(rows) for port, rows in expected.items()},
+    run = check_run(
+        compiled(BinFrames, config, samples=SAMPLES), rows_in(config, frames), expected,
+        constants={"near_code": near_code(config)}, stall=stall, seed=seed,
     )  # fmt: skip
-    assert run.finished, run.stopped
-    for port, rows in expected.items():
-        found = run.outputs[port]
-        assert len(found) == len(rows), f"{port}: {len(found)} rows, not {len(rows)}"
-        wrong = np.flatnonzero((found != rows).any(axis=1))
-        assert not len(wrong), f"{port}: {len(wrong)} differ, first {wrong[0]}"
     counted = counters(COUNTED, run.ports["counters"])
     blocked = counted.pop("blocked")
     assert not blocked if stall == 0 else blocked < run.cycles
@@ -209,7 +194,7 @@ def read_memory(config: Config, run: Result) -> list[np.ndarray]:
     """The same of the one frame of a run: rows of `entry_record`, group by group."""
     bursts = burst_record(config).unpack(run.outputs["bursts"])
     groups = group_record().unpack(run.outputs["groups"])
-    needed = report_record().unpack(run.outputs["reports"])["needed"][0]
+    needed = REPORT.unpack(run.outputs["reports"])["needed"][0]
     address, page, count = (
         codes.astype(np.int64) for codes in (bursts["address"], groups["page"], groups["count"])
     )

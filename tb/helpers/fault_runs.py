@@ -12,24 +12,11 @@ from splatcore.golden.pipeline import render
 from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing, execute
+from splatcore.spec import registers
 from splatcore.spec.axi import READERS, WRITERS
 from splatcore.spec.config import TINY
 from splatcore.spec.memory import HEADER, MAGIC
-from splatcore.spec.registers import (
-    ABORT,
-    ALIGNED,
-    CODE_BITS,
-    FRAME_START,
-    INTERRUPT_ERROR,
-    INTERRUPT_FRAME,
-    INTERRUPT_READY,
-    READY,
-    START,
-    WORD,
-    ErrorCode,
-    addresses,
-    frame_registers,
-)
+from splatcore.spec.registers import ErrorCode, addresses, frame_registers
 from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, stride
 from tb.helpers.machines import garden, machine, view
 
@@ -48,7 +35,7 @@ KINDS = (
 )  # fmt: skip
 """Kinds of what can go wrong."""
 
-ALL = INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR
+ALL = registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR
 
 
 @dataclass
@@ -67,7 +54,7 @@ class Fault:
     timing: dict | None = None
     after: tuple | None = None
     survives: bool = False
-    told: int = INTERRUPT_ERROR
+    told: int = registers.INTERRUPT_ERROR
 
 
 @cache
@@ -106,12 +93,12 @@ def run_frame(seed: int) -> tuple[Report, int, int]:
     script, areas = Script(TINY), areas_of()
     script.write("INTERRUPT_ENABLE", ALL)
     begin = start(script, areas, GOOD)
-    script.wait(INTERRUPT_FRAME)
+    script.wait(registers.INTERRUPT_FRAME)
     with TemporaryDirectory() as name:
         make_memory(Path(name), areas, [job().model] * 2)
         report = execute(machine(TINY).program, Path(name), script, areas, memory_timing(seed))
     assert report.done, report.why
-    ready = next(cycle for cycle, bits in report.events if bits & INTERRUPT_READY)
+    ready = next(cycle for cycle, bits in report.events if bits & registers.INTERRUPT_READY)
     return report, report.answers[begin].cycle, ready
 
 
@@ -127,7 +114,7 @@ def start(script: Script, areas: Areas, which: int, values: dict[str, int] | Non
     found = frame_values(TINY, job(), which, areas, which) | (values or {})
     for name, value in found.items():
         script.write(name, value)
-    return script.write("CONTROL", START)
+    return script.write("CONTROL", registers.START)
 
 
 def run_fault(fault: Fault, seed: int) -> Outcome:
@@ -145,13 +132,13 @@ def run_fault(fault: Fault, seed: int) -> Outcome:
     error = script.read("ERROR")
     script.write("ERROR", 0)
     if fault.survives:
-        script.wait(INTERRUPT_FRAME)
+        script.wait(registers.INTERRUPT_FRAME)
     script.cycles(QUIET)
     status = script.read("STATUS")
     script.save(areas.images[BAD], size, "bad")
     script.write("INTERRUPT_ENABLE", ALL)
     start(script, areas, GOOD)
-    script.wait(INTERRUPT_FRAME)
+    script.wait(registers.INTERRUPT_FRAME)
     script.save(areas.images[GOOD], size, "good")
     timing = replace(memory_timing(seed), **(fault.timing or {}))
     with TemporaryDirectory() as name:
@@ -216,9 +203,9 @@ def drawn(kind: str, seed: int) -> Fault:
         return Fault(ErrorCode.FORMAT, header=fields[below(len(fields))])
     if kind == "alignment":
         names = [register.name for register in frame_registers(TINY)]
-        name = list(ALIGNED)[below(len(ALIGNED))]
+        name = list(registers.ALIGNED)[below(len(registers.ALIGNED))]
         values = frame_values(TINY, job(), BAD, areas_of(), BAD)
-        value = values[name] + 1 + below(ALIGNED[name] - 1)
+        value = values[name] + 1 + below(registers.ALIGNED[name] - 1)
         return Fault(ErrorCode.ALIGNMENT, names.index(name), values={name: value})
     if kind == "size":
         return drawn_size(below)
@@ -243,27 +230,28 @@ def drawn_host(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
     if kind == "reset":
         return Fault(ErrorCode.NONE, after=(below(whole + 100) + 1, "reset"), told=0)
     if kind == "abort":
-        after = below(whole * 3 // 4) + 1, "write", "CONTROL", ABORT
+        after = below(whole * 3 // 4) + 1, "write", "CONTROL", registers.ABORT
         return Fault(ErrorCode.NONE, after=after, told=0)
     wait = below(points - 300) + 1
     if kind == "start":
-        return Fault(ErrorCode.START, after=(wait, "write", "CONTROL", START), survives=True)
-    registers = frame_registers(TINY)
-    number, value = below(len(registers)), below(1 << 32)
-    name = registers[number].name
-    assert addresses(TINY)[name] == FRAME_START + number * WORD
+        after = wait, "write", "CONTROL", registers.START
+        return Fault(ErrorCode.START, after=after, survives=True)
+    names = [register.name for register in frame_registers(TINY)]
+    number, value = below(len(names)), below(1 << 32)
+    name = names[number]
+    assert addresses(TINY)[name] == registers.FRAME_START + number * registers.WORD
     return Fault(ErrorCode.LOCKED, number, after=(wait, "write", name, value), survives=True)
 
 
 def check_outcome(fault: Fault, outcome: Outcome):
     """The right error was told; all is quiet, and the good frame is the golden model's."""
-    code, detail = outcome.error & ((1 << CODE_BITS) - 1), outcome.error >> CODE_BITS
+    detail, code = divmod(outcome.error, 1 << registers.CODE_BITS)
     assert ErrorCode(code) == fault.code
     if fault.detail is not None:
         assert detail == fault.detail
     elif fault.code != ErrorCode.NONE:
         assert detail < len(READERS if fault.code == ErrorCode.READ else WRITERS)
-    assert outcome.status == READY
+    assert outcome.status == registers.READY
     if fault.code != ErrorCode.READ:  # what was read wrong may be an address
         assert not outcome.report.outside, outcome.report.why
     assert np.array_equal(outcome.good, golden().pixels)

@@ -6,12 +6,18 @@ from functools import cache
 import numpy as np
 
 from splatcore.golden.pipeline import Frame, render
+from splatcore.model.generate import hard_case
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
+from tb.helpers.point_rows import point_counts
+
+NEEDLES = 100
+LENGTHS = 30, 30 * hard_case.WIDTH
+THIN = 1e-5
 
 
 @cache
@@ -32,16 +38,21 @@ def view(width: int = 64, height: int = 48, step: float = 0.0) -> Camera:
     return replace(camera, translation=camera.translation - [step, 0, 0])
 
 
+def long_needles() -> hard_case.HardCase:
+    """Needles of up to thousands of pixels, 1e5 times as long as thick, in all directions, of whose
+    covariances' determinants all digits cancel.
+    """
+    pixels = np.geomspace(*LENGTHS, NEEDLES)[:, None]
+    scale = pixels * hard_case.DEPTH / hard_case.FOCAL * [1, THIN, THIN]
+    scene = replace(hard_case.spread(np.random.default_rng(0), NEEDLES), scale=scale)
+    camera = hard_case.straight_camera()
+    return hard_case.HardCase(scene, camera, "lengths up to 30 times the screen's width")
+
+
 def counted(config: Config, frame: Frame) -> dict[str, int]:
     """Values of the counters that do not depend on time, from the golden model's frame."""
     points, binned = frame.points, frame.binned
-    return {
-        "points_chunks": len(points.read),
-        "points_skipped": int((~points.read).sum()),
-        "points_points": len(points.points),
-        "points_front": len(points.front),
-        "points_inside": len(points.inside),
-        "points_projected": len(points.inside),
+    return {f"points_{name}": count for name, count in point_counts(points).items()} | {
         "bin_splats": len(points.index),
         "bin_kept": len(binned.kept),
         "bin_entries": len(binned.entries["key"]),

@@ -1,10 +1,23 @@
 """Components for tests: a datapath in a `Pipe`, and several components in one simulation."""
 
+from collections.abc import Iterable
+
 from amaranth.hdl import Module, ShapeLike, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.stream import Pipe
+
+
+def forward(m: Module, outer: object, inner: wiring.Component, names: Iterable[str] = ()):
+    """Join members of a component, or of an interface, with those of the same names of a component
+    inside it; all of the inner one's unless they are named.
+    """
+    members = inner.signature.members
+    signature = wiring.Signature({name: members[name] for name in names or members})
+    flat = zip(signature.flatten(outer), signature.flatten(inner), strict=True)
+    for (_, member, port), (_, _, own) in flat:
+        m.d.comb += own.eq(port) if member.flow is In else port.eq(own)
 
 
 class Piped(wiring.Component):
@@ -48,9 +61,5 @@ class Beside(wiring.Component):
         m = Module()
         for name, part in self.components.items():
             m.submodules[name] = part
-            # `connect` cannot flip an array of interfaces.
-            outer = part.signature.flatten(getattr(self, name))
-            inner = part.signature.flatten(part)
-            for (_, member, port), (_, _, own) in zip(outer, inner, strict=True):
-                m.d.comb += own.eq(port) if member.flow is In else port.eq(own)
+            forward(m, getattr(self, name), part)  # `connect` cannot flip an array of interfaces
         return m

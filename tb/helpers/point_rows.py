@@ -27,33 +27,32 @@ class PointRows:
     """Rows of every stream, by its name in `hdl.points.points`, and the registers."""
 
     config: Config
-    model: PackedModel
     points: Points
     streams: dict[str, np.ndarray]
     registers: dict[str, int | dict[str, int]]
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """The counters after the frame."""
-        points = self.points
-        return {
-            "chunks": len(points.read),
-            "skipped": int((~points.read).sum()),
-            "points": len(points.points),
-            "front": len(points.front),
-            "inside": len(points.inside),
-            "projected": len(points.inside),
-        }
+
+def point_counts(points: Points) -> dict[str, int]:
+    """The counters of stages 0 and 1 after a frame."""
+    return {
+        "chunks": len(points.read),
+        "skipped": int((~points.read).sum()),
+        "points": len(points.points),
+        "front": len(points.front),
+        "inside": len(points.inside),
+        "projected": len(points.inside),
+    }
 
 
 def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
     """Run the golden model: the rows of every stream."""
     points = project_points(config, model, camera)
+    kept = np.flatnonzero(points.read).astype(np.uint64)
     streams = {
         "headers": model.image[model.layout.chunks :][: len(points.read) * CHUNK_HEADER.size]
         .reshape(-1, CHUNK_HEADER.size),
         "chunks": chunk_rows(config, model, points),
-        "fetch": fetch_rows(model, points),
+        "fetch": FETCH.pack({"number": kept, "count": counts(model)[kept].astype(np.uint64)}),
         "positions": position_rows(model, points),
         "wanted": points.inside.astype("<u4").view(np.uint8).reshape(-1, 4),
         "attributes": model.image[model.layout.attributes :][: len(model) * BEAT]
@@ -62,7 +61,7 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
         "splats": splat_rows(config, points),
     }  # fmt: skip
     streams |= token_rows(config, points)
-    return PointRows(config, model, points, streams, registers(config, model, points))
+    return PointRows(config, points, streams, registers(config, model, points))
 
 
 def counts(model: PackedModel) -> np.ndarray:
@@ -94,12 +93,6 @@ def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray
         inner = {f: codes for f, codes in known.items() if f in dict(part.fields)}
         fields[name] = inner | values(part, points.chunks, kept)
     return record.pack(fields)
-
-
-def fetch_rows(model: PackedModel, points: Points) -> np.ndarray:
-    """The chunks whose points are read."""
-    kept = np.flatnonzero(points.read).astype(np.uint64)
-    return FETCH.pack({"number": kept, "count": counts(model)[kept].astype(np.uint64)})
 
 
 def position_rows(model: PackedModel, points: Points) -> np.ndarray:

@@ -1,35 +1,26 @@
-"""Stage 3 in simulation: rows that go in and must come out, from the golden model."""
+"""Stage 3 in simulation: random splats; rows that go in and must come out by the golden model."""
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from amaranth.hdl import Cat, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
-from splatcore.golden.exact import Entries
+from splatcore.golden.exact import Entries, encode
 from splatcore.golden.raster import Raster, rasterize
 from splatcore.golden.setup import prepare
-from splatcore.hdl.raster.prepare import Prepare
 from splatcore.hdl.raster.raster import Raster as Hardware
 from splatcore.hdl.raster.raster import counted as counters_of
-from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.sim.rtl.streams import Result
+from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import colour_format, group_grid
-from splatcore.spec.raster import (
-    BLOCKS,
-    SHIFT,
-    SHIFT_MIN,
-    featured_record,
-    owned,
-    pixels_record,
-    position_record,
-    prepared_record,
-)
+from splatcore.spec.memory import OPACITY
 from splatcore.spec.record import Codes
-from tb.helpers.forward import counters, forward
+from tb.helpers.parts import forward
+from tb.helpers.runs import compiled, counters
 
 
 class Watched(wiring.Component):
@@ -67,11 +58,27 @@ class Watched(wiring.Component):
         return m
 
 
+def random_features(config: Config, count: int, size: tuple[int, int], seed: int) -> Codes:
+    """Splats of all shapes on and around an image: points, needles, walls, far centres."""
+    rng = np.random.default_rng(seed)
+    far = np.where(rng.random(count) < 0.1, rng.choice([10, 100, 1000, 1e5], count), 1.0)
+    centre = rng.uniform(-0.2, 1.2, (count, 2)) * size * far[:, None]
+    xx, yy = 0.3 + 4.0 ** rng.uniform(-3, 9, (2, count)) * np.maximum(far, 1)
+    xy = np.sqrt((xx - 0.3) * (yy - 0.3)) * rng.choice([0, 1, -1, 0.5, 0.999], count)
+    schur = xx - xy**2 / yy
+    codes = rng.integers(0, 1 << rng.integers(1, OPACITY.width + 1, count))
+    opacity = 2.0 ** -OPACITY.decode(codes.astype(np.uint8))
+    reach = np.maximum(2 * np.log(255 * opacity), 0)
+    extent = np.sqrt(reach[:, None] * np.stack([xx, yy], axis=1))
+    colour = rng.choice([0, 0.3, 1, 2, 8], (count, 3)) * rng.random((count, 3))
+    return encode(config, centre, 1 / schur, xy / yy, 1 / yy, opacity, colour, extent)
+
+
 def prepared_codes(config: Config, features: Codes) -> Codes:
     """Codes of `prepared_record` for codes of features."""
     numbers, codes = prepare(config, features), {}
-    for column, (name, format) in enumerate(prepared_record(config).fields):
-        values = numbers[:, column] - (SHIFT_MIN if format == SHIFT else 0)
+    for column, (name, format) in enumerate(raster.prepared_record(config).fields):
+        values = numbers[:, column] - (raster.SHIFT_MIN if format == raster.SHIFT else 0)
         codes[name] = (values & ((1 << format.width) - 1)).astype(np.uint64)
     return codes
 
@@ -82,40 +89,27 @@ def featured_rows(config: Config, features: Codes, entries: Entries) -> np.ndarr
     group = np.repeat(np.arange(len(lengths)), lengths)
     place = np.arange(len(entries.splat)) + group  # an end behind each group
     total = len(entries.splat) + len(lengths)
-    index, mask, end = (
-        np.zeros(total, np.int64),
-        np.zeros(total, np.uint64),
-        np.ones(total, np.uint64),
-    )
-    index[place], mask[place], end[place] = entries.splat, entries.mask, 0
+    index, mask = np.zeros((2, total), np.uint64)
+    index[place], mask[place] = entries.splat, entries.mask
+    end = ~np.isin(np.arange(total), place)
     splat = {
         name: codes[index].astype(np.uint64) if len(codes) else np.zeros(total, np.uint64)
         for name, codes in features.items()
     }
-    return featured_record(config).pack({"splat": splat, "mask": mask, "end": end})
-
-
-def place_rows(config: Config, groups: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Rows of the groups' places."""
-    _, columns = group_grid(config, *size)
-    row, column = (part.astype(np.uint64) for part in np.divmod(groups, columns))
-    return position_record(config).pack({"column": column, "row": row})
+    return raster.featured_record(config).pack({"splat": splat, "mask": mask, "end": end})
 
 
 def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tuple[int, int]):
     """Column and row [N, 2] of a rasterizer's blocks within the image, group after group."""
     _, columns = group_grid(config, *size)
     tiles = np.arange(config.group**2)
-    own = np.array(owned(config, rasterizer))
+    own = np.array(raster.owned(config, rasterizer))
     row, column = np.divmod(groups, columns)
     places = [
-        np.broadcast_arrays(
-            ((first[:, None] * config.group + inner[None, :]) * BLOCKS)[:, :, None] + block,
-            np.zeros((len(groups), len(tiles), len(own)), int),
-        )[0].ravel()
+        (((first[:, None] * config.group + inner) * raster.BLOCKS)[:, :, None] + block).ravel()
         for first, inner, block in (
-            (column, tiles % config.group, own % BLOCKS),
-            (row, tiles // config.group, own // BLOCKS),
+            (column, tiles % config.group, own % raster.BLOCKS),
+            (row, tiles // config.group, own // raster.BLOCKS),
         )
     ]
     found = np.stack(places, axis=1)
@@ -134,7 +128,6 @@ class Run:
 
 
 def run_groups(
-    simulation: Simulation,
     config: Config,
     features: Codes,
     entries: Entries,
@@ -151,10 +144,11 @@ def run_groups(
         groups = np.arange(np.prod(group_grid(config, *size)))
     bits = colour_format(config).width
     places = [block_places(config, k, groups, size) for k in range(config.rasterizers)]
-    result = simulation.run(
+    row, column = np.divmod(groups.astype(np.uint64), np.uint64(group_grid(config, *size)[1]))
+    result = compiled(Watched, config, samples=("live", "full", "empty")).run(
         {
             "i": featured_rows(config, features, entries.of(groups)),
-            "positions": place_rows(config, groups, size),
+            "positions": raster.position_record(config).pack({"column": column, "row": row}),
         },
         constants={
             "width": size[0],
@@ -168,7 +162,7 @@ def run_groups(
     assert result.finished, result.stopped
     differing = 0
     for number, found in enumerate(places):
-        codes = pixels_record(config).unpack(result.outputs[f"o__{number}"])
+        codes = raster.pixels_record(config).unpack(result.outputs[f"o__{number}"])
         assert len(codes["column"]) == len(found)
         assert (np.stack([codes["column"], codes["row"]], axis=1) == found).all()
         differing += differing_blocks(codes["pixels"], golden.pixels, found)
@@ -191,17 +185,6 @@ def differing_blocks(blocks: np.ndarray, pixels: np.ndarray, places: np.ndarray)
         .any((1, 2, 3))
         .sum()
     )
-
-
-@cache
-def simulation(config: Config) -> Simulation:
-    """Stage 3, compiled."""
-    return Simulation(Watched(config), samples=("live", "full", "empty"))
-
-
-@cache
-def prepare_simulation(config: Config) -> Simulation:
-    return Simulation(Prepare(config))
 
 
 assert TILE % BLOCK == 0

@@ -13,7 +13,7 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT
 from tb.helpers.bin_frames import Frame
-from tb.helpers.scenes import GAUSSIANS, scene_path
+from tb.helpers.scenes import GAUSSIANS, REAL, scene_path
 
 COUNT = 30_000
 """About as many Gaussians of each real scene are taken, evenly."""
@@ -27,16 +27,23 @@ POINT_SCENES = (
 """Real scenes with 20,000 Gaussians or more."""
 
 
+SLOW = (*REAL, pytest.mark.slow)
+"""Marks of a real scene."""
+
+
 def parameters(names: Sequence[str], first: int = 3) -> list:
-    """Parameters of a test: the first scenes, and further ones that only `make verify` runs."""
-    marks = [()] * first + [pytest.mark.verify] * (len(names) - first)
+    """Parameters of a test: real scenes, those after the first ones only for `make verify`."""
+    marks = [SLOW] * first + [(*SLOW, pytest.mark.verify)] * (len(names) - first)
     return [pytest.param(name, marks=mark) for name, mark in zip(names, marks, strict=True)]
 
 
 def with_counts(names: Sequence[str]) -> list:
-    """Parameters of a test: a part of each scene, and all of it, which only `make verify` runs."""
-    whole = [pytest.param(name, None, marks=pytest.mark.verify) for name in names]
-    return [(name, COUNT) for name in names] + whole
+    """Parameters of a test: the garden; a part of each real scene, and all of it, which only `make
+    verify` runs.
+    """
+    parts = [pytest.param(name, COUNT, marks=SLOW) for name in names]
+    whole = [pytest.param(name, None, marks=(*SLOW, pytest.mark.verify)) for name in names]
+    return [("garden", None), *parts, *whole]
 
 
 @cache

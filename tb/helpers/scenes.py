@@ -27,10 +27,17 @@ GAUSSIANS = {
 """File → Gaussians and SH degree, as SOURCES.md of the folder states them."""
 
 
+REAL = (
+    pytest.mark.scenes,
+    pytest.mark.skipif(not SCENES.is_dir(), reason="needs the real scenes: set SPLATCORE_SCENES"),
+)
+"""Marks of what reads real scenes: `scenes`, and skipped without the folder."""
+
+
 def needs_scenes(test):
-    """Decorates a test that reads real scenes: marked `scenes`, skipped without the folder."""
-    reason = "needs the real scenes: set SPLATCORE_SCENES"
-    return pytest.mark.scenes(pytest.mark.skipif(not SCENES.is_dir(), reason=reason)(test))
+    """Decorates a test that reads real scenes."""
+    scenes, skipped = REAL
+    return scenes(skipped(test))
 
 
 def scene_path(name: str) -> Path:

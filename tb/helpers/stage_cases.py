@@ -2,9 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 
-import numpy as np
 from amaranth.lib import wiring
 
 from splatcore.hdl.points.chunk import Chunk
@@ -12,13 +11,11 @@ from splatcore.hdl.points.cull import Cull
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.points import COUNTED, Points
 from splatcore.hdl.points.project import Project
-from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.sim.rtl.streams import Result
 from splatcore.spec.config import Config
 from splatcore.spec.point import chunk_record, culling_record, placing_record, projecting_record
-from tb.helpers.forward import counters
-from tb.helpers.point_rows import PointRows, only_flags
-
-Rows = dict[str, np.ndarray]
+from tb.helpers.point_rows import PointRows, only_flags, point_counts
+from tb.helpers.runs import Rows, check_run, compiled, counters
 
 STAGES: dict[str, Callable[[Config], wiring.Component]] = {
     "chunk": Chunk,
@@ -58,10 +55,6 @@ class Case:
         """The codebook is written before anything else."""
         return [name for name in self.inputs if name == "write"]
 
-    @property
-    def counts(self) -> dict[str, int]:
-        return {name: len(rows) for name, rows in self.expected.items()}
-
 
 def case(stage: str, rows: PointRows) -> Case:
     """A stage's part of the golden results of a frame."""
@@ -75,20 +68,17 @@ def case(stage: str, rows: PointRows) -> Case:
         component,
         {port: streams[name] for port, name in sources.items()},
         constants(component, rows),
-        {port: settled(config, name, streams[name]) for port, name in sinks.items()},
+        settled_outputs(stage, config, {port: streams[name] for port, name in sinks.items()}),
     )
 
 
-def settled(config: Config, stream: str, rows: np.ndarray) -> np.ndarray:
-    """Rows of a stream without what does not matter in them."""
-    coordinates = {"culled": "z", "placed": "x y z"}.get(stream)
-    return only_flags(config, coordinates, rows) if coordinates else rows
-
-
 def settled_outputs(stage: str, config: Config, outputs: Rows) -> Rows:
-    """A stage's output without what does not matter in it."""
-    sinks = STREAMS[stage][1]
-    return {port: settled(config, name, outputs[port]) for port, name in sinks.items()}
+    """Rows of a stage's out streams without what does not matter in them."""
+    coordinates, found = {"culled": "z", "placed": "x y z"}, dict(outputs)
+    for port, name in STREAMS[stage][1].items():
+        if name in coordinates:
+            found[port] = only_flags(config, coordinates[name], outputs[port])
+    return found
 
 
 def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
@@ -101,26 +91,16 @@ def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
     return {name: found[name] for name in component.signature.members if name in found}
 
 
-@cache
-def simulation(stage: str, config: Config) -> Simulation:
-    """A stage, compiled."""
-    return Simulation(STAGES[stage](config))
-
-
 def check(stage: str, frame: PointRows, stall: float, seed: int = 0) -> Result:
     """A stage's outputs against the golden model's, every bit, and the counters."""
     given = case(stage, frame)
-    result = simulation(stage, frame.config).run(
-        given.inputs, constants=given.constants, expected=given.counts, first=given.first,
-        stall=stall, seed=seed,
+    result = check_run(
+        compiled(STAGES[stage], frame.config), given.inputs, given.expected, f"{stage}.",
+        partial(settled_outputs, stage, frame.config), constants=given.constants,
+        first=given.first, stall=stall, seed=seed,
     )  # fmt: skip
-    assert result.finished, f"{stage}: {result.stopped}"
-    for port, found in settled_outputs(stage, frame.config, result.outputs).items():
-        expected = given.expected[port]
-        assert len(found) == len(expected), f"{stage}.{port}: {len(found)}, not {len(expected)}"
-        wrong = np.flatnonzero((found != expected).any(axis=1))
-        assert not len(wrong), f"{stage}.{port}: {len(wrong)} differ, first {wrong[0]}"
     if stage == "points":
         counted = counters(COUNTED, result.ports["counters"])
-        assert {name: counted[name] for name in frame.counts} == frame.counts
+        expected = point_counts(frame.points)
+        assert {name: counted[name] for name in expected} == expected
     return result

@@ -10,9 +10,10 @@ Nothing here gives up: a test says itself when (`timeout_time`), or a lost item 
 """
 
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import cycle, repeat
 
+import cocotb
 import numpy as np
 from cocotb.clock import Clock
 from cocotb.handle import SimHandleBase
@@ -62,6 +63,19 @@ def mostly() -> Iterator[bool]:
 
 STALLS = [never, alternate, at_random, mostly, bursts]
 """The patterns that every case is crossed with, on both sides; `always` is for cases of its own."""
+
+
+def pause(writing, reading, pattern: Callable[[], Iterator[bool]]) -> None:
+    """Pauses on all channels of the two sides of one of cocotbext-axi's models."""
+    for side, names in ((writing, ("aw", "w", "b")), (reading, ("ar", "r"))):
+        for name in names:
+            getattr(side, f"{name}_channel").set_pause_generator(pattern())
+
+
+def timed_test(timeout: int, **parameters: Iterable) -> Callable:
+    """Decorates a test: it runs with each value of the parameters, for `timeout` ns at most."""
+    limited = cocotb.test(timeout_time=timeout, timeout_unit="ns")
+    return lambda function: limited(cocotb.parametrize(**parameters)(function))
 
 
 class Stream:

@@ -19,8 +19,7 @@ from splatcore.spec.group import feature_record
 from splatcore.spec.sort import half_entries
 from splatcore.spec.work import FEATURE
 from tb.helpers.command import run as command
-from tb.helpers.machines import check, garden, machine, view
-from tb.helpers.needles import long_needles
+from tb.helpers.machines import check, garden, long_needles, machine, view
 
 pytestmark = pytest.mark.slow
 

@@ -18,9 +18,8 @@ from gsplat.cuda import _torch_impl as impl
 from gsplat.cuda import _wrapper
 
 from splatcore.spec.convention import TILE
-from tb.outside.convention import GSPLAT
 from tb.outside.scenes import CASES
-from tb.outside.stored import VERSIONS, Case, Stored, save
+from tb.outside.stored import GSPLAT, VERSIONS, Case, Stored, save
 
 MARGIN = 1e-9
 """Least relative distance of every quantity from the threshold that it is compared with, so that
@@ -130,28 +129,22 @@ def render(case: Case) -> tuple[np.ndarray, np.ndarray]:
     covariances, _ = impl._quat_scale_to_covar_preci(
         torch.from_numpy(scene.quaternion), torch.from_numpy(scene.scale), compute_preci=False
     )
+    size = camera.width, camera.height
     radii, means2d, depths, conics, _ = impl._fully_fused_projection(
-        means,
-        covariances,
-        view[None],
-        matrix[None],
-        camera.width,
-        camera.height,
-        near_plane=GSPLAT.near_plane,
+        means, covariances, view[None], matrix[None], *size, near_plane=GSPLAT.near_plane
     )
     keep_away(depths, GSPLAT.near_plane)
     # Its sort key is the depth in float32: without ties its order is that of float64.
     kept = depths[(radii > 0).all(dim=-1)].to(torch.float32)
     assert len(torch.unique(kept)) == len(kept), "equal depths: other seed"
-    columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+    columns, rows = (-(-side // TILE) for side in size)
     _, keys, ids = impl._isect_tiles(means2d, radii, depths, TILE, columns, rows)
     image, alpha = impl._rasterize_to_pixels(
         means2d,
         conics,
         colours(case, means, view),
         torch.from_numpy(scene.opacity)[None],
-        camera.width,
-        camera.height,
+        *size,
         TILE,
         impl._isect_offset_encode(keys, 1, columns, rows),
         ids,

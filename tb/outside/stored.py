@@ -1,4 +1,4 @@
-"""The files of this folder: a scene, its camera and what gsplat made of them."""
+"""The files of this folder: a scene, its camera and what gsplat made of them; its conventions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,12 +6,28 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.spec.camera import Camera
+from splatcore.spec.convention import Convention
 from splatcore.spec.scene import Scene
 
 FOLDER = Path(__file__).parent
 
 VERSIONS = {"torch": "2.13.0", "gsplat": "1.5.3"}
 """The packages that made the files; the extra `[outside]` pins the same."""
+
+GSPLAT = Convention(
+    near_plane=0.2,  # an option there, 0.01 if not given: `make` gives it this
+    alpha_max=0.999,
+    pixel_centre=0.5,
+    principal_point_shift=0.0,
+)
+"""The rules of gsplat's CPU path. The background is black unless a stored scene names one.
+
+Source: gsplat 1.5.3, `cuda/_torch_impl.py` and, for the two thresholds that its torch path leaves
+to a CUDA kernel, `cuda/csrc/RasterizeToIndices3DGS.cu`. What agrees without a setting: the
+Jacobian's margin of 1.3 (as long as cx = width/2 and cy = height/2), the blur of 0.3, the colour
+offset, and the footprint: its boxes of 3.33 σ along x and y hold every pixel with alpha ≥ 1/255,
+because √(2·ln 255) = 3.329.
+"""
 
 ATTRIBUTES = ("position", "scale", "quaternion", "opacity", "sh")
 

@@ -1,8 +1,10 @@
 """Faults in the text of hardware: one change to one line, for `tb.planted.mutate`."""
 
 import ast
+import inspect
 import random
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 OPERATORS = {
@@ -76,16 +78,13 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr, str]]:
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
         yield from _call(node)
     elif isinstance(node, ast.Subscript):
-        for part in (node.slice.lower, node.slice.upper) if _slice(node) else (node.slice,):
+        whole = not isinstance(node.slice, ast.Slice)
+        for part in (node.slice,) if whole else (node.slice.lower, node.slice.upper):
             name = ast.Constant | ast.JoinedStr  # of a field: no other one is next to it
             if part is not None and not isinstance(part, name | ast.Slice | ast.Tuple):
                 yield "index", part, f"({ast.unparse(part)}) - 1"
             elif isinstance(part, ast.Constant) and isinstance(part.value, int):
                 yield "index", part, str(part.value + 1)
-
-
-def _slice(node: ast.Subscript) -> bool:
-    return isinstance(node.slice, ast.Slice)
 
 
 def _call(node: ast.Call) -> Iterator[tuple[str, ast.expr, str]]:
@@ -113,3 +112,12 @@ def _fault(name: str, text: str, kind: str, old: ast.expr, new: str) -> Fault:
     changed = (data[:begin] + new.encode() + data[end:]).decode()
     before = " ".join(ast.unparse(old).split())
     return Fault(name, kind, old.lineno, before, new, changed)
+
+
+def planted(method: Callable, old: str, new: str) -> Callable:
+    """A method with one piece of its source replaced, for proofs and tests that must fail."""
+    source = textwrap.dedent(inspect.getsource(method))
+    assert source.count(old) == 1
+    scope = dict(method.__globals__)
+    exec(source.replace(old, new), scope)
+    return scope[method.__name__]

@@ -26,6 +26,7 @@ from rich.progress import track
 from rich.table import Table
 
 from tb.helpers.command import ROOT
+from tb.helpers.stage_cases import STAGES
 from tb.planted.fault import Fault, draw
 from tb.planted.verdict import CAUGHT, NOT_BUILT
 
@@ -35,11 +36,13 @@ MACHINE = (
     "-k 'garden or sizes or path or no_scratch or long_list or empty or first'"
 )
 STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
+BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
+RASTER = ("blend", "evaluate", "mark", "raster", "rasterizer", "setup")
 
 JUDGES = {
     "": MACHINE,
     "arithmetic": "tb/hdl/test_float.py -k 'every_pair or every_triple or enable or conversions'",
-    "arithmetic/minmax": "tb/hdl/test_minmax.py",
+    "arithmetic/minmax": "tb/hdl/test_float.py -k clamp",
     "arithmetic/unary": "tb/hdl/test_unary.py -k rtl",
     "arithmetic/unary_ends": "tb/hdl/test_unary.py -k rtl",
     "lib/counters": "tb/hdl/test_counters.py",
@@ -50,28 +53,18 @@ JUDGES = {
     "memory/fetch": "tb/hdl/test_fetch.py",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points/array": "tb/hdl/test_array.py -k stalls",
-    "points/chunk": STAGE.format("chunk"),
     "points/codebook": "tb/hdl/test_codebook.py -k equals",
-    "points/cull": STAGE.format("cull"),
-    "points/place": STAGE.format("place"),
-    "points/points": STAGE.format("points"),
     "points/position": STAGE.format("cull"),
-    "points/project": STAGE.format("project"),
     "points/slots": STAGE.format("project"),
+    **{f"points/{name}": STAGE.format(name) for name in STAGES},
     "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or an_entry or buffers'",
     "binning/binned": MACHINE,
     "binning/row_end": "tb/hdl/test_row_end.py",
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
     "sorting/scratch": MACHINE,
     "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
-    "raster/blend": (BLENDED := "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"),
-    "raster/evaluate": BLENDED,
-    "raster/expand": BLENDED,
-    "raster/mark": BLENDED,
     "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
-    "raster/raster": BLENDED,
-    "raster/rasterizer": BLENDED,
-    "raster/setup": BLENDED,
+    **{f"raster/{name}": BLENDED for name in RASTER},
 }
 """Tests that judge the faults of a file of hdl/ or of a folder's files, as arguments of pytest."""
 

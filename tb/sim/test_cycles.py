@@ -9,14 +9,16 @@ import pytest
 from splatcore.golden.bin import splat_codes
 from splatcore.golden.exact import Entries
 from splatcore.golden.pipeline import Frame, render
+from splatcore.hdl.sorting.sort import Sort
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.bench.sort_rows import sort_rows
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.stages import OF_POINTS
-from tb.helpers import bin_frames, raster_rows, sort_runs, stage_cases
+from tb.helpers import bin_frames, raster_rows, stage_cases
 from tb.helpers.point_rows import point_rows
+from tb.helpers.runs import compiled
 
 WITHIN = 0.03
 """The model's relative error at most."""
@@ -63,7 +65,7 @@ def test_stage_2():
     order = np.argsort(frame.binned.group, kind="stable")
     entries = {name: codes[order] for name, codes in frame.binned.entries.items()}
     rows = sort_rows(DEFAULT, np.diff(frame.start), entries)
-    result = sort_runs.simulation("DEFAULT").run(
+    result = compiled(Sort, DEFAULT, samples=("o__valid", "o__payload")).run(
         rows.inputs, constants={"stop": 0, "clear": 0}, expected=rows.counts
     )
     assert result.finished
@@ -76,7 +78,7 @@ def test_stage_3():
     camera = generated_camera("garden")
     entries = frame.binned.entries
     run = raster_rows.run_groups(
-        raster_rows.simulation(DEFAULT), DEFAULT, frame.binned.features,
+        DEFAULT, frame.binned.features,
         Entries(frame.start, entries["splat"][frame.order], entries["mask"][frame.order]),
         (camera.width, camera.height),
     )  # fmt: skip

@@ -3,12 +3,11 @@
 import logging
 import random
 
-import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge
 
 from splatcore.spec.axi import BEAT, PREPROCESSING, RENDERING, WRITERS
 from tb.helpers.axi_clients import Bench
-from tb.helpers.streams import PERIOD, at_random, bursts, mostly, never
+from tb.helpers.streams import PERIOD, at_random, bursts, mostly, never, timed_test
 
 PATTERNS = [never, at_random, mostly, bursts]
 
@@ -21,8 +20,7 @@ TIMEOUT = 20_000 * PERIOD
 logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memories tell of every burst
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(kind=["ram", "mixed"], pattern=PATTERNS)
+@timed_test(TIMEOUT, kind=["ram", "mixed"], pattern=PATTERNS)
 async def traffic(dut, kind, pattern):
     """All that is read and written is right."""
     bench = Bench(dut, kind, pattern)
@@ -33,8 +31,7 @@ async def traffic(dut, kind, pattern):
     assert bench.errors == {"read": set(), "write": set()}
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(pattern=[never, at_random])
+@timed_test(TIMEOUT, pattern=[never, at_random])
 async def errors(dut, pattern):
     """Errors are told of exactly those clients that have met one; the others are not disturbed."""
     bench = Bench(dut, "mixed", pattern)
@@ -56,8 +53,7 @@ async def errors(dut, pattern):
     assert met["read"] and met["write"] and bench.errors == met
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(pattern=PATTERNS, half=[PREPROCESSING, RENDERING])
+@timed_test(TIMEOUT, pattern=PATTERNS, half=[PREPROCESSING, RENDERING])
 async def one_half_fails(dut, pattern, half):
     """A half that fails at any moment comes to rest; the other one is not disturbed."""
     bench = Bench(dut, "mixed", pattern)

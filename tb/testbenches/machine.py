@@ -12,20 +12,13 @@ from splatcore.golden.pipeline import render
 from splatcore.sim.machine.areas import BASE, place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.rtl.cocotb_runner import parameters
+from splatcore.spec import registers
 from splatcore.spec.config import TINY
-from splatcore.spec.registers import (
-    INTERRUPT_ERROR,
-    INTERRUPT_FRAME,
-    INTERRUPT_READY,
-    START,
-    WORD,
-    addresses,
-)
 from splatcore.spec.work import PIXEL, stride
 from tb.helpers.machines import garden, view
-from tb.helpers.streams import PERIOD, at_random, bursts, never, reset
+from tb.helpers.streams import PERIOD, at_random, bursts, never, pause, reset
 
-ADDRESS = addresses(TINY)
+ADDRESS = registers.addresses(TINY)
 PATTERNS = {"never": never, "at_random": at_random, "bursts": bursts}
 TIMEOUT = 200_000 * PERIOD
 
@@ -38,18 +31,20 @@ class Host:
     def __init__(self, dut, pattern):
         self.dut = dut
         self.master = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi_"), dut.clk, dut.rst)
-        pause(self.master, pattern)
+        pause(self.master.write_if, self.master.read_if, pattern)
 
     async def write(self, name: str, value: int):
-        await self.master.write(ADDRESS[name], value.to_bytes(WORD, "little"))
+        await self.master.write(ADDRESS[name], value.to_bytes(registers.WORD, "little"))
 
     async def read(self, name: str) -> int:
-        return int.from_bytes((await self.master.read(ADDRESS[name], WORD)).data, "little")
+        return int.from_bytes(
+            (await self.master.read(ADDRESS[name], registers.WORD)).data, "little"
+        )
 
     async def start(self, values: dict[str, int]):
         for name, value in values.items():
             await self.write(name, value)
-        await self.write("CONTROL", START)
+        await self.write("CONTROL", registers.START)
 
     async def wait(self, bit: int):
         """Until the interrupt has had that bit."""
@@ -60,14 +55,7 @@ class Host:
             found = await self.read("INTERRUPT")
             await self.write("INTERRUPT", found)
             seen |= found
-            assert not seen & INTERRUPT_ERROR, hex(await self.read("ERROR"))
-
-
-def pause(model, pattern):
-    """Pauses on all channels of one of cocotbext-axi's models."""
-    for side, names in (("write_if", ("aw", "w", "b")), ("read_if", ("ar", "r"))):
-        for name in names:
-            getattr(getattr(model, side), f"{name}_channel").set_pause_generator(pattern())
+            assert not seen & registers.INTERRUPT_ERROR, hex(await self.read("ERROR"))
 
 
 @cocotb.test()
@@ -79,12 +67,15 @@ async def frames(dut):
     areas = place_areas(TINY, [model], [(job.camera.width, job.camera.height) for job in jobs])
     size = 1 << (areas.end - BASE).bit_length()
     ram = AxiRam(AxiBus.from_prefix(dut, "m_axi_"), dut.clk, dut.rst, size=size)
-    pause(ram, pattern)
+    pause(ram.write_if, ram.read_if, pattern)
     ram.write(areas.models[0] - BASE, model.image.tobytes())
     host = Host(dut, pattern)
     Clock(dut.clk, PERIOD, "ns").start()
     await reset(dut, 3)
-    await host.write("INTERRUPT_ENABLE", INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR)
+    await host.write(
+        "INTERRUPT_ENABLE",
+        registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR,
+    )
 
     def values(number: int) -> dict[str, int]:
         found = frame_values(TINY, jobs[number], 0, areas, number)
@@ -92,7 +83,7 @@ async def frames(dut):
         return found | {name: found[name] - BASE for name in moved}
 
     await with_timeout(host.start(values(0)), TIMEOUT, "ns")
-    await with_timeout(host.wait(INTERRUPT_READY), TIMEOUT, "ns")
+    await with_timeout(host.wait(registers.INTERRUPT_READY), TIMEOUT, "ns")
     await with_timeout(host.start(values(1)), TIMEOUT, "ns")
     while await host.read("FINISHED") < len(jobs):
         await RisingEdge(dut.clk)

@@ -9,27 +9,13 @@ from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
+from splatcore.spec import registers
 from splatcore.spec.axi import LITE_ADDRESS_BITS, OKAY, SLAVE_ERROR
 from splatcore.spec.config import DEFAULT
-from splatcore.spec.registers import (
-    ABORT,
-    CODE_BITS,
-    INTERRUPT_ERROR,
-    INTERRUPT_FRAME,
-    INTERRUPT_READY,
-    READY,
-    START,
-    WORD,
-    ErrorCode,
-    addresses,
-    counter_registers,
-    frame_registers,
-    register_map,
-)
-from tb.helpers.streams import PERIOD, at_random, bursts, never, reset
+from tb.helpers.streams import PERIOD, at_random, bursts, never, pause, reset, timed_test
 
-MAP, ADDRESS = register_map(DEFAULT), addresses(DEFAULT)
-FRAME, COUNTERS = frame_registers(DEFAULT), counter_registers(DEFAULT)
+MAP, ADDRESS = registers.register_map(DEFAULT), registers.addresses(DEFAULT)
+FRAME, COUNTERS = registers.frame_registers(DEFAULT), registers.counter_registers(DEFAULT)
 PATTERNS = [never, at_random, bursts]
 TIMEOUT = 60_000 * PERIOD
 INPUTS = ("locked", "status", "ready_event", "frame_event", "error", "counters", "needed")
@@ -52,10 +38,7 @@ class Host:
     async def begin(cls, dut, pattern) -> "Host":
         bus = AxiLiteBus.from_prefix(dut, "s_axi_")
         host = cls(dut, AxiLiteMaster(bus, dut.clk, dut.rst))
-        for side, names in (("write_if", ("aw", "w", "b")), ("read_if", ("ar", "r"))):
-            for name in names:
-                channel = getattr(getattr(host.master, side), f"{name}_channel")
-                channel.set_pause_generator(pattern())
+        pause(host.master.write_if, host.master.read_if, pattern)
         for name in INPUTS:
             getattr(dut, name).value = 0
         Clock(dut.clk, PERIOD, "ns").start()
@@ -69,14 +52,14 @@ class Host:
             self.starts += int(self.dut.start.value)
             self.aborts += int(self.dut.abort.value)
 
-    async def write(self, address: int, value: int, size: int = WORD) -> int:
+    async def write(self, address: int, value: int, size: int = registers.WORD) -> int:
         """The response."""
-        done = await self.master.write(address, value.to_bytes(WORD, "little")[:size])
+        done = await self.master.write(address, value.to_bytes(registers.WORD, "little")[:size])
         return int(done.resp)
 
     async def read(self, address: int) -> tuple[int, int]:
         """Value and response."""
-        done = await self.master.read(address, WORD)
+        done = await self.master.read(address, registers.WORD)
         return int.from_bytes(done.data, "little"), int(done.resp)
 
     async def put(self, name: str, value: int):
@@ -101,22 +84,11 @@ class Host:
         return found
 
 
-def error(code: ErrorCode, detail: int = 0) -> int:
-    return code | detail << CODE_BITS
+def error(code: registers.ErrorCode, detail: int = 0) -> int:
+    return code | detail << registers.CODE_BITS
 
 
-def test(**parameters):
-    """A test with a limit for its time."""
-
-    def made(function):
-        return cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")(
-            cocotb.parametrize(**parameters)(function)
-        )
-
-    return made
-
-
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def every_address_is_read(dut, pattern):
     """Registers give their values, all else an error and 0."""
     host = await Host.begin(dut, pattern)
@@ -126,7 +98,7 @@ async def every_address_is_read(dut, pattern):
         getattr(dut, name).value = value
     for k, register in enumerate(COUNTERS):
         values[register.name.lower()] = values["counters"] >> k * register.width & ANY
-    for address in range(0, 1 << LITE_ADDRESS_BITS, WORD):
+    for address in range(0, 1 << LITE_ADDRESS_BITS, registers.WORD):
         value, response = await host.read(address)
         register = MAP.get(address)
         right = 0
@@ -137,13 +109,13 @@ async def every_address_is_read(dut, pattern):
         assert value == right and response == (OKAY if register else SLAVE_ERROR), hex(address)
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def every_address_is_written(dut, pattern):
     """Writable registers hold the written values; nothing else changes."""
     host = await Host.begin(dut, pattern)
     assert not any(host.frame().values())
     expected = {}
-    order = list(range(0, 1 << LITE_ADDRESS_BITS, WORD))
+    order = list(range(0, 1 << LITE_ADDRESS_BITS, registers.WORD))
     random.shuffle(order)
     for address in order:
         register, value = MAP.get(address), random.getrandbits(32)
@@ -160,7 +132,7 @@ async def every_address_is_written(dut, pattern):
     assert await host.get("ERROR") == 0 and host.starts == host.aborts == 0
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def locked_registers_stay(dut, pattern):
     host = await Host.begin(dut, pattern)
     for register in FRAME:
@@ -169,7 +141,7 @@ async def locked_registers_stay(dut, pattern):
     dut.locked.value = 1
     for number, register in enumerate(FRAME):
         assert await host.write(ADDRESS[register.name], 0) == SLAVE_ERROR
-        assert await host.get("ERROR") == error(ErrorCode.LOCKED, number)
+        assert await host.get("ERROR") == error(registers.ErrorCode.LOCKED, number)
         await host.put("ERROR", 0)
         assert await host.get("ERROR") == 0
     assert host.frame() == before
@@ -178,37 +150,40 @@ async def locked_registers_stay(dut, pattern):
     assert host.frame() == before | {FRAME[0].name: 5}
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def commands(dut, pattern):
     """START where READY says so, ABORT always; the first error stays."""
     host = await Host.begin(dut, pattern)
-    await host.put("CONTROL", START)
-    assert (host.starts, host.aborts) == (0, 0) and await host.get("ERROR") == ErrorCode.START
-    dut.status.value = READY
+    await host.put("CONTROL", registers.START)
+    assert (host.starts, host.aborts) == (0, 0) and await host.get(
+        "ERROR"
+    ) == registers.ErrorCode.START
+    dut.status.value = registers.READY
     for k in range(3):
-        await host.put("CONTROL", START)
+        await host.put("CONTROL", registers.START)
         assert (host.starts, host.aborts) == (k + 1, 0)
-    await host.put("CONTROL", ABORT | START)
+    await host.put("CONTROL", registers.ABORT | registers.START)
     assert (host.starts, host.aborts) == (3, 1)
-    dut.status.value = 7 & ~READY
-    await host.put("CONTROL", ABORT)
+    dut.status.value = 7 & ~registers.READY
+    await host.put("CONTROL", registers.ABORT)
     assert (host.starts, host.aborts) == (3, 2)
-    await host.pulse("error", 1 | error(ErrorCode.WRITE, 3) << 1)
-    assert await host.get("ERROR") == ErrorCode.START
+    await host.pulse("error", 1 | error(registers.ErrorCode.WRITE, 3) << 1)
+    assert await host.get("ERROR") == registers.ErrorCode.START
     await host.put("ERROR", ANY)
-    await host.pulse("error", 1 | error(ErrorCode.WRITE, 3) << 1)
-    await host.put("CONTROL", START)
-    assert await host.get("ERROR") == error(ErrorCode.WRITE, 3) and host.starts == 3
+    await host.pulse("error", 1 | error(registers.ErrorCode.WRITE, 3) << 1)
+    await host.put("CONTROL", registers.START)
+    assert await host.get("ERROR") == error(registers.ErrorCode.WRITE, 3) and host.starts == 3
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def interrupts(dut, pattern):
     """Events set their bits, writing clears them, enabled ones raise the interrupt."""
     host = await Host.begin(dut, pattern)
     events = {
-        INTERRUPT_READY: ("ready_event", 1), INTERRUPT_FRAME: ("frame_event", 1),
-        INTERRUPT_ERROR: ("error", 1 | error(ErrorCode.READ, 1) << 1),
-    }  # fmt: skip
+        registers.INTERRUPT_READY: ("ready_event", 1),
+        registers.INTERRUPT_FRAME: ("frame_event", 1),
+        registers.INTERRUPT_ERROR: ("error", 1 | error(registers.ErrorCode.READ, 1) << 1),
+    }
     for bit, event in events.items():
         assert await host.get("INTERRUPT") == 0
         await host.pulse(*event)
@@ -223,7 +198,7 @@ async def interrupts(dut, pattern):
         assert dut.interrupt.value == 0
 
 
-@test(pattern=PATTERNS)
+@timed_test(TIMEOUT, pattern=PATTERNS)
 async def many_at_once(dut, pattern):
     """A host that waits for no answer has all of them, each its own."""
     host = await Host.begin(dut, pattern)
@@ -243,15 +218,15 @@ async def many_at_once(dut, pattern):
         assert await task == right
 
 
-@test(pattern=[never])
+@timed_test(TIMEOUT, pattern=[never])
 async def event_when_cleared(dut, pattern):
     """An event in the cycle in which its bit is cleared is not lost."""
     host = await Host.begin(dut, pattern)
-    await host.put("INTERRUPT_ENABLE", INTERRUPT_FRAME)
+    await host.put("INTERRUPT_ENABLE", registers.INTERRUPT_FRAME)
     cleared, found = 0, []
     for cycles in range(12):  # until the event; at first there is none
         await host.pulse("frame_event")
-        task = cocotb.start_soon(host.write(ADDRESS["INTERRUPT"], INTERRUPT_FRAME))
+        task = cocotb.start_soon(host.write(ADDRESS["INTERRUPT"], registers.INTERRUPT_FRAME))
         await ClockCycles(dut.clk, cycles or 1)
         if cycles:
             await host.pulse("frame_event")
@@ -261,27 +236,29 @@ async def event_when_cleared(dut, pattern):
                 await RisingEdge(dut.clk)
         await task
         found.append(await host.get("INTERRUPT"))
-        await host.put("INTERRUPT", INTERRUPT_FRAME)
-    kept = [INTERRUPT_FRAME * (cycles >= cleared - 1) for cycles in range(1, 12)]
+        await host.put("INTERRUPT", registers.INTERRUPT_FRAME)
+    kept = [registers.INTERRUPT_FRAME * (cycles >= cleared - 1) for cycles in range(1, 12)]
     assert found == [0, *kept] and 2 < cleared < 12, (cleared, found)
 
 
-@test(pattern=[never])
+@timed_test(TIMEOUT, pattern=[never])
 async def errors_in_one_cycle(dut, pattern):
     """An error from outside goes before one of the host in the same cycle."""
     host = await Host.begin(dut, pattern)
-    await host.put("INTERRUPT_ENABLE", INTERRUPT_ERROR)
+    await host.put("INTERRUPT_ENABLE", registers.INTERRUPT_ERROR)
     found = []
     for cycles in range(1, 14):
         await host.put("ERROR", 0)
         await host.put("INTERRUPT", 7)
         await RisingEdge(dut.clk)
-        task = cocotb.start_soon(host.write(ADDRESS["CONTROL"], START))
+        task = cocotb.start_soon(host.write(ADDRESS["CONTROL"], registers.START))
         await ClockCycles(dut.clk, cycles)
-        await host.pulse("error", 1 | error(ErrorCode.READ, 2) << 1)
+        await host.pulse("error", 1 | error(registers.ErrorCode.READ, 2) << 1)
         late = bool(dut.interrupt.value)  # in the pulse's cycle: the host's error came before
         assert await task == OKAY
         code = await host.get("ERROR")
         found.append(late)
-        assert code == (ErrorCode.START if late else error(ErrorCode.READ, 2)), cycles
+        assert code == (
+            registers.ErrorCode.START if late else error(registers.ErrorCode.READ, 2)
+        ), cycles
     assert found == sorted(found) and {*found} == {False, True}

@@ -10,19 +10,7 @@ import cocotb
 from cocotb.triggers import ClockCycles, Combine, RisingEdge
 
 from splatcore.sim.rtl.cocotb_runner import parameters
-from tb.helpers.streams import (
-    PERIOD,
-    STALLS,
-    Monitor,
-    Stream,
-    always,
-    at_random,
-    never,
-    receive,
-    reset,
-    send,
-    start,
-)
+from tb.helpers import streams
 
 PARTS = parameters()["parts"]
 
@@ -30,9 +18,9 @@ FEW = parameters()["few"]
 """Fewer items and patterns, for a slow simulator."""
 
 COUNT = 30 if FEW else 40
-PATTERNS = [at_random] if FEW else STALLS
+PATTERNS = [streams.at_random] if FEW else streams.STALLS
 
-TIMEOUT = 50 * COUNT * PERIOD
+TIMEOUT = 50 * COUNT * streams.PERIOD
 """Time in ns in which every test ends, unless it waits for an item that is lost."""
 
 AFTERMATH = 20
@@ -48,14 +36,14 @@ class Probe:
         self.latency, self.capacity = part["latency"], part["capacity"]
         outputs = part["outputs"]
         names = [f"{name}__o"] if outputs == 1 else [f"{name}__o__{k}" for k in range(outputs)]
-        self.i = Stream(dut, f"{name}__i")
-        self.o = [Stream(dut, name) for name in names]
+        self.i = streams.Stream(dut, f"{name}__i")
+        self.o = [streams.Stream(dut, name) for name in names]
         self.level = getattr(dut, f"{name}__level") if part["level"] else None
 
     async def start(self):
-        await start(self.dut, [self.i], self.o)
-        self.monitor_i = Monitor(self.i)
-        self.monitors = [Monitor(o) for o in self.o]
+        await streams.start(self.dut, [self.i], self.o)
+        self.monitor_i = streams.Monitor(self.i)
+        self.monitors = [streams.Monitor(o) for o in self.o]
         for monitor in [self.monitor_i, *self.monitors]:
             cocotb.start_soon(monitor.watch())
         if self.level is not None:
@@ -76,8 +64,8 @@ class Probe:
 
     async def pass_on(self, items: list[int], idle, stall):
         """Send and receive items under stalls; exactly they come out, in order, on every output."""
-        receivers = [cocotb.start_soon(receive(o, len(items), stall())) for o in self.o]
-        await Combine(cocotb.start_soon(send(self.i, items, idle())), *receivers)
+        receivers = [cocotb.start_soon(streams.receive(o, len(items), stall())) for o in self.o]
+        await Combine(cocotb.start_soon(streams.send(self.i, items, idle())), *receivers)
         await self.aftermath()
         for receiver in receivers:
             assert receiver.result() == items
@@ -94,16 +82,14 @@ class Probe:
         assert [len(monitor.payloads) for monitor in self.monitors] == passed
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS), idle=PATTERNS, stall=PATTERNS)
+@streams.timed_test(TIMEOUT, part=list(PARTS), idle=PATTERNS, stall=PATTERNS)
 async def order(dut, part, idle, stall):
     probe = Probe(dut, part)
     await probe.start()
     await probe.pass_on(probe.items(COUNT), idle, stall)
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS))
+@streams.timed_test(TIMEOUT, part=list(PARTS))
 async def throughput(dut, part):
     """Without stalls an item passes in every cycle, `latency` cycles after it went in."""
     probe = Probe(dut, part)
@@ -111,7 +97,7 @@ async def throughput(dut, part):
     items = probe.items(COUNT)
     for o in probe.o:
         o.ready.value = 1
-    await send(probe.i, items)
+    await streams.send(probe.i, items)
     await ClockCycles(dut.clk, probe.latency + 1)
     first = probe.monitor_i.cycles[0]
     assert probe.monitor_i.cycles == list(range(first, first + COUNT))
@@ -120,15 +106,14 @@ async def throughput(dut, part):
         assert monitor.cycles == list(range(first + probe.latency, first + probe.latency + COUNT))
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS))
+@streams.timed_test(TIMEOUT, part=list(PARTS))
 async def capacity(dut, part):
     """Behind an output that never takes, just so many items fit; then all leave without a gap."""
     probe = Probe(dut, part)
     await probe.start()
     items = probe.items(COUNT)
-    cocotb.start_soon(send(probe.i, items))
-    stalled = cocotb.start_soon(receive(probe.o[0], 1, always()))
+    cocotb.start_soon(streams.send(probe.i, items))
+    stalled = cocotb.start_soon(streams.receive(probe.o[0], 1, streams.always()))
     await ClockCycles(dut.clk, probe.capacity + probe.latency + AFTERMATH)
     assert len(probe.monitor_i.payloads) == probe.capacity
     stalled.cancel()
@@ -140,30 +125,32 @@ async def capacity(dut, part):
         assert monitor.cycles == list(range(monitor.cycles[0], monitor.cycles[0] + COUNT))
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=list(PARTS))
+@streams.timed_test(TIMEOUT, part=list(PARTS))
 async def reset_empties(dut, part):
     """After a reset at any moment nothing that went in before comes out."""
     probe = Probe(dut, part)
     await probe.start()
     for before in range(2 if FEW else 12):
-        sender = cocotb.start_soon(send(probe.i, probe.items(COUNT), at_random(0.3)))
-        receivers = [cocotb.start_soon(receive(o, COUNT, at_random(0.7))) for o in probe.o]
+        sender = cocotb.start_soon(
+            streams.send(probe.i, probe.items(COUNT), streams.at_random(0.3))
+        )
+        receivers = [
+            cocotb.start_soon(streams.receive(o, COUNT, streams.at_random(0.7))) for o in probe.o
+        ]
         await ClockCycles(dut.clk, 1 + before)
         for task in [sender, *receivers]:
             task.cancel()
-        await reset(dut)
-        await probe.pass_on(probe.items(2), never, never)
+        await streams.reset(dut)
+        await probe.pass_on(probe.items(2), streams.never, streams.never)
 
 
-@cocotb.test(timeout_time=TIMEOUT, timeout_unit="ns")
-@cocotb.parametrize(part=[name for name, part in PARTS.items() if part["outputs"] > 1])
+@streams.timed_test(TIMEOUT, part=[name for name, part in PARTS.items() if part["outputs"] > 1])
 async def outputs_do_not_wait(dut, part):
     """An output has its item while another has not taken it, and has it once."""
     probe = Probe(dut, part)
     await probe.start()
     items = probe.items(2)
-    cocotb.start_soon(send(probe.i, items))
+    cocotb.start_soon(streams.send(probe.i, items))
     for k, o in enumerate(probe.o):
         o.ready.value = 1
         await ClockCycles(dut.clk, 5)

@@ -1,0 +1,78 @@
+"""Runs of compiled components: rows of their streams compared, counters read."""
+
+import shutil
+from collections.abc import Callable, Hashable, Iterable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from amaranth.lib import wiring
+
+from splatcore.sim.rtl.cocotb_runner import run_testbench
+from splatcore.sim.rtl.streams import Result, Simulation
+from splatcore.spec.counters import COUNTER_BITS
+
+Rows = dict[str, np.ndarray]
+
+needs_icarus = pytest.mark.skipif(
+    not shutil.which("iverilog"), reason="needs Icarus: apt-get install iverilog"
+)
+
+
+@cache
+def compiled(make: Callable, *arguments: Hashable, samples: tuple[str, ...] = ()) -> Simulation:
+    """A component, made of these arguments and compiled, once for all tests of a process."""
+    return Simulation(make(*arguments), samples)
+
+
+def check_run(
+    simulation: Simulation, inputs: Rows, expected: Rows, label="", settled=dict, **options
+) -> Result:
+    """A run that ends and gives these rows of the out streams, every bit, and no others.
+
+    label: goes before a stream's name in messages. settled: leaves what matters of the rows found.
+    options: those of `Simulation.run`.
+    """
+    counts = {port: len(rows) for port, rows in expected.items()}
+    result = simulation.run(inputs, expected=counts, **options)
+    assert result.finished, f"{label}{result.stopped}"
+    outputs = settled(result.outputs)
+    for port, rows in expected.items():
+        found = outputs[port]
+        assert len(found) == len(rows), f"{label}{port}: {len(found)} rows, not {len(rows)}"
+        wrong = np.flatnonzero((found != rows).any(axis=1))
+        assert not len(wrong), f"{label}{port}: {len(wrong)} differ, first {wrong[0]}"
+    return result
+
+
+def check_under_icarus(
+    component: wiring.Component,
+    folder: Path,
+    inputs: Rows,
+    expected: Rows,
+    constants: dict[str, int],
+    first: Iterable[str] = (),
+    settled: Callable[[Rows], Rows] = lambda rows: rows,
+) -> None:
+    """Compare all rows of all out streams under Icarus, an independent simulator, without stalls
+    and in bursts. settled: leaves what matters of the rows found.
+    """
+    for kind, streams in (("in", inputs), ("out", expected)):
+        for name, rows in streams.items():
+            np.save(folder / f"{kind}_{name}.npy", rows)
+    run_testbench(
+        component, "tb.testbenches.stage", simulator="icarus", folder=str(folder),
+        constants=constants, first=list(first),
+    )  # fmt: skip
+    for pattern in ("never", "bursts"):
+        found = {name: np.load(folder / f"found_{pattern}_{name}.npy") for name in expected}
+        for name, rows in settled(found).items():
+            assert len(rows) > 0
+            np.testing.assert_array_equal(rows, expected[name], f"{pattern} {name}")
+
+
+def counters(names: Iterable[str], bits: int) -> dict[str, int]:
+    """Counters by name from the value of a port that has them side by side."""
+    mask = (1 << COUNTER_BITS) - 1
+    return {name: bits >> k * COUNTER_BITS & mask for k, name in enumerate(names)}
