@@ -4,8 +4,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from splatcore.golden.reference import Splats, tile_boxes
-from splatcore.golden.reference_tiles import bin_splats
+from splatcore.golden.reference import Splats, tile_lists
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MIN, SPLATCORE, TILE
@@ -70,10 +69,7 @@ def encode(config: Config, centre, across, shear, along, opacity, colour, extent
 
 def entries_of(config: Config, splats: Splats, camera: Camera) -> Entries:
     """Exact lists of groups in depth order."""
-    boxes = tile_boxes(splats, camera, SPLATCORE)
-    lists = bin_splats(
-        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height, True
-    )
+    lists = tile_lists(splats, camera, SPLATCORE)
     _, columns = group_grid(config, camera.width, camera.height)
     lengths = np.diff(lists.start)
     row, column = np.divmod(np.repeat(np.arange(len(lengths)), lengths), -(-camera.width // TILE))

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.bin import Binned, bin_splats, splat_codes
-from splatcore.golden.lists import PAGE_MAX
+from splatcore.golden.bin import PAGE_MAX, Binned, bin_splats, splat_codes
 from splatcore.golden.points import Points, project_points
 from splatcore.golden.raster import Raster, rasterize
 from splatcore.spec.camera import Camera

@@ -10,20 +10,11 @@ import numpy as np
 from numba import njit, prange
 
 from splatcore.golden.setup import POSITION_FRACTION, prepare, quadratic, setup_constants
+from splatcore.spec import raster as stage_3
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid
-from splatcore.spec.raster import (
-    BLOCK_REACH,
-    BLOCKS,
-    EXTENT,
-    STEPS,
-    exponent_min,
-    mark_min,
-    owner,
-    power_table,
-    transmittance_min,
-)
+from splatcore.spec.raster import BLOCK_REACH, BLOCKS, EXTENT, STEPS, owner
 
 EXTENT_FRACTION, EXTENT_LARGEST = EXTENT.fraction, (1 << EXTENT.width) - 1
 
@@ -81,8 +72,8 @@ def rasterize(
     _rasterize_groups(
         prepare(config, features), start, splat.astype(np.int64), mask.astype(np.int64),
         np.array([columns, config.group]), owners, setup_constants(config),
-        _blend_constants(config, mark_all), np.array(power_table(config)), np.array(background),
-        pixels, work, pairs, tiles, blocks,
+        _blend_constants(config, mark_all), np.array(stage_3.power_table(config)),
+        np.array(background), pixels, work, pairs, tiles, blocks,
     )  # fmt: skip
     return Raster(pixels, work, pairs, blocks)
 
@@ -91,10 +82,10 @@ def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
     """Constants of a machine for the loops below."""
     pixel = config.pixel_fraction
     return (
-        -(1 << 62) if mark_all else 2 * mark_min(config), exponent_min(pixel),
+        -(1 << 62) if mark_all else 2 * stage_3.mark_min(config), stage_3.exponent_min(pixel),
         config.exponent_fraction + 2 - pixel, pixel - config.power_fraction,
         config.power_fraction, config.power_mantissa, config.transmittance,
-        transmittance_min(config), config.transmittance - config.weight,
+        stage_3.transmittance_min(config), config.transmittance - config.weight,
         config.weight + config.colour_fraction - config.sum_fraction, config.sum_fraction,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcore.golden import harmonics
-from splatcore.golden.reference_tiles import bin_splats, count_rows, rasterize
+from splatcore.golden.reference_tiles import TileLists, bin_splats, count_rows, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
 from splatcore.spec.scene import Gaussians
@@ -75,11 +75,7 @@ def render(
 ) -> Frame:
     """Render one frame; Gaussians that hold NaN or Inf are left out and counted."""
     splats, counts = project(gaussians, camera, convention)
-    boxes = tile_boxes(splats, camera, convention)
-    lists = bin_splats(
-        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height,
-        convention.footprint == "exact",
-    )  # fmt: skip
+    lists = tile_lists(splats, camera, convention)
     image, transmittance, work = rasterize(
         lists, splats, camera.width, camera.height, convention, progress
     )
@@ -212,8 +208,8 @@ def areas(boxes: np.ndarray) -> np.ndarray:
     return sides[:, 0].astype(np.int64) * sides[:, 1]
 
 
-def tile_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
-    """Inclusive tile ranges [M, 4] within which a splat's tiles are looked for."""
-    if convention.footprint == "exact":
-        return pixel_boxes(splats, camera) // TILE
-    return square_boxes(splats, camera)
+def tile_lists(splats: Splats, camera: Camera, convention: Convention) -> TileLists:
+    """Lists of the tiles that the convention's footprints of splats in depth order touch."""
+    exact, size = convention.footprint == "exact", (camera.width, camera.height)
+    boxes = pixel_boxes(splats, camera) // TILE if exact else square_boxes(splats, camera)
+    return bin_splats(splats.centre, splats.conic, splats.reach, boxes, *size, exact)

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from splatcore.golden.points import Points, project_points
-from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_boxes
-from splatcore.golden.reference_tiles import bin_splats, rasterize
+from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_lists
+from splatcore.golden.reference_tiles import rasterize
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.scenes import View
@@ -156,10 +156,7 @@ def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
 
 def picture(splats: Splats, camera: Camera) -> np.ndarray:
     """The reference rasterizer's image [H, W, 3] of splats in depth order, clipped to 0 … 1."""
-    boxes = tile_boxes(splats, camera, SPLATCORE)
-    lists = bin_splats(
-        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height, True
-    )
+    lists = tile_lists(splats, camera, SPLATCORE)
     return np.clip(rasterize(lists, splats, camera.width, camera.height, SPLATCORE)[0], 0, 1)
 
 
