@@ -2,37 +2,16 @@
 `spec.binning`.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 
+from splatcore.golden.arithmetic import Parts, take_apart
 from splatcore.spec import binning
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.number import Float
 
 Codes = dict[str, np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """Floats taken apart: (−1)^negative · significand · 2^(exponent − fraction), int64 [N]."""
-
-    negative: np.ndarray
-    exponent: np.ndarray
-    significand: np.ndarray
-
-    @classmethod
-    def of(cls, format: Float, codes: np.ndarray) -> "Parts":
-        """An infinity is as a power of two above all numbers, a NaN as some larger number."""
-        codes = codes.astype(np.int64)
-        fraction = codes & ((1 << format.fraction) - 1)
-        biased = codes >> format.fraction & ((1 << format.exponent) - 1)
-        zero = biased == 0
-        significand = np.where(zero, fraction * format.subnormal, fraction | 1 << format.fraction)
-        exponent = np.where(zero & format.subnormal, 1, biased) - format.bias
-        return cls(codes >> (format.width - 1), exponent, significand)
 
 
 def fixed(format: Float, parts: Parts, power: np.ndarray, bits: int) -> tuple:
@@ -94,7 +73,7 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarra
 
     A splat whose box is beside the image has no rows.
     """
-    part = {name: Parts.of(config.arithmetic, codes[name]) for name in codes}
+    part = {name: take_apart(config.arithmetic, codes[name]) for name in codes}
     square = config.tile_test == "3sigma"
     lengths = ("radius", "radius") if square else ("half_width", "half_height")
     found = np.zeros(len(codes["u"]), OUTLINE)

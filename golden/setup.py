@@ -3,12 +3,12 @@
 import numpy as np
 from numba import njit
 
+from splatcore.golden.arithmetic import take_apart
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.group import extent_format
 from splatcore.spec.memory import OPACITY
-from splatcore.spec.number import Float
 from splatcore.spec.raster import EXTENT, POSITION, SHEAR
 
 POSITION_INTEGER, POSITION_FRACTION = POSITION.integer, POSITION.fraction
@@ -25,7 +25,8 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
     format, unit = config.arithmetic, config.screen_exponent
     exponent, significand = {}, {}
     for name in ("u", "v", "across", "along", "shear"):
-        exponent[name], significand[name] = parts(format, features[name])
+        negative, exponent[name], size = take_apart(format, features[name])
+        significand[name] = np.where(negative, -size, size)
     far = np.maximum(exponent["u"], exponent["v"]) + unit + 1 - POSITION.integer
     values = {"scale": np.clip(far, 0, raster.SCALE_MAX)}
     for name in ("u", "v"):
@@ -62,17 +63,6 @@ def curvature(config: Config, values: dict[str, np.ndarray]) -> dict[str, np.nda
         "cyy": shifted(mixed * slope, SHEAR.fraction + coarser)
         + shifted(values["along"], coarser + 2 * m),
     }
-
-
-def parts(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Exponent and signed significand: value = significand · 2^(exponent − fraction)."""
-    codes = codes.astype(np.int64)
-    biased = codes >> format.fraction & ((1 << format.exponent) - 1)
-    fraction = codes & ((1 << format.fraction) - 1)
-    hidden = np.where(biased > 0, 1 << format.fraction, 0)
-    magnitude = np.where(biased > 0, fraction, fraction * format.subnormal) + hidden
-    negative = codes >> (format.width - 1) & format.signed
-    return np.maximum(biased, 1) - format.bias, np.where(negative, -magnitude, magnitude)
 
 
 def clipped(format, values: np.ndarray) -> np.ndarray:
