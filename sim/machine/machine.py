@@ -21,6 +21,7 @@ from splatcore.hdl.top import Top
 from splatcore.sim.machine.areas import IMAGES, Areas, make_memory, place_areas
 from splatcore.sim.machine.program import compiled
 from splatcore.sim.machine.script import IDEAL, Report, Script, Timing, execute, open_memory
+from splatcore.spec import registers
 from splatcore.spec.axi import BEAT
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
@@ -28,15 +29,7 @@ from splatcore.spec.counters import counters
 from splatcore.spec.frame import frame_constants
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.raster import COLOURS
-from splatcore.spec.registers import (
-    CODE_BITS,
-    INTERRUPT_ERROR,
-    INTERRUPT_FRAME,
-    INTERRUPT_READY,
-    START,
-    ErrorCode,
-    camera_values,
-)
+from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY, ErrorCode
 from splatcore.spec.stages import BLOCKS
 from splatcore.spec.work import PIXEL, stride
 
@@ -203,8 +196,8 @@ class Machine:
         _set_events(frames, report)
         state = {name: report.answers[k].value for name, k in last.items() if k in report.answers}
         code = state.get("ERROR", 0)
-        detail = code >> CODE_BITS
-        error = ErrorCode(code & ((1 << CODE_BITS) - 1))
+        detail = code >> registers.CODE_BITS
+        error = ErrorCode(code & ((1 << registers.CODE_BITS) - 1))
         return Run(frames, report, error, detail, state, areas, memory)
 
 
@@ -225,7 +218,7 @@ def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int)
     values |= {"PIXELS": areas.images[image], "STRIDE": stride(camera.width)}
     for name, code in zip(COLOURS, job.background, strict=True):
         values[f"BACKGROUND_{name.upper()}"] = int(code)
-    return values | camera_values(config, frame)
+    return values | registers.camera_values(config, frame)
 
 
 def counter_names(config: Config, first: bool) -> list[str]:
@@ -249,13 +242,14 @@ def host_script(
         values = frame_values(config, jobs[k], places[id(jobs[k].model)], areas, k % IMAGES)
         for name, value in values.items():
             script.write(name, value)
-        marks[k]["START"] = script.write("CONTROL", START)
+        marks[k]["START"] = script.write("CONTROL", registers.START)
 
     def read(k: int, first: bool):
         for name in counter_names(config, first):
             marks[k][name] = script.read(name)
 
-    script.write("INTERRUPT_ENABLE", INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR)
+    told = INTERRUPT_READY | INTERRUPT_FRAME | registers.INTERRUPT_ERROR
+    script.write("INTERRUPT_ENABLE", told)
     start(0)
     for k, job in enumerate(jobs):
         script.wait(INTERRUPT_READY)
