@@ -56,15 +56,10 @@ def render(
     codes = splat_codes(config, points.projected)
     size = camera.width, camera.height
     binned = bin_splats(config, near_code, codes, *size, pages)
-    start, order = sorted_groups(binned.group, binned.entries["key"], len(binned.lists.count))
+    order = np.lexsort((binned.entries["key"], binned.group))  # equal keys as they come
+    start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))
     raster = rasterize(
         config, binned.features, start, binned.entries["splat"][order],
         binned.entries["mask"][order], size, background,
     )  # fmt: skip
     return Frame(points, binned, start, order, raster)
-
-
-def sorted_groups(group: np.ndarray, key: np.ndarray, groups: int):
-    """Entries [E] by group and depth key, equal ones as they come, and where groups begin."""
-    order = np.lexsort((key, group))
-    return np.searchsorted(group[order], np.arange(groups + 1)), order

@@ -194,7 +194,9 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     finite = np.all([np.isfinite(values) for values in fields.values()], axis=0)
     positive = (points.projected["across"] > 0) & (points.projected["along"] > 0)
 
-    stage_0 = {"depth_stage_0": depth_errors(points, exact.depth)}
+    true, depth = exact.depth[points.points], points.culled["z"]
+    front = (true > NEAR_PLANE) & np.isfinite(depth)  # of what stage 0 reads
+    stage_0 = {"depth_stage_0": depth[front] / true[front] - 1}
     _, a, b = np.intersect1d(index, exact.splats.index, return_indices=True)
     a, b = a[finite[a]], b[finite[a]]
     both = {name: values[a] for name, values in fields.items()}
@@ -219,13 +221,6 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
         "not_finite": int((~finite).sum()),
         "not_positive": int((finite & ~positive).sum()),
     }
-
-
-def depth_errors(points: Points, depth: np.ndarray) -> np.ndarray:
-    """Relative errors of stage 0's depth, of the Gaussians beyond the near plane that it reads."""
-    exact, found = depth[points.points], points.culled["z"]
-    front = (exact > NEAR_PLANE) & np.isfinite(found)
-    return found[front] / exact[front] - 1
 
 
 def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:

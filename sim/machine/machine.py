@@ -193,7 +193,10 @@ class Machine:
                 for file in folder.glob("waves*"):
                     shutil.move(file, keep / file.name)
             memory = open_memory(folder)
-        _set_events(frames, report)
+        for bit, name in ((INTERRUPT_READY, "ready"), (INTERRUPT_FRAME, "finished")):
+            cycles = [cycle for cycle, bits in report.events if bits & bit]
+            for frame, cycle in zip(frames, cycles, strict=False):
+                setattr(frame, name, cycle)
         state = {name: report.answers[k].value for name, k in last.items() if k in report.answers}
         code = state.get("ERROR", 0)
         detail = code >> registers.CODE_BITS
@@ -221,16 +224,6 @@ def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int)
     return values | registers.camera_values(config, frame)
 
 
-def counter_names(config: Config, first: bool) -> list[str]:
-    """Registers of the counters of a half."""
-    return [
-        f"{stage}_{name}".upper()
-        for stage, names in counters(config).items()
-        for name in names
-        if (stage in FIRST_HALF) == first
-    ]
-
-
 def host_script(
     config: Config, jobs: list[Job], models: list[PackedModel], areas: Areas
 ) -> tuple[Script, list[dict[str, int]], dict[str, int]]:
@@ -245,8 +238,11 @@ def host_script(
         marks[k]["START"] = script.write("CONTROL", registers.START)
 
     def read(k: int, first: bool):
-        for name in counter_names(config, first):
-            marks[k][name] = script.read(name)
+        """The counters of a half."""
+        for stage, names in counters(config).items():
+            for name in names if (stage in FIRST_HALF) == first else ():
+                register = f"{stage}_{name}".upper()
+                marks[k][register] = script.read(register)
 
     told = INTERRUPT_READY | INTERRUPT_FRAME | registers.INTERRUPT_ERROR
     script.write("INTERRUPT_ENABLE", told)
@@ -278,11 +274,3 @@ def rendered(report: Report, marks: dict[str, int], job: Job, path: Path) -> Ren
         frame.pixels = rows[:, : width * PIXEL].reshape(height, width, PIXEL).copy()
     frame.counters = {name.lower(): answer.value for name, answer in found.items()}
     return frame
-
-
-def _set_events(frames: list[Rendered], report: Report) -> None:
-    """The cycles of the frames' interrupts."""
-    for bit, name in ((INTERRUPT_READY, "ready"), (INTERRUPT_FRAME, "finished")):
-        cycles = [cycle for cycle, bits in report.events if bits & bit]
-        for frame, cycle in zip(frames, cycles, strict=False):
-            setattr(frame, name, cycle)

@@ -15,8 +15,7 @@ from splatcore.hdl.points.place import Place
 from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES, WHOLE
 from splatcore.sim.eda import machine_gates
 from splatcore.sim.eda.check import faults
-from splatcore.sim.eda.gate_table import synthesise_machine
-from splatcore.sim.eda.machine_gates import PARTS, Size
+from splatcore.sim.eda.machine_gates import PARTS, Size, synthesise_machine
 from splatcore.sim.eda.macros import Macros, module
 from splatcore.sim.eda.synth import DEPTH_MAX, depth, gates, memories
 from splatcore.sim.eda.verilog import MEMORIES_FILE, TOP, WAIVERS, lint, stage_source, write_top
@@ -173,7 +172,7 @@ def test_table_of_the_machine(monkeypatch, capsys):
     ]
     about = {"flip_flops_before": 110 * len(PARTS), "faults": ["latch there"]}
     for name, value in (("netlist", None), ("whole", None), ("sizes", found), ("examined", about)):
-        monkeypatch.setattr(f"splatcore.sim.eda.gate_table.{name}", lambda *_, value=value: value)
+        monkeypatch.setattr(machine_gates, name, lambda *_, value=value: value)
     facts = synthesise_machine(DEFAULT)
     printed = capsys.readouterr()
     assert re.search(r"stage 0 +6\.0 +6\.4 +11 +12\.9", printed.out)
