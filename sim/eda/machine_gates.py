@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 from typing import NamedTuple
 
 from amaranth.back import rtlil
@@ -18,10 +19,9 @@ from splatcore.hdl.top import Top
 from splatcore.sim.common.output import console, messages, progress_bar
 from splatcore.sim.common.paper import GATES, GATES_ALL
 from splatcore.sim.common.table import new_table
-from splatcore.sim.eda.check import CHECK, faults_found
 from splatcore.sim.eda.hierarchy import Hierarchy, Instance
 from splatcore.sim.eda.macros import Macros, memory_name
-from splatcore.sim.eda.synth import DEPTH_MAX, Netlist
+from splatcore.sim.eda.synth import DEPTH_MAX, Netlist, yosys
 from splatcore.spec.config import Config
 
 
@@ -110,6 +110,21 @@ def whole(hierarchy: Hierarchy) -> Netlist:
     return hierarchy.piece(Instance("", hierarchy.top), lambda _: None)
 
 
+CHECK = """
+delete t:$scopeinfo
+tee -o check.txt check
+tee -o latches.txt select -list t:$dlatch t:$adlatch t:$dlatchsr t:$sr
+"""
+"""Faults: latches, combinational loops, wires of several drivers or of none. Of a flat netlist, as
+loops may lead through several modules."""
+
+READ_VERILOG = """
+read_verilog {files}
+hierarchy -check -top {top}
+proc
+flatten
+"""
+
 READ = """
 read_rtlil top.il
 read_verilog -lib macros.v
@@ -133,6 +148,19 @@ def flip_flops_before(piece: Netlist) -> int:
 def _count(files: dict[str, str]) -> int:
     cells = re.findall(r"^\s*(\d+)\s+(?:\S+\s+)?\$\w*dff\w*_(\d+)\s*$", files["count.stat"], re.M)
     return sum(int(n) * int(width) for n, width in cells)
+
+
+def faults_found(files: dict[str, str]) -> list[str]:
+    """Faults that `CHECK` has found, a line each."""
+    latches = [f"latch {name}" for name in files["latches.txt"].split()]
+    return latches + re.findall(r"^Warning: (.*)", files["check.txt"], re.M)
+
+
+def faults(top: str, *paths: Path) -> list[str]:
+    """Faults of Verilog files."""
+    files = {path.name: path.read_text() for path in paths}
+    read = READ_VERILOG.format(files=" ".join(files), top=top)
+    return faults_found(yosys(read + CHECK, files))
 
 
 def examined(whole: Netlist) -> dict[str, int | list[str]]:

@@ -133,11 +133,7 @@ class Machine:
     """
 
     def __init__(
-        self,
-        config: Config,
-        source: str | None = None,
-        trace: bool = False,
-        toggles: bool = False,
+        self, config: Config, source: str | None = None, trace: bool = False, toggles: bool = False
     ):
         self.config = config
         self.source = source or machine_source(config)

@@ -8,6 +8,7 @@ import pytest
 
 from splatcore.sim.cli import power as power_command
 from splatcore.sim.cli.power import lines, report, table
+from splatcore.sim.common.cache import VARIABLE
 from splatcore.sim.eda.machine_gates import PARTS, Size
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, Region, Script, execute
@@ -199,17 +200,15 @@ def test_report():
 
 def test_counts_stay(monkeypatch, tmp_path):
     """Counts are kept: nothing is simulated again, whatever the constants are."""
-    job = Job(garden(TINY, 100), view(16, 16))
-    monkeypatch.setattr(activity, "BUILD", tmp_path)
+    job, made = Job(garden(TINY, 100), view(16, 16)), []
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
     monkeypatch.setattr(activity, "machine_source", lambda config: "module top;")
-    key = activity.key_of("module top;", TINY, job, 1)
-    text = json.dumps(report_of := activity.asdict(COUNTS))
-    (tmp_path / f"{key}.json").write_text(text)
-    assert (
-        counts_of(replace(TINY, energy=UNIT), job, 1, "") == activity.from_json(report_of) == COUNTS
-    )
-    others = (TINY, job._replace(camera=view(16, 16, 0.1)), 1), (TINY, job, 2)
-    assert key not in [activity.key_of("module top;", *other) for other in others]
+    monkeypatch.setattr(activity, "simulated_counts", lambda *asked: made.append(asked) or COUNTS)
+    for config in (TINY, replace(TINY, energy=UNIT)):
+        assert counts_of(config, job, 1, "") == COUNTS and len(made) == 1
+    for other in ((job._replace(camera=view(16, 16, 0.1)), 1), (job, 2)):
+        assert counts_of(TINY, *other, "") == COUNTS
+    assert len(made) == 3
 
 
 def test_command(monkeypatch, tmp_path, capsys):
@@ -241,9 +240,9 @@ def test_command(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_frame(monkeypatch, tmp_path):
+def test_frame(monkeypatch):
     """Accesses and traffic of a frame are those that its own counters and the golden model tell."""
-    monkeypatch.setattr(activity, "BUILD", tmp_path)
+    monkeypatch.setattr(activity, "kept_json", lambda kind, made_from, compute: compute())
     job = Job(garden(TINY, 300), view(48, 32))
     runs = []
 

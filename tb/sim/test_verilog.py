@@ -14,8 +14,7 @@ from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES, WHOLE
 from splatcore.sim.eda import machine_gates
-from splatcore.sim.eda.check import faults
-from splatcore.sim.eda.machine_gates import PARTS, Size, synthesise_machine
+from splatcore.sim.eda.machine_gates import PARTS, Size, faults, synthesise_machine
 from splatcore.sim.eda.macros import Macros, module
 from splatcore.sim.eda.synth import DEPTH_MAX, depth, gates, memories
 from splatcore.sim.eda.verilog import MEMORIES_FILE, TOP, WAIVERS, lint, stage_source, write_top
