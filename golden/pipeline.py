@@ -6,7 +6,7 @@ import numpy as np
 
 from splatcore.golden.bin import PAGE_MAX, Binned, bin_splats, splat_codes
 from splatcore.golden.points import Points, project_points
-from splatcore.golden.raster import Raster, rasterize
+from splatcore.golden.raster import Entries, Raster, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
@@ -18,9 +18,14 @@ class Frame:
 
     points: Points
     binned: Binned
-    start: np.ndarray  # [groups + 1] where a group's entries begin in `order`
     order: np.ndarray  # [E] entries of `binned`, group by group in the order of blending
+    sorted: Entries  # the same entries in that order
     raster: Raster
+
+    @property
+    def start(self) -> np.ndarray:
+        """Where a group's entries begin [groups + 1] in `order`."""
+        return self.sorted.start
 
     @property
     def pixels(self) -> np.ndarray:
@@ -58,8 +63,6 @@ def render(
     binned = bin_splats(config, near_code, codes, *size, pages)
     order = np.lexsort((binned.entries["key"], binned.group))  # equal keys as they come
     start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))
-    raster = rasterize(
-        config, binned.features, start, binned.entries["splat"][order],
-        binned.entries["mask"][order], size, background,
-    )  # fmt: skip
-    return Frame(points, binned, start, order, raster)
+    entries = Entries(start, binned.entries["splat"][order], binned.entries["mask"][order])
+    raster = rasterize(config, binned.features, entries, size, background)
+    return Frame(points, binned, order, entries, raster)

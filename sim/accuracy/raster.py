@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
-from splatcore.golden.raster import rasterize
+from splatcore.golden.exact import as_packed, entries_of, features_of
+from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import Splats, project, render
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
@@ -63,10 +63,8 @@ def raster_errors(views: dict[str, View]) -> dict:
         splats, entries, image = exact_view(view)
         for name, config in machines().items():
             config = replace(config, arithmetic=EXACT)
-            raster = rasterize(
-                config, features_of(config, splats), entries.start, entries.splat, entries.mask,
-                image.shape[1::-1],
-            )  # fmt: skip
+            features = features_of(config, splats)
+            raster = rasterize(config, features, entries, image.shape[1::-1])
             error = raster.pixels / 255 - image
             found[name]["scenes"][title] = {
                 "psnr_db": psnr_of_square(max(float(np.mean(error**2)), 1e-20)),

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from splatcore.golden.exact import Entries, features_of
-from splatcore.golden.raster import rasterize
+from splatcore.golden.exact import features_of
+from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import Splats
 from splatcore.sim.accuracy.raster import EXACT, exact_view
 from splatcore.sim.common.metric import psnr
@@ -99,9 +99,7 @@ def sort_errors(views: dict[str, View]) -> dict:
             for done, (name, keys) in enumerate(WAYS.items()):
                 advance(number * len(WAYS) + done, total)
                 there, share = reordered(keys, splats, entries)
-                pixels = rasterize(
-                    config, features, there.start, there.splat, there.mask, image.shape[1::-1]
-                ).pixels / 255  # fmt: skip
+                pixels = rasterize(config, features, there, image.shape[1::-1]).pixels / 255
                 found[name]["scenes"][title] = {
                     "psnr_db": psnr(pixels, image),
                     "max_error": float(np.abs(pixels - image).max()),

@@ -181,15 +181,11 @@ def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
     memories: dict[Part, list[str]] = {part: [] for part in found}
     for part, piece in work:
         memories[part] += (memory_name(*size) for size in piece.memories)
-    return [
-        Size(part, len(all), **_together(all), memories=tuple(memories[part]))
-        for part, all in found.items()
-    ]
-
-
-def _together(all: list[dict[str, float]]) -> dict[str, float]:
-    """Sizes of several pieces: the sum, of depths the largest."""
-    return {key: (max if "depth" in key else sum)(each[key] for each in all) for key in all[0]}
+    whole = []
+    for part, all in found.items():  # their sum, of depths the largest
+        size = {k: (max if "depth" in k else sum)(each[k] for each in all) for k in all[0]}
+        whole.append(Size(part, len(all), **size, memories=tuple(memories[part])))
+    return whole
 
 
 def synthesise_machine(config: Config) -> dict:

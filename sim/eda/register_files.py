@@ -56,6 +56,7 @@ def write_register_files(config: Config, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     # as the comments in `ErrorCode` have them
     meanings = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
+    places = {name: bit // 8 for name, bit in HEADER.offsets.items() if name != "reserved"}
     facts = {
         "config": config,
         "registers": register_map(config),
@@ -63,7 +64,7 @@ def write_register_files(config: Config, folder: Path) -> list[Path]:
         "errors": {code: meanings.get(code.name, "no error") for code in ErrorCode},
         "details": DETAILS,
         "sizes": sizes(config),
-        "model": header_offsets(),
+        "model": {f"MODEL_{name.upper()}_AT": place for name, place in places.items()},
         "constants": camera_constants(config),
         "near_plane": near_plane(config),
         "number": number_facts(config.arithmetic),
@@ -89,12 +90,6 @@ def sizes(config: Config) -> dict[str, int]:
         "PIXEL_BYTES": PIXEL,
         "STRIDE_ALIGNMENT": STRIDE_ALIGNMENT,
     }
-
-
-def header_offsets() -> dict[str, int]:
-    """Byte offsets of fields of the model's header, by their names in C."""
-    places = {name: bit // 8 for name, bit in HEADER.offsets.items() if name != "reserved"}
-    return {f"MODEL_{name.upper()}_AT": place for name, place in places.items()}
 
 
 def camera_constants(config: Config) -> dict[str, float]:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from splatcore.golden.bin import splat_codes
-from splatcore.golden.exact import Entries
 from splatcore.golden.pipeline import Frame, render
 from splatcore.model.generate.generate import generated_camera
 from splatcore.sim.bench.sort_rows import sort_rows
@@ -69,10 +68,8 @@ def test_stage_2():
 def test_stage_3():
     frame, cycles = modelled()
     camera = generated_camera("garden")
-    entries = frame.binned.entries
     run = raster_rows.run_groups(
-        raster_rows.simulation(DEFAULT), DEFAULT, frame.binned.features,
-        Entries(frame.start, entries["splat"][frame.order], entries["mask"][frame.order]),
+        raster_rows.simulation(DEFAULT), DEFAULT, frame.binned.features, frame.sorted,
         (camera.width, camera.height),
     )  # fmt: skip
     assert run.differing == 0

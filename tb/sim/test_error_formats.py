@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.golden.exact import Entries
+from splatcore.golden.raster import Entries
 from splatcore.golden.reference import Splats
 from splatcore.sim.accuracy import raster as error_raster
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
