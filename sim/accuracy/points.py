@@ -123,10 +123,8 @@ def fields_of(config: Config, model: PackedModel, points: Points) -> Fields:
             "half_width": value["half_width"] * pixel,
             "half_height": value["half_height"] * pixel,
         }
-        return fields | {
-            channel: np.maximum(value[name], 0)
-            for channel, name in zip(CHANNELS, names, strict=True)
-        }
+        colours = [np.maximum(value[name], 0) for name in names]
+    return fields | dict(zip(CHANNELS, colours, strict=True))
 
 
 def fields_of_splats(splats: Splats) -> Fields:
@@ -204,9 +202,8 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
 
     drawn = np.flatnonzero(finite & positive)
     opacity = model.opacity[index[drawn]]
-    splats = splats_of(
-        {name: values[drawn] for name, values in fields.items()}, opacity, index[drawn]
-    )
+    left = {name: values[drawn] for name, values in fields.items()}
+    splats = splats_of(left, opacity, index[drawn])
     seen = splats.index[areas(pixel_boxes(splats, camera)) > 0]
     image = picture(splats, camera)
     return {

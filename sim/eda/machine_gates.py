@@ -58,10 +58,7 @@ PATHS = {
     "control": {
         **{name: name for name in ("axi", "registers", "frame")},
         **{name: rf"preprocess\.{name}" for name in ("model", "binned")},
-        **{
-            name: rf"render\.{name}"
-            for name in ("groups", "lists", "scratch", "features", "pixels")
-        },
+        **{name: rf"render\.{name}" for name in "groups lists scratch features pixels".split()},
         "top, the rest": "",
     },
 }

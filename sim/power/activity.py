@@ -105,9 +105,7 @@ def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
     sizes = {}
     for body in re.split(r"^module \\?top\.?", source, flags=re.M)[1:]:
         path = plain(body.split(maxsplit=1)[0])
-        for words, bits in re.findall(
-            rf"^  splatcore_memory_(\d+)x(\d+) {MACRO} \(", body, re.M
-        ):  # fmt: skip
+        for words, bits in re.findall(rf"^  splatcore_memory_(\d+)x(\d+) {MACRO} \(", body, re.M):
             if path in sizes:
                 raise ValueError(f"two memories at {path}")
             sizes[path] = int(words), int(bits)
