@@ -8,12 +8,32 @@ changes nothing as long as 2p + 2 ≤ 53 (Figueroa, "When is double rounding inn
 those that fall below the smallest normal value are exact. Wider formats are refused.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from splatcore.spec.number import Fixed, Float
 
 FLOAT64 = 53
 """Bits of float64's significand."""
+
+
+class Parts(NamedTuple):
+    """Floats taken apart: (−1)^negative · significand · 2^(exponent − fraction), int64 [N]."""
+
+    negative: np.ndarray
+    exponent: np.ndarray
+    significand: np.ndarray
+
+
+def take_apart(format: Float, codes: np.ndarray) -> Parts:
+    """An infinity is as a power of two above all numbers, a NaN as some larger number."""
+    codes = codes.astype(np.int64)
+    biased = codes >> format.fraction & ((1 << format.exponent) - 1)
+    fraction, hidden = codes & ((1 << format.fraction) - 1), 1 << format.fraction
+    significand = np.where(biased > 0, fraction | hidden, fraction * format.subnormal)
+    negative = codes >> (format.width - 1) & format.signed
+    return Parts(negative, np.maximum(biased, 1) - format.bias, significand)
 
 
 def _checked(format: Float) -> None:

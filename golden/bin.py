@@ -3,23 +3,33 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from splatcore.golden.footprint import footprints
-from splatcore.golden.lists import Lists, write_lists
+from splatcore.spec import group as records
+from splatcore.spec.binning import PAGE_BITS, bursts_per_page
 from splatcore.spec.config import Config
-from splatcore.spec.group import (
-    depth_keys,
-    entry_record,
-    extent_codes,
-    feature_record,
-    group_grid,
-    scaled_colours,
-    unscaled_colour_format,
-)
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
 from splatcore.spec.raster import COLOURS as CHANNELS
 from splatcore.spec.record import Codes
+
+PAGE_MAX = (1 << PAGE_BITS) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Lists:
+    """The list memory of a frame.
+
+    address [B] (in bursts) and slots [B, burst] of the bursts in their order; page [G] (first one
+    of each group that has entries, else 0) and count [G] of all groups; needed: pages.
+    """
+
+    address: np.ndarray
+    slots: np.ndarray
+    page: np.ndarray
+    count: np.ndarray
+    needed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +65,17 @@ def bin_splats(
     """
     found, rows = footprints(config, codes, width, height)
     kept, number = np.unique(found[:, 0], return_inverse=True)
-    _, columns = group_grid(config, width, height)
+    _, columns = records.group_grid(config, width, height)
     group = (found[:, 1] >> 16) * columns + (found[:, 1] & 0xFFFF)
     entries = {
-        "key": depth_keys(config, near_code, codes["z"])[found[:, 0]],
+        "key": records.depth_keys(config, near_code, codes["z"])[found[:, 0]],
         "splat": number.astype(np.uint64),
         "mask": found[:, 2].astype(np.uint64),
     }
     slot = np.zeros((len(group), 8), np.uint8)
-    record = entry_record(config)
+    record = records.entry_record(config)
     slot[:, : record.size] = record.pack(entries)
-    groups = int(np.prod(group_grid(config, width, height)))
+    groups = int(np.prod(records.group_grid(config, width, height)))
     lists = write_lists(config, group, slot.view("<u8")[:, 0], groups, pages)
     chosen = {name: code[kept] for name, code in codes.items()}
     counts = np.bincount(found[:, 0], minlength=len(codes["u"]))
@@ -74,20 +84,20 @@ def bin_splats(
 
 def features(config: Config, splats: Codes) -> Codes:
     """Codes [K] of `feature_record` of splats with codes [K] of `splat_record`."""
-    format, record = config.arithmetic, feature_record(config)
+    format, record = config.arithmetic, records.feature_record(config)
     found = {name: splats[name] for name in ("u", "v", "shear")}
     found |= {name: splats[f"power_{name}"] for name in ("across", "along")}
     for name in ("half_width", "half_height"):
-        found[name] = extent_codes(config, splats[name])
+        found[name] = records.extent_codes(config, splats[name])
     steps = Fixed(record["opacity"].width, 0)
     for name, fixed, field in (
         ("opacity", steps, "attenuation"),
-        *((channel, unscaled_colour_format(config), channel) for channel in CHANNELS),
+        *((channel, records.unscaled_colour_format(config), channel) for channel in CHANNELS),
     ):
         value = format.decode(splats[field])
         found[name] = fixed.encode(np.where(np.isnan(value), 0, value))
     for channel in CHANNELS:
-        found[channel] = scaled_colours(found[channel].astype(np.int64)).astype(np.uint64)
+        found[channel] = records.scaled_colours(found[channel].astype(np.int64)).astype(np.uint64)
     return found
 
 
@@ -97,3 +107,49 @@ def splat_codes(config: Config, values: dict[str, np.ndarray]) -> Codes:
     for channel in CHANNELS:
         found.setdefault(channel, found.get(f"colour_{channel}"))
     return {name: format.encode(found[name]) for name, format in splat_record(config).fields}
+
+
+def write_lists(config: Config, group: np.ndarray, slot: np.ndarray, groups: int, pages: int):
+    """Lists of entries `slot` [E] (uint64) of groups `group` [E] in `pages` pages of memory."""
+    most = len(group) // (config.burst - 1) + groups
+    address, slots = np.zeros(most, np.int64), np.zeros((most, config.burst), np.uint64)
+    page, count = np.zeros(groups, np.int64), np.zeros(groups, np.int64)
+    per_page = bursts_per_page(config)
+    written, needed = _write(
+        group.astype(np.int64), slot, per_page, pages, address, slots, page, count
+    )
+    return Lists(address[:written], slots[:written], page, count, needed)
+
+
+@njit(cache=True)
+def _write(group, slot, per_page, pages, address, slots, first, count):
+    """Fill bursts, first pages and counts; returns the bursts written and the pages needed."""
+    burst = slots.shape[1]
+    page, position = np.zeros_like(count), np.zeros_like(count)  # of the next entry
+    buffer = np.zeros((len(count), burst), np.uint64)
+    written = needed = 0
+    for entry in range(len(group)):
+        g = group[entry]
+        full = position[g] == per_page * burst - 1
+        whole = position[g] % burst == burst - 1
+        buffer[g, position[g] % burst] = np.uint64(needed) if full else slot[entry]
+        if whole:
+            if page[g] < pages:
+                address[written] = page[g] * per_page + position[g] // burst
+                slots[written] = buffer[g]
+                written += 1
+            buffer[g] = 0
+        if full or count[g] == 0:
+            page[g], position[g] = needed, 0
+            buffer[g, 0] = slot[entry]
+            if count[g] == 0:
+                first[g] = needed
+            needed = min(needed + 1, PAGE_MAX)
+        position[g] += 1
+        count[g] += 1
+    for g in range(len(count)):
+        if position[g] % burst and page[g] < pages:
+            address[written] = page[g] * per_page + position[g] // burst
+            slots[written] = buffer[g]
+            written += 1
+    return written, needed

@@ -1,11 +1,11 @@
 """Exact inputs of stage 3: features and sorted entries from the float64 reference's splats."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import numpy as np
 
-from splatcore.golden.reference import Splats, tile_boxes
-from splatcore.golden.reference_tiles import bin_splats
+from splatcore.golden.raster import Entries
+from splatcore.golden.reference import Splats, tile_lists
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MIN, SPLATCORE, TILE
@@ -16,28 +16,12 @@ from splatcore.spec.record import Codes
 from splatcore.spec.scene import Gaussians
 
 
-@dataclass(frozen=True, eq=False)
-class Entries:
-    """Sorted entries of groups: group g has those from start[g] to start[g + 1]."""
-
-    start: np.ndarray  # [groups + 1]
-    splat: np.ndarray  # [N]
-    mask: np.ndarray  # [N]
-
-    def of(self, groups: np.ndarray) -> "Entries":
-        """The entries of some groups, as if there were no others."""
-        spans = [np.arange(self.start[g], self.start[g + 1]) for g in groups]
-        chosen = np.concatenate([np.zeros(0, np.int64), *spans])
-        start = np.concatenate([[0], np.cumsum(np.diff(self.start)[groups])])
-        return Entries(start, self.splat[chosen], self.mask[chosen])
-
-
 def as_packed(gaussians: Gaussians) -> Gaussians:
     """The Gaussians that a packed model keeps, with opacities that it can hold."""
     codes = OPACITY.encode(-np.log2(np.clip(np.nan_to_num(gaussians.opacity), 1e-9, 1)))
     kept = np.nan_to_num(gaussians.opacity) >= ALPHA_MIN
     rounded = replace(gaussians, opacity=2.0 ** -OPACITY.decode(codes))
-    return Gaussians(*(getattr(rounded, field.name)[kept] for field in fields(rounded)))
+    return rounded[kept]
 
 
 def features_of(config: Config, splats: Splats) -> Codes:
@@ -70,10 +54,7 @@ def encode(config: Config, centre, across, shear, along, opacity, colour, extent
 
 def entries_of(config: Config, splats: Splats, camera: Camera) -> Entries:
     """Exact lists of groups in depth order."""
-    boxes = tile_boxes(splats, camera, SPLATCORE)
-    lists = bin_splats(
-        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height, True
-    )
+    lists = tile_lists(splats, camera, SPLATCORE)
     _, columns = group_grid(config, camera.width, camera.height)
     lengths = np.diff(lists.start)
     row, column = np.divmod(np.repeat(np.arange(len(lengths)), lengths), -(-camera.width // TILE))

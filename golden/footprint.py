@@ -2,48 +2,16 @@
 `spec.binning`.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 
-from splatcore.spec.binning import (
-    FACTOR_FRACTION,
-    FINEST,
-    GUARD,
-    HALF_BITS,
-    LENGTH_BITS,
-    STEP_MAX,
-    lean_margin,
-    outward,
-    position_bits,
-    slack,
-)
+from splatcore.golden.arithmetic import Parts, take_apart
+from splatcore.spec import binning
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.number import Float
 
 Codes = dict[str, np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """Floats taken apart: (−1)^negative · significand · 2^(exponent − fraction), int64 [N]."""
-
-    negative: np.ndarray
-    exponent: np.ndarray
-    significand: np.ndarray
-
-    @classmethod
-    def of(cls, format: Float, codes: np.ndarray) -> "Parts":
-        """An infinity is as a power of two above all numbers, a NaN as some larger number."""
-        codes = codes.astype(np.int64)
-        fraction = codes & ((1 << format.fraction) - 1)
-        biased = codes >> format.fraction & ((1 << format.exponent) - 1)
-        zero = biased == 0
-        significand = np.where(zero, fraction * format.subnormal, fraction | 1 << format.fraction)
-        exponent = np.where(zero & format.subnormal, 1, biased) - format.bias
-        return cls(codes >> (format.width - 1), exponent, significand)
 
 
 def fixed(format: Float, parts: Parts, power: np.ndarray, bits: int) -> tuple:
@@ -56,10 +24,7 @@ def fixed(format: Float, parts: Parts, power: np.ndarray, bits: int) -> tuple:
 
 
 AXIS = np.dtype(
-    [
-        (name, np.int64)
-        for name in ("step", "vast", "half", "centre", "limit", "pixel", "shift", "seen")
-    ]
+    [(name, np.int64) for name in "step vast half centre limit pixel shift seen".split()]
 )
 """One axis of a splat, in units of 2^(step − FINEST) pixels.
 
@@ -69,10 +34,7 @@ shift: log2 of a tile's units; seen: its box and the image have something in com
 
 OUTLINE = np.dtype(
     [("x", AXIS), ("y", AXIS)]
-    + [
-        (name, np.int64)
-        for name in ("box", "shear", "slope", "lean", "normalise", "between", "first", "last")
-    ]
+    + [(name, np.int64) for name in "box shear slope lean normalise between first last".split()]
 )
 """A splat as `visit` takes it.
 
@@ -83,26 +45,26 @@ box: no ellipse. between: it is between two rows of pixels. first, last: tile ro
 def axis(config: Config, length: Parts, centre: Parts, size: int) -> np.ndarray:
     """`AXIS` of splats [N], each in its own unit; size: of the image, in pixels."""
     format = config.arithmetic
-    finest = config.screen_exponent + FINEST
+    finest = config.screen_exponent + binning.FINEST
     found = np.zeros(len(length.exponent), AXIS)
-    step = np.maximum(length.exponent + finest + 1 - LENGTH_BITS, 0)
-    found["vast"] = vast = step > STEP_MAX
-    found["step"] = step = np.minimum(step, STEP_MAX)
-    found["shift"] = STEP_MAX - step
-    half, _ = fixed(format, length, finest - step, LENGTH_BITS)
-    found["half"] = half = half + 1 + slack(config)
-    magnitude, near = fixed(format, centre, finest - step, position_bits(config))
+    step = np.maximum(length.exponent + finest + 1 - binning.LENGTH_BITS, 0)
+    found["vast"] = vast = step > binning.STEP_MAX
+    found["step"] = step = np.minimum(step, binning.STEP_MAX)
+    found["shift"] = binning.STEP_MAX - step
+    half, _ = fixed(format, length, finest - step, binning.LENGTH_BITS)
+    found["half"] = half = half + 1 + binning.slack(config)
+    magnitude, near = fixed(format, centre, finest - step, binning.position_bits(config))
     found["centre"] = centre = np.where(centre.negative, ~magnitude, magnitude)
-    found["limit"] = limit = ((size - 1 << FINEST) >> step) + (step > FINEST)
-    found["pixel"] = (1 << FINEST) >> step
+    found["limit"] = limit = ((size - 1 << binning.FINEST) >> step) + (step > binning.FINEST)
+    found["pixel"] = (1 << binning.FINEST) >> step
     found["seen"] = vast | near & (centre - half <= limit) & (centre + 1 + half >= 0)
     return found
 
 
 def factor(config: Config, parts: Parts, power: np.ndarray) -> np.ndarray:
     """A ratio times 2^power with `FACTOR_FRACTION` bits, towards 0, at most just below 2."""
-    bits = FACTOR_FRACTION + 1
-    found, fits = fixed(config.arithmetic, parts, power + FACTOR_FRACTION, bits)
+    bits = binning.FACTOR_FRACTION + 1
+    found, fits = fixed(config.arithmetic, parts, power + binning.FACTOR_FRACTION, bits)
     return np.where(fits, found, (1 << bits) - 1)
 
 
@@ -111,7 +73,7 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarra
 
     A splat whose box is beside the image has no rows.
     """
-    part = {name: Parts.of(config.arithmetic, codes[name]) for name in codes}
+    part = {name: take_apart(config.arithmetic, codes[name]) for name in codes}
     square = config.tile_test == "3sigma"
     lengths = ("radius", "radius") if square else ("half_width", "half_height")
     found = np.zeros(len(codes["u"]), OUTLINE)
@@ -132,12 +94,12 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarra
 def add_ellipse(config: Config, part: dict[str, Parts], found: np.ndarray):
     """Write what makes ellipses of boxes: shear', slope', lean, k."""
     x, y = found["x"], found["y"]
-    found["normalise"] = HALF_BITS - np.frexp(y["half"].astype(np.float64))[1]
+    found["normalise"] = binning.HALF_BITS - np.frexp(y["half"].astype(np.float64))[1]
     finer = y["step"] - found["normalise"] - x["step"]
     shear = factor(config, part["shear"], finer)
-    power = config.screen_exponent + FINEST - y["step"]
-    lean, fits = fixed(config.arithmetic, part["lean"], power, HALF_BITS)
-    lean = np.where(fits, lean, (1 << HALF_BITS) - 1)
+    power = config.screen_exponent + binning.FINEST - y["step"]
+    lean, fits = fixed(config.arithmetic, part["lean"], power, binning.HALF_BITS)
+    lean = np.where(fits, lean, (1 << binning.HALF_BITS) - 1)
     found["shear"] = np.where(part["shear"].negative, -shear, shear)
     found["slope"] = factor(config, part["slope"], finer) + 1
     found["lean"] = np.where(part["lean"].negative, -lean, lean)
@@ -153,8 +115,8 @@ def right_end(o, low, high, sign, margin, out):
     t = (high if o.lean > high else low) << o.normalise
     half = o.y.half << o.normalise
     root = np.int64(np.sqrt(np.float64((half - abs(t)) * (half + abs(t))))) + 1
-    cut = FACTOR_FRACTION - GUARD
-    return ((o.shear * t >> cut) + (o.slope * root >> cut) >> GUARD) + 1 + out
+    cut = binning.FACTOR_FRACTION - binning.GUARD
+    return ((o.shear * t >> cut) + (o.slope * root >> cut) >> binning.GUARD) + 1 + out
 
 
 @njit(cache=True)
@@ -213,7 +175,7 @@ def visit(outlines, group, last_column, margin, out, entries):
 def footprints(config: Config, codes: Codes, width: int, height: int):
     """Entries [E, 3] of splats [N] as `visit` gives them, and tile rows [N] that are looked at."""
     found = outlines(config, codes, width, height)
-    rest = config.group, (width - 1) // TILE, lean_margin(config), outward(config)
+    rest = config.group, (width - 1) // TILE, binning.lean_margin(config), binning.outward(config)
     count = visit(found, *rest, np.empty((0, 3), np.int64))
     entries = np.empty((count, 3), np.int64)
     if count:

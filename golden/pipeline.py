@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.bin import Binned, bin_splats, splat_codes
-from splatcore.golden.lists import PAGE_MAX
+from splatcore.golden.bin import PAGE_MAX, Binned, bin_splats, splat_codes
 from splatcore.golden.points import Points, project_points
-from splatcore.golden.raster import Raster, rasterize
+from splatcore.golden.raster import Entries, Raster, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
@@ -19,9 +18,14 @@ class Frame:
 
     points: Points
     binned: Binned
-    start: np.ndarray  # [groups + 1] where a group's entries begin in `order`
     order: np.ndarray  # [E] entries of `binned`, group by group in the order of blending
+    sorted: Entries  # the same entries in that order
     raster: Raster
+
+    @property
+    def start(self) -> np.ndarray:
+        """Where a group's entries begin [groups + 1] in `order`."""
+        return self.sorted.start
 
     @property
     def pixels(self) -> np.ndarray:
@@ -57,15 +61,8 @@ def render(
     codes = splat_codes(config, points.projected)
     size = camera.width, camera.height
     binned = bin_splats(config, near_code, codes, *size, pages)
-    start, order = sorted_groups(binned.group, binned.entries["key"], len(binned.lists.count))
-    raster = rasterize(
-        config, binned.features, start, binned.entries["splat"][order],
-        binned.entries["mask"][order], size, background,
-    )  # fmt: skip
-    return Frame(points, binned, start, order, raster)
-
-
-def sorted_groups(group: np.ndarray, key: np.ndarray, groups: int):
-    """Entries [E] by group and depth key, equal ones as they come, and where groups begin."""
-    order = np.lexsort((key, group))
-    return np.searchsorted(group[order], np.arange(groups + 1)), order
+    order = np.lexsort((binned.entries["key"], binned.group))  # equal keys as they come
+    start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))
+    entries = Entries(start, binned.entries["splat"][order], binned.entries["mask"][order])
+    raster = rasterize(config, binned.features, entries, size, background)
+    return Frame(points, binned, order, entries, raster)

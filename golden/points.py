@@ -1,19 +1,22 @@
-"""Golden model of stages 0 and 1 together: packed model and camera to projected Gaussians."""
+"""Golden model of stages 0 and 1: packed model and camera to projected Gaussians.
+
+Stage 0 skips chunks and culls points at the near plane, stage 1 places what is left (x and y, and
+the guard band) and projects it (`golden.project`).
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.chunk import chunk
-from splatcore.golden.cull import cull, rays
-from splatcore.golden.place import place
-from splatcore.golden.program import Values
+from splatcore.golden.program import Values, run
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.frame import FrameConstants, frame_constants
-from splatcore.spec.memory import CHUNK
+from splatcore.spec.memory import CHUNK, EXTENT_SHIFT
+from splatcore.spec.microprogram import culling, program
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.programs import CORNERS
 
 SHARED = ("margin_x", "margin_y", "chunk_reach")
 """Values of a chunk that its points share."""
@@ -62,3 +65,71 @@ def project_points(config: Config, model: PackedModel, camera: Camera) -> Points
 
 def _take(values: Values, chosen: np.ndarray) -> Values:
     return {name: array[chosen] for name, array in values.items()}
+
+
+def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Values, np.ndarray]:
+    """Values of the chunk program, and which chunks [C] are kept.
+
+    The ways from the camera to a chunk's ends along the world axes are exact on the grid and
+    rounded once. A chunk is skipped if the bounds of its points are behind the near plane or beyond
+    the guard band: `place` would drop every one of them. Absolute positions have no extent, and no
+    chunk is skipped; nor is any without culling, or beyond the guard band if the near plane alone
+    culls.
+    """
+    headers, round_ = model.chunks, config.arithmetic.round
+    exponent = model.value("position_exponent")
+    low = headers["origin"].astype(np.int64) - frame.camera  # [C, 3] grid steps
+    shift = headers["shift"].astype(np.int64) + EXTENT_SHIFT
+    high = low + ((headers["extent"].astype(np.int64) + 1) << shift)
+    ends = [round_(np.ldexp(end.astype(np.float64), exponent)) for end in (low, high)]
+    fields: Values = {"chunk_reach": round_(headers["reach"])}
+    for name, (constant, side) in CORNERS.items():
+        falls = frame.constants[constant] < 0
+        fields[name] = ends[falls != (side == "most")][:, int(name[-1])]
+    values = run(config, program("chunk"), frame.constants | fields)
+    if model.format.position == "absolute" or config.culling == "none":
+        return values, np.ones(len(low), bool)
+    kept = values["z_high"] > frame.near_plane
+    for axis in "xy" if config.culling == "all" else "":
+        kept &= values[f"{axis}_low"] <= values[f"far_{axis}"]
+        kept &= -values[f"{axis}_high"] <= values[f"far_{axis}"]
+    return values, kept
+
+
+def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.ndarray) -> Values:
+    """Ways [M] from the camera to Gaussians `index` [M] in scene units, along the world axes.
+
+    They are exact on the grid and rounded once, so what is near the camera is precise however
+    large its chunk or the scene.
+    """
+    way = model.grid[index] - frame.camera  # [M, 3] grid steps
+    way = np.ldexp(way.astype(np.float64), model.value("position_exponent"))
+    return {f"ray_{axis}": config.arithmetic.round(way[:, k]) for k, axis in enumerate("xyz")}
+
+
+def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
+    """Values of the cull program, and which points [N] are kept: z + Δz beyond the near plane.
+
+    Δz is the reach of the point's chunk if `Config.depth_interval`, else 0. Without culling all
+    are.
+    """
+    values = run(config, culling(config.depth_interval), frame.constants | points)
+    kept = values["farthest" if config.depth_interval else "z"] > frame.near_plane
+    return values, np.full_like(kept, True) if config.culling == "none" else kept
+
+
+def place(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
+    """Values of the place program, and which points [M] are kept.
+
+    A point leaves if its own depth is not beyond the near plane (with a depth interval stage 0 lets
+    some of those through), or if nothing of a Gaussian that reaches as far as its chunk's farthest
+    can touch the image: |x| > z·guard + margin. That is never a point too many (`spec.frame`).
+    `Config.culling` leaves out the second test or both.
+    """
+    values = run(config, program("place"), frame.constants | points)
+    kept = values["z"] > frame.near_plane
+    if config.culling == "none":
+        return values, np.full_like(kept, True)
+    for axis in "xy" if config.culling == "all" else "":
+        kept &= np.abs(values[axis]) <= values[f"bound_{axis}"]
+    return values, kept

@@ -10,20 +10,11 @@ import numpy as np
 from numba import njit, prange
 
 from splatcore.golden.setup import POSITION_FRACTION, prepare, quadratic, setup_constants
+from splatcore.spec import raster as stage_3
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid
-from splatcore.spec.raster import (
-    BLOCK_REACH,
-    BLOCKS,
-    EXTENT,
-    STEPS,
-    exponent_min,
-    mark_min,
-    owner,
-    power_table,
-    transmittance_min,
-)
+from splatcore.spec.raster import BLOCK_REACH, BLOCKS, EXTENT, STEPS, owner
 
 EXTENT_FRACTION, EXTENT_LARGEST = EXTENT.fraction, (1 << EXTENT.width) - 1
 
@@ -34,6 +25,22 @@ with a pixel of alpha ≥ 1/255; those with one that was still live; blended pix
 PAIRS = ("entries", "pairs", "far", "empty")
 """Counts by group: entries until the group's last pixel had ended; pairs of one of them
 and a tile with live pixels; those that setup found too far away, those without a marked block."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """Sorted entries of groups: group g has those from start[g] to start[g + 1]."""
+
+    start: np.ndarray  # [groups + 1]
+    splat: np.ndarray  # [N]
+    mask: np.ndarray  # [N]
+
+    def of(self, groups: np.ndarray) -> "Entries":
+        """The entries of some groups, as if there were no others."""
+        spans = [np.arange(self.start[g], self.start[g + 1]) for g in groups]
+        chosen = np.concatenate([np.zeros(0, np.int64), *spans])
+        start = np.concatenate([[0], np.cumsum(np.diff(self.start)[groups])])
+        return Entries(start, self.splat[chosen], self.mask[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,21 +63,18 @@ class Raster:
 def rasterize(
     config: Config,
     features: dict[str, np.ndarray],
-    start: np.ndarray,
-    splat: np.ndarray,
-    mask: np.ndarray,
+    entries: Entries,
     size: tuple[int, int],
     background: tuple[int, int, int] = (0, 0, 0),
     mark_all: bool = False,
 ) -> Raster:
     """Blend every group's entries, front to back.
 
-    features: codes [M] of `spec.group.feature_record`. start [groups + 1], splat [N], mask [N]:
-    group g has the entries from start[g] to start[g + 1]. size: width and height, pixels.
-    background: codes of `spec.group.colour_format`. mark_all: no block is left out, which must give
-    the same picture.
+    features: codes [M] of `spec.group.feature_record`. size: width and height, pixels. background:
+    codes of `spec.group.colour_format`. mark_all: no block is left out, which must give the same
+    picture.
     """
-    width, height = size
+    (width, height), mask = size, entries.mask.astype(np.int64)
     rows, columns = group_grid(config, width, height)
     pixels = np.zeros((height, width, 3), np.uint8)
     work = np.zeros((rows * columns, config.rasterizers, len(WORK)), np.int64)
@@ -79,10 +83,10 @@ def rasterize(
     tiles = np.concatenate([[0], np.cumsum(np.bitwise_count(mask.astype(np.uint64)), dtype=int)])
     blocks = np.full(tiles[-1], -1, np.int64)
     _rasterize_groups(
-        prepare(config, features), start, splat.astype(np.int64), mask.astype(np.int64),
+        prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
         np.array([columns, config.group]), owners, setup_constants(config),
-        _blend_constants(config, mark_all), np.array(power_table(config)), np.array(background),
-        pixels, work, pairs, tiles, blocks,
+        _blend_constants(config, mark_all), np.array(stage_3.power_table(config)),
+        np.array(background), pixels, work, pairs, tiles, blocks,
     )  # fmt: skip
     return Raster(pixels, work, pairs, blocks)
 
@@ -91,10 +95,10 @@ def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
     """Constants of a machine for the loops below."""
     pixel = config.pixel_fraction
     return (
-        -(1 << 62) if mark_all else 2 * mark_min(config), exponent_min(pixel),
+        -(1 << 62) if mark_all else 2 * stage_3.mark_min(config), stage_3.exponent_min(pixel),
         config.exponent_fraction + 2 - pixel, pixel - config.power_fraction,
         config.power_fraction, config.power_mantissa, config.transmittance,
-        transmittance_min(config), config.transmittance - config.weight,
+        stage_3.transmittance_min(config), config.transmittance - config.weight,
         config.weight + config.colour_fraction - config.sum_fraction, config.sum_fraction,
     )  # fmt: skip
 

@@ -10,11 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden import harmonics
-from splatcore.golden.reference_tiles import bin_splats, count_rows, rasterize
+from splatcore.golden.reference_tiles import TileLists, bin_splats, count_rows, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
 from splatcore.spec.scene import Gaussians
+
+C0 = np.sqrt(1 / (4 * np.pi))
+C1 = np.sqrt(3 / (4 * np.pi))
+C2 = np.sqrt(np.array([15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))
+C3 = np.sqrt(np.array([35 / 8, 105, 21 / 8, 7 / 4, 21 / 8, 105 / 4, 35 / 8]) / (4 * np.pi))
+"""Constants of the harmonics of degree 0 … 3."""
 
 Progress = Callable[[int, int], None]
 """Called with (tiles done, tiles in all)."""
@@ -75,11 +80,7 @@ def render(
 ) -> Frame:
     """Render one frame; Gaussians that hold NaN or Inf are left out and counted."""
     splats, counts = project(gaussians, camera, convention)
-    boxes = tile_boxes(splats, camera, convention)
-    lists = bin_splats(
-        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height,
-        convention.footprint == "exact",
-    )  # fmt: skip
+    lists = tile_lists(splats, camera, convention)
     image, transmittance, work = rasterize(
         lists, splats, camera.width, camera.height, convention, progress
     )
@@ -179,8 +180,40 @@ def colours(
     ray = gaussians.position[index] - camera.position
     ray /= np.abs(ray).max(axis=1, keepdims=True)  # the square of a large one would overflow
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    basis = harmonics.basis(ray, int(np.sqrt(sh.shape[1])) - 1)
+    basis = harmonics(ray, int(np.sqrt(sh.shape[1])) - 1)
     return np.maximum(np.einsum("nk,nkc->nc", basis, sh) + convention.colour_offset, 0)
+
+
+def harmonics(direction: np.ndarray, degree: int) -> np.ndarray:
+    """Real spherical harmonics [N, (degree+1)²] up to degree 3 in unit directions [N, 3] from the
+    camera outwards, in the order and with the signs of 3DGS (Condon–Shortley phase).
+
+    Source: Sloan, "Stupid Spherical Harmonics Tricks" (2008), appendix A2.
+    """
+    x, y, z = direction.T
+    xx, yy, zz = x * x, y * y, z * z
+    terms = [np.full_like(x, C0)]
+    if degree >= 1:
+        terms += [-C1 * y, C1 * z, -C1 * x]
+    if degree >= 2:
+        terms += [
+            C2[0] * x * y,
+            -C2[1] * y * z,
+            C2[2] * (2 * zz - xx - yy),
+            -C2[3] * x * z,
+            C2[4] * (xx - yy),
+        ]
+    if degree >= 3:
+        terms += [
+            -C3[0] * y * (3 * xx - yy),
+            C3[1] * x * y * z,
+            -C3[2] * y * (4 * zz - xx - yy),
+            C3[3] * z * (2 * zz - 3 * xx - 3 * yy),
+            -C3[4] * x * (4 * zz - xx - yy),
+            C3[5] * z * (xx - yy),
+            -C3[6] * x * (xx - 3 * yy),
+        ]
+    return np.stack(terms, axis=1)
 
 
 def pixel_boxes(splats: Splats, camera: Camera) -> np.ndarray:
@@ -212,8 +245,8 @@ def areas(boxes: np.ndarray) -> np.ndarray:
     return sides[:, 0].astype(np.int64) * sides[:, 1]
 
 
-def tile_boxes(splats: Splats, camera: Camera, convention: Convention) -> np.ndarray:
-    """Inclusive tile ranges [M, 4] within which a splat's tiles are looked for."""
-    if convention.footprint == "exact":
-        return pixel_boxes(splats, camera) // TILE
-    return square_boxes(splats, camera)
+def tile_lists(splats: Splats, camera: Camera, convention: Convention) -> TileLists:
+    """Lists of the tiles that the convention's footprints of splats in depth order touch."""
+    exact, size = convention.footprint == "exact", (camera.width, camera.height)
+    boxes = pixel_boxes(splats, camera) // TILE if exact else square_boxes(splats, camera)
+    return bin_splats(splats.centre, splats.conic, splats.reach, boxes, *size, exact)

@@ -3,25 +3,13 @@
 import numpy as np
 from numba import njit
 
+from splatcore.golden.arithmetic import take_apart
+from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.group import extent_format
 from splatcore.spec.memory import OPACITY
-from splatcore.spec.number import Float
-from splatcore.spec.raster import (
-    EXPONENT_INTEGER,
-    EXTENT,
-    GRADIENT_INTEGER,
-    LEAN_RIGHT_MAX,
-    LENGTH_INTEGER,
-    POSITION,
-    SCALE_MAX,
-    SHEAR,
-    SHIFT_MIN,
-    factor_fraction,
-    lean_unit,
-    prepared_record,
-)
+from splatcore.spec.raster import EXTENT, POSITION, SHEAR
 
 POSITION_INTEGER, POSITION_FRACTION = POSITION.integer, POSITION.fraction
 OPACITY_FRACTION, SHEAR_FRACTION = OPACITY.fraction, SHEAR.fraction
@@ -37,9 +25,10 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
     format, unit = config.arithmetic, config.screen_exponent
     exponent, significand = {}, {}
     for name in ("u", "v", "across", "along", "shear"):
-        exponent[name], significand[name] = parts(format, features[name])
+        negative, exponent[name], size = take_apart(format, features[name])
+        significand[name] = np.where(negative, -size, size)
     far = np.maximum(exponent["u"], exponent["v"]) + unit + 1 - POSITION.integer
-    values = {"scale": np.clip(far, 0, SCALE_MAX)}
+    values = {"scale": np.clip(far, 0, raster.SCALE_MAX)}
     for name in ("u", "v"):
         left = exponent[name] - format.fraction + unit + POSITION.fraction - values["scale"]
         values[name] = clipped(POSITION, shifted(significand[name], -left))
@@ -48,8 +37,8 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
         values[shift_name] = -((power + 1) >> 1)
         values[name] = significand[name] << ((power & 1) ^ 1)
         values[f"{name}_shift"] = values[shift_name] - values["scale"]
-    lean = lean_unit(config) - exponent["shear"]
-    values["lean_shift"] = np.clip(lean, SHIFT_MIN, LEAN_RIGHT_MAX)
+    lean = raster.lean_unit(config) - exponent["shear"]
+    values["lean_shift"] = np.clip(lean, raster.SHIFT_MIN, raster.LEAN_RIGHT_MAX)
     values["shear"] = significand["shear"]
     left = exponent["shear"] - format.fraction + SHEAR.fraction - values["k"]
     values["slope"] = clipped(SHEAR, shifted(significand["shear"], -left))
@@ -59,14 +48,14 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
         values[name] = np.fmin(np.ceil(np.ldexp(wide, EXTENT.fraction)), 2**EXTENT.width - 1)
     for name in ("opacity", "red", "green", "blue"):
         values[name] = features[name]
-    names = [name for name, _ in prepared_record(config).fields]
+    names = [name for name, _ in raster.prepared_record(config).fields]
     return np.stack([values[name].astype(np.int64) for name in names], axis=1)
 
 
 def curvature(config: Config, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """E's second differences [N]."""
     k, m, slope = values["k"], values["m"], values["slope"]
-    coarser = factor_fraction(config) - config.exponent_fraction
+    coarser = raster.factor_fraction(config) - config.exponent_fraction
     mixed = values["across"] * slope >> SHEAR.fraction
     return {
         "cxx": shifted(values["across"], coarser + 2 * k),
@@ -74,17 +63,6 @@ def curvature(config: Config, values: dict[str, np.ndarray]) -> dict[str, np.nda
         "cyy": shifted(mixed * slope, SHEAR.fraction + coarser)
         + shifted(values["along"], coarser + 2 * m),
     }
-
-
-def parts(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Exponent and signed significand: value = significand · 2^(exponent − fraction)."""
-    codes = codes.astype(np.int64)
-    biased = codes >> format.fraction & ((1 << format.exponent) - 1)
-    fraction = codes & ((1 << format.fraction) - 1)
-    hidden = np.where(biased > 0, 1 << format.fraction, 0)
-    magnitude = np.where(biased > 0, fraction, fraction * format.subnormal) + hidden
-    negative = codes >> (format.width - 1) & format.signed
-    return np.maximum(biased, 1) - format.bias, np.where(negative, -magnitude, magnitude)
 
 
 def clipped(format, values: np.ndarray) -> np.ndarray:
@@ -100,7 +78,7 @@ def shifted(values: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 def setup_constants(config: Config) -> tuple[int, int]:
     """Bits below the point of E's coefficients and of a normalised factor."""
-    return config.exponent_fraction, factor_fraction(config)
+    return config.exponent_fraction, raster.factor_fraction(config)
 
 
 @njit(inline="always")
@@ -135,7 +113,7 @@ def quadratic(splat, column, row, constants, coefficients):
         return False
     t = shift((dx << guard) - lean, across_shift)
     d = shift(dy << guard, along_shift)
-    if outside(t, LENGTH_INTEGER, fraction) or outside(d, LENGTH_INTEGER, fraction):
+    if outside(t, raster.LENGTH_INTEGER, fraction) or outside(d, raster.LENGTH_INTEGER, fraction):
         return False
     slope_t, slope_d = across * t >> factor, along * d >> factor
     e = -(splat[17] << (fraction - OPACITY_FRACTION))
@@ -146,7 +124,7 @@ def quadratic(splat, column, row, constants, coefficients):
     coefficients[3:6] = splat[12:15]
     coefficients[6], coefficients[7] = dx, dy
     return not (
-        outside(e, EXPONENT_INTEGER, fraction)
-        or outside(gx, GRADIENT_INTEGER, fraction)
-        or outside(gy, GRADIENT_INTEGER, fraction)
+        outside(e, raster.EXPONENT_INTEGER, fraction)
+        or outside(gx, raster.GRADIENT_INTEGER, fraction)
+        or outside(gy, raster.GRADIENT_INTEGER, fraction)
     )

@@ -1,6 +1,6 @@
 """Golden model of stage 2, sorting: the contents of each of its streams, by `spec.sort`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -120,3 +120,13 @@ def _pieces(config: Config, merge: Merged) -> list[Run]:
         if following < len(pieces[way[k]]):
             asked.append(pieces[way[k]][following])
     return asked
+
+
+def sub_sort(batches: Sequence[np.ndarray]) -> Codes:
+    """A sub-sorter's codes of `ranked_record` for the keys [n] of each batch in arrival order."""
+    orders = [np.argsort(keys, kind="stable") for keys in batches]
+    return {
+        "key": np.concatenate([keys[order] for keys, order in zip(batches, orders, strict=True)]),
+        "index": np.concatenate(orders).astype(np.uint16),
+        "last": np.concatenate([np.arange(len(keys)) == len(keys) - 1 for keys in batches]),
+    }

@@ -5,15 +5,9 @@
 
 import numpy as np
 
+from splatcore.spec import unary
 from splatcore.spec.number import Float, checked_codes, code_dtype
-from splatcore.spec.unary import (
-    Datapath,
-    Function,
-    coefficients,
-    datapath,
-    exponent_max,
-    result_exponent,
-)
+from splatcore.spec.unary import Datapath, Function, exponent_max
 
 
 def reciprocal(format: Float, codes: np.ndarray) -> np.ndarray:
@@ -28,11 +22,11 @@ def rsqrt(format: Float, codes: np.ndarray) -> np.ndarray:
 
 def _unary(function: Function, format: Float, codes: np.ndarray) -> np.ndarray:
     """Finite results as if the range had no end, then the range's ends, then what is special."""
-    path = datapath(function, format.fraction)
+    path = unary.datapath(function, format.fraction)
     codes = checked_codes(codes, format.width, str(format)).astype(np.int64)
     shape, codes = codes.shape, codes.ravel()
     fraction, biased = _normalised(format, codes)
-    exponent = result_exponent(function, format, biased)
+    exponent = unary.result_exponent(function, format, biased)
     total = _interpolated(path, fraction, (biased & 1) ^ 1)  # the bias is odd
     magnitude = _packed(format, path, total, exponent)
     results = _with_special(function, format, codes, magnitude)
@@ -55,7 +49,7 @@ def _normalised(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def _interpolated(path: Datapath, fraction: np.ndarray, parity: np.ndarray) -> np.ndarray:
     """The sum of the three terms for the significand of a fraction and, for rsqrt, a parity."""
-    table = coefficients(path)
+    table = unary.coefficients(path)
     address = fraction >> path.rest
     if path.function == "rsqrt":
         address = address | parity << path.index

@@ -78,8 +78,5 @@ def range_record(count_bits: int) -> Record:
 def write_record() -> Record:
     """A beat to be written. beat: where the burst begins, the same for all its beats, as is length
     (its beats less one)."""
-    return Record(
-        "write",
-        {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS)}
-        | {"strobe": Bits(BEAT), "low": Bits(64), "high": Bits(64)},
-    )
+    data = {"strobe": Bits(BEAT), "low": Bits(64), "high": Bits(64)}
+    return Record("write", dict(read_record().fields) | data)

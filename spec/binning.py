@@ -121,11 +121,6 @@ def group_record() -> Record:
     return Record("group", {"page": Bits(PAGE_BITS), "count": Bits(COUNT_BITS)})
 
 
-def address_bits(config: Config) -> int:
-    """Width of a burst's number: that of its page, and of its place there."""
-    return PAGE_BITS + (bursts_per_page(config) - 1).bit_length()
-
-
 def bursts_per_page(config: Config) -> int:
     """Bursts in a page; ValueError if they do not fill it."""
     bursts, rest = divmod(config.page, config.burst)
@@ -135,8 +130,8 @@ def bursts_per_page(config: Config) -> int:
 
 
 def burst_record(config: Config) -> Record:
-    """List slots to be written together; address: their place in list memory, in bursts."""
-    return Record(
-        "burst",
-        {"address": Bits(address_bits(config)), "slots": Array(Bits(ENTRY_BITS), config.burst)},
-    )
+    """List slots to be written together; address: their place in list memory, in bursts, the number
+    of their page and their place there.
+    """
+    address = Bits(PAGE_BITS + (bursts_per_page(config) - 1).bit_length())
+    return Record("burst", {"address": address, "slots": Array(Bits(ENTRY_BITS), config.burst)})

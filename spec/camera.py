@@ -56,15 +56,8 @@ class Camera:
     def resized(self, width: int, height: int) -> "Camera":
         """The same view with another number of pixels; intrinsics are scaled with the sides."""
         kx, ky = width / self.width, height / self.height
-        return replace(
-            self,
-            width=width,
-            height=height,
-            fx=self.fx * kx,
-            fy=self.fy * ky,
-            cx=self.cx * kx,
-            cy=self.cy * ky,
-        )
+        scaled = {"fx": self.fx * kx, "fy": self.fy * ky, "cx": self.cx * kx, "cy": self.cy * ky}
+        return replace(self, width=width, height=height, **scaled)
 
 
 def look_at(

@@ -8,16 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatcore.spec import convention
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.convention import (
-    ALPHA_MIN,
-    COVARIANCE_BLUR,
-    FRUSTUM_MARGIN,
-    NEAR_PLANE,
-    PRINCIPAL_POINT_SHIFT,
-    SIGMA_EXTENT,
-)
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Fixed
@@ -50,11 +43,11 @@ def fixed_constants(config: Config) -> dict[str, float]:
     return {
         "zero": 0.0,
         "one": 1.0,
-        "blur": COVARIANCE_BLUR * 4.0**-config.screen_exponent,
+        "blur": convention.COVARIANCE_BLUR * 4.0**-config.screen_exponent,
         "reach_slope": -2 * np.log(2) * OPACITY.step,
-        "reach_full": -2 * np.log(ALPHA_MIN),
+        "reach_full": -2 * np.log(convention.ALPHA_MIN),
         "power": POWER_SCALE,
-        "square_reach": SIGMA_EXTENT**2 / 2,
+        "square_reach": convention.SIGMA_EXTENT**2 / 2,
         "spread_least": max(config.arithmetic.epsilon**2, config.arithmetic.min_subnormal),
     }
 
@@ -70,8 +63,8 @@ def frame_constants(
     focal = np.array([camera.fx, camera.fy]) * pixel
     size = np.array([camera.width, camera.height])
     rows = camera.rotation * np.array([*focal, 1.0])[:, None]
-    limit = FRUSTUM_MARGIN * size / 2 * pixel  # 1.3 · tan(fov/2) · focal length
-    principal = np.array([camera.cx, camera.cy]) - PRINCIPAL_POINT_SHIFT
+    limit = convention.FRUSTUM_MARGIN * size / 2 * pixel  # 1.3 · tan(fov/2) · focal length
+    principal = np.array([camera.cx, camera.cy]) - convention.PRINCIPAL_POINT_SHIFT
     guard = np.maximum(size - 1 - principal, principal) + EXTENT_MARGIN
     guard = guard * (1 + GUARD_ROUNDINGS * config.arithmetic.epsilon) * pixel
     spread = np.hypot(focal, limit)  # largest half-extent at z = 1 of what reaches one scene unit
@@ -92,11 +85,7 @@ def frame_constants(
     if not (np.abs(grid) <= CAMERA.max).all():
         raise InputError(f"camera {camera.name}: is more than 512 times the scene's size away")
     # What is within a rounding of the near plane is rather drawn than lost.
-    near = config.arithmetic.round(NEAR_PLANE)
-    if near > NEAR_PLANE:
+    near = config.arithmetic.round(convention.NEAR_PLANE)
+    if near > convention.NEAR_PLANE:
         near = config.arithmetic.decode(config.arithmetic.encode(near) - 1)
-    return FrameConstants(
-        camera=grid.astype(np.int64),
-        near_plane=float(near),
-        constants=rounded,
-    )
+    return FrameConstants(grid.astype(np.int64), float(near), rounded)

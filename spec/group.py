@@ -56,21 +56,14 @@ def depth_keys(config: Config, near_code: int, codes: np.ndarray) -> np.ndarray:
 
 def entry_record(config: Config) -> Record:
     """A splat in a group's list. mask: the tiles of the group that it reaches."""
-    return Record(
-        "entry",
-        {
-            "key": key_format(config),
-            "splat": Bits(SPLAT_BITS),
-            "mask": Bits(config.group**2),
-        },
-    )
+    splat, mask = Bits(SPLAT_BITS), Bits(config.group**2)
+    return Record("entry", {"key": key_format(config), "splat": splat, "mask": mask})
 
 
 def sorted_record(config: Config) -> Record:
     """An entry after sorting, or (end 1) the mark behind the last one of a group."""
-    return Record(
-        "sorted", {"splat": Bits(SPLAT_BITS), "mask": Bits(config.group**2), "end": Bits(1)}
-    )
+    splat, mask = Bits(SPLAT_BITS), Bits(config.group**2)
+    return Record("sorted", {"splat": splat, "mask": mask, "end": Bits(1)})
 
 
 COLOUR_GUARD = 3

@@ -19,6 +19,7 @@ in `spec.programs`.
 """
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from functools import cache
 
@@ -110,9 +111,7 @@ class Program:
     def inputs(self) -> tuple[str, ...]:
         """Operands that no step makes, in the order of their first use."""
         read = [operand for step in self.steps for operand in step.operands]
-        return tuple(
-            dict.fromkeys(name for name in (*read, *self.outputs) if name not in self.made)
-        )
+        return tuple(n for n in dict.fromkeys((*read, *self.outputs)) if n not in self.made)
 
     @property
     def constants(self) -> tuple[str, ...]:
@@ -150,8 +149,7 @@ def constants(config: Config) -> tuple[str, ...]:
 
 def operation_counts(steps: tuple[Step, ...]) -> dict[str, int]:
     """Operations of a program by kind."""
-    counts: dict[str, int] = {}
+    counts = Counter()
     for step in steps:
-        for kind, count in step.operations.items():
-            counts[kind] = counts.get(kind, 0) + count
-    return counts
+        counts.update(step.operations)
+    return dict(counts)

@@ -43,8 +43,16 @@ def checked_codes(codes: np.ndarray, width: int, name: str) -> np.ndarray:
     return codes.astype(dtype, copy=False)
 
 
+class Rounds:
+    """A format that rounds by encoding and decoding."""
+
+    def round(self, values: np.ndarray) -> np.ndarray:
+        """The value that the format holds in place of each value, float64 but for `Bits`."""
+        return self.decode(self.encode(values))
+
+
 @dataclass(frozen=True)
-class Bits:
+class Bits(Rounds):
     """Unsigned integers of `width` bits that stand for themselves: indices, masks, counts.
 
     `encode` refuses what does not fit, it never saturates; `decode` returns integers.
@@ -64,13 +72,9 @@ class Bits:
         """The codes themselves."""
         return checked_codes(codes, self.width, str(self))
 
-    def round(self, values: np.ndarray) -> np.ndarray:
-        """The values themselves."""
-        return self.decode(self.encode(values))
-
 
 @dataclass(frozen=True)
-class Fixed:
+class Fixed(Rounds):
     """Fixed point: a two's complement (or unsigned) integer times 2^−fraction.
 
     `integer` bits stand before the binary point and `fraction` bits after it; a sign bit comes on
@@ -140,13 +144,9 @@ class Fixed:
             steps = (steps ^ sign) - sign
         return np.ldexp(steps.astype(np.float64), -self.fraction)
 
-    def round(self, values: np.ndarray) -> np.ndarray:
-        """The value that the format holds in place of each value, float64."""
-        return self.decode(self.encode(values))
-
 
 @dataclass(frozen=True)
-class Float:
+class Float(Rounds):
     """Binary floating point in the layout of IEEE 754: sign, `exponent` bits, `fraction` bits.
 
     A code with biased exponent e and fraction f is worth (1 + f·2^−fraction) · 2^(e − bias); with
@@ -269,10 +269,6 @@ class Float:
             values = np.where(codes >> (self.width - 1), -values, values)
         # Only IEEE formats know −0; −0 + 0 = +0.
         return values if self.overflow == "infinity" else values + 0.0
-
-    def round(self, values: np.ndarray) -> np.ndarray:
-        """The value that the format holds in place of each value, float64."""
-        return self.decode(self.encode(values))
 
 
 FP16 = Float(5, 10, overflow="infinity")

@@ -6,24 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from splatcore.spec import memory
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import (
-    ALIGNMENT,
-    CHUNK,
-    CHUNK_HEADER,
-    COLOUR_ENTRY,
-    EXPONENT_MAX,
-    HEADER,
-    MAGIC,
-    PLACED,
-    POSITION_FORMATS,
-    SH_ENTRY,
-    STORED_BITS,
-    VERSION,
-    Layout,
-    ModelFormat,
-    chunk_count,
-)
+from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER, Layout, ModelFormat, chunk_count
 from splatcore.spec.record import Record, unpack_bits
 from splatcore.spec.scene import Gaussians
 
@@ -37,7 +22,7 @@ def offsets(stored: np.ndarray, octant_end: np.ndarray) -> np.ndarray:
     of, place = np.divmod(np.arange(len(stored)), CHUNK)
     octant = (place[:, None] >= octant_end[of]).sum(1)  # [N]
     top = octant[:, None] >> np.arange(3) & 1
-    return stored.astype(np.int64) | top << STORED_BITS
+    return stored.astype(np.int64) | top << memory.STORED_BITS
 
 
 def grid_points(offset: np.ndarray, origin: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -87,7 +72,7 @@ class PackedModel:
         stages = {
             f: tuple(int(b) for b in self.header[f][0] if b) for f in ("colour_index", "sh_index")
         }
-        position = POSITION_FORMATS[self.value("position")]
+        position = memory.POSITION_FORMATS[self.value("position")]
         return ModelFormat(self.value("sh_degree"), position, **stages)
 
     @property
@@ -154,12 +139,12 @@ class PackedModel:
     @property
     def colour(self) -> np.ndarray:
         """Colours [N, 3] before the harmonics: SH0·C0 + 0.5."""
-        return self._codebook("colour", self.layout.colours, COLOUR_ENTRY, "rgb")
+        return self._codebook("colour", self.layout.colours, memory.COLOUR_ENTRY, "rgb")
 
     @property
     def slopes(self) -> np.ndarray:
         """G [N, 3, 3] in colour + G·direction (colour channel × axis), of models of degree 1."""
-        return self._codebook("sh", self.layout.sh, SH_ENTRY, "g").reshape(-1, 3, 3)
+        return self._codebook("sh", self.layout.sh, memory.SH_ENTRY, "g").reshape(-1, 3, 3)
 
     def _codebook(self, part: str, start: int, entry: Record, field: str) -> np.ndarray:
         """The sums [N, D] of the entries that the attributes' indices choose."""
@@ -203,17 +188,17 @@ def _check(model: PackedModel):
     def refuse(field: str, why: str):
         raise InputError(f"{model.name}: {field} {why}")
 
-    if len(model.image) < HEADER.size or model.value("magic") != MAGIC:
+    if len(model.image) < HEADER.size or model.value("magic") != memory.MAGIC:
         refuse("magic", "is not that of a packed model")
-    if model.value("version") != VERSION:
-        refuse("version", f"{model.value('version')} is not {VERSION}")
+    if model.value("version") != memory.VERSION:
+        refuse("version", f"{model.value('version')} is not {memory.VERSION}")
     if model.value("sh_degree") > 1:
         refuse("sh_degree", f"{model.value('sh_degree')} is not 0 or 1")
-    if model.value("position") >= len(POSITION_FORMATS):
+    if model.value("position") >= len(memory.POSITION_FORMATS):
         refuse("position", f"{model.value('position')} is unknown")
     for field in ("position_exponent", "factor_exponent", "colour_exponent", "sh_exponent"):
-        if abs(model.value(field)) > EXPONENT_MAX:
-            refuse(field, f"{model.value(field)} is not within ± {EXPONENT_MAX}")
+        if abs(model.value(field)) > memory.EXPONENT_MAX:
+            refuse(field, f"{model.value(field)} is not within ± {memory.EXPONENT_MAX}")
     for field in ("colour_index", "sh_index"):
         if model.header[field].max() > 16:
             refuse(field, f"of {model.header[field].max()} bits is over 16")
@@ -225,8 +210,8 @@ def _check(model: PackedModel):
         refuse("colour_index", str(error))
     if len(model.image) != expected:
         refuse("count", f"{len(model)} needs {expected} bytes but there are {len(model.image)}")
-    for part in PLACED:
-        if model.value(part) * ALIGNMENT != getattr(model.layout, part):
-            refuse(part, f"is said to be at {model.value(part) * ALIGNMENT}")
+    for part in memory.PLACED:
+        if model.value(part) * memory.ALIGNMENT != getattr(model.layout, part):
+            refuse(part, f"is said to be at {model.value(part) * memory.ALIGNMENT}")
     if model.value("checksum") != checksum(model.image):
         refuse("checksum", "is wrong: the file is damaged")

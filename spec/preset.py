@@ -65,7 +65,11 @@ def read_preset(path: str | Path) -> Config:
         raise InputError(f"{path}: base {base!r} is unknown (there are {', '.join(PRESETS)})")
     table.setdefault("name", re.sub(r"[^A-Za-z0-9_-]", "_", Path(path).stem))
     values = {key: _value(hints[key], table[key], f"{path}: {key}") for key in table}
-    _check_name(path, values["name"])
+    name = values["name"]
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise InputError(f"{path}: name {name!r} is not of letters, digits, _ and -")
+    if name.upper() in PRESETS:
+        raise InputError(f"{path}: name {name!r} is that of a preset that is built in")
     try:
         config = replace(preset(base), **values)
         check_buildable(config)
@@ -115,14 +119,6 @@ def _check_keys(where: str, table: dict, known: Iterable[str]):
             close = difflib.get_close_matches(key, known, 1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
             raise InputError(f"{where}: unknown key '{key}'{hint} (there are {', '.join(known)})")
-
-
-def _check_name(path: str | Path, name: str):
-    """InputError for a name that could not be part of a file, or that is another preset's."""
-    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        raise InputError(f"{path}: name {name!r} is not of letters, digits, _ and -")
-    if name.upper() in PRESETS:
-        raise InputError(f"{path}: name {name!r} is that of a preset that is built in")
 
 
 def _value(hint, value, where: str):

@@ -222,10 +222,7 @@ radius_rsqrt = rsqrt(radius_squared)
 radius = radius_squared * radius_rsqrt
 """
 
-CONIC = {
-    "exact": FACTORS + EXTENTS + OUTLINE,
-    "3sigma": FACTORS + EXTENTS + SQUARE,
-}
+CONIC = {"exact": FACTORS + EXTENTS + OUTLINE, "3sigma": FACTORS + EXTENTS + SQUARE}
 """`Config.tile_test` → what follows from a covariance. The outline and the square tell binning
 which tiles a splat touches; the rasterizer goes by the extents in either case."""
 
@@ -291,10 +288,7 @@ PROJECTIONS = {"project": "exact", "square": "3sigma"}
 """First words of the projections' names → `Config.tile_test`."""
 
 TEXTS = {
-    "chunk": (
-        CHUNK,
-        "margin_x margin_y z_high x_low x_high y_low y_high far_x far_y",
-    ),
+    "chunk": (CHUNK, "margin_x margin_y z_high x_low x_high y_low y_high far_x far_y"),
     "cull": (CULL, "z ray_x ray_y ray_z"),
     "cull_interval": (CULL + INTERVAL, "z farthest ray_x ray_y ray_z"),
     "place": (PLACE, "x y z ray_x ray_y ray_z bound_x bound_y"),

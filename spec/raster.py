@@ -19,6 +19,7 @@ the curvature: no splat is thinner than the blur, whatever is lost of a needle, 
 1 % with FP16's digits; there is room for 10 %.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -103,42 +104,28 @@ def prepared_record(config: Config) -> Record:
     is to be shifted to the right to be a length. slope: shear / 2^k. cxx, cxy, cyy: E's second
     differences. half_width, half_height: pixels.
     """
-    factor, curvature = Bits(factor_fraction(config) + 1), curvature_formats(config)
-    colour = colour_format(config)
-    return Record(
-        "prepared",
-        {"u": POSITION, "v": POSITION, "scale": Bits(SCALE_MAX.bit_length())}
-        | {"across": factor, "along": factor, "k": SHIFT, "m": SHIFT}
-        | {"across_shift": SHIFT, "along_shift": SHIFT, "lean_shift": SHIFT}
-        | {"shear": Bits(config.arithmetic.fraction + 2), "slope": SHEAR}
-        | curvature
-        | {"half_width": EXTENT, "half_height": EXTENT, "opacity": OPACITY}
-        | {"red": colour, "green": colour, "blue": colour},
-    )
+    factor = Bits(factor_fraction(config) + 1)
+    fields = {"u": POSITION, "v": POSITION, "scale": Bits(SCALE_MAX.bit_length())}
+    fields |= {"across": factor, "along": factor, "k": SHIFT, "m": SHIFT}
+    fields |= {"across_shift": SHIFT, "along_shift": SHIFT, "lean_shift": SHIFT}
+    fields |= {"shear": Bits(config.arithmetic.fraction + 2), "slope": SHEAR}
+    fields |= curvature_formats(config)
+    fields |= {"half_width": EXTENT, "half_height": EXTENT, "opacity": OPACITY}
+    return Record("prepared", fields | colours(config))
 
 
 def curvature_formats(config: Config) -> dict[str, Fixed]:
     """E's second differences."""
-    fraction = config.exponent_fraction
-    return {
-        "cxx": Fixed(CURVATURE_INTEGER, fraction),
-        "cxy": Fixed(CURVATURE_INTEGER, fraction, signed=True),
-        "cyy": Fixed(CURVATURE_INTEGER, fraction),
-    }
+    format = Fixed(CURVATURE_INTEGER, config.exponent_fraction)
+    return {"cxx": format, "cxy": replace(format, signed=True), "cyy": format}
 
 
 def quadratic_record(config: Config) -> Record:
     """E's coefficients; all but cxx and cyy are signed."""
+    integers = {"e": EXPONENT_INTEGER, "gx": GRADIENT_INTEGER, "gy": GRADIENT_INTEGER}
     fraction = config.exponent_fraction
-    return Record(
-        "quadratic",
-        {
-            "e": Fixed(EXPONENT_INTEGER, fraction, signed=True),
-            "gx": Fixed(GRADIENT_INTEGER, fraction, signed=True),
-            "gy": Fixed(GRADIENT_INTEGER, fraction, signed=True),
-        }
-        | curvature_formats(config),
-    )
+    plane = {name: Fixed(integer, fraction, signed=True) for name, integer in integers.items()}
+    return Record("quadratic", plane | curvature_formats(config))
 
 
 def tile_format(config: Config) -> Bits:
@@ -178,11 +165,13 @@ def readied_record(config: Config) -> Record:
 
 def position_record(config: Config) -> Record:
     """A group's position in the image, in groups."""
-    side = TILE * config.group
-    widths = [
-        max(((size - 1) // side).bit_length(), 1) for size in (config.width_max, config.height_max)
-    ]
-    return Record("position", {"column": Bits(widths[0]), "row": Bits(widths[1])})
+    return Record("position", _place(config, TILE * config.group))
+
+
+def _place(config: Config, side: int) -> dict[str, Bits]:
+    """Column and row in the image of a square with sides of so many pixels."""
+    sizes = {"column": config.width_max, "row": config.height_max}
+    return {name: Bits(max(((size - 1) // side).bit_length(), 1)) for name, size in sizes.items()}
 
 
 def written_record(config: Config) -> Record:
@@ -205,47 +194,30 @@ def background_code(config: Config, colour):
 
 def pair_record(config: Config) -> Record:
     """A splat and one of its tiles: the tile's place in the image, in tiles, and in the group."""
-    widths = [
-        max(((size - 1) // TILE).bit_length(), 1) for size in (config.width_max, config.height_max)
-    ]
-    place = {"column": Bits(widths[0]), "row": Bits(widths[1])}
-    return Record(
-        "pair",
-        {"splat": prepared_record(config)} | place | {"tile": tile_format(config), "end": Bits(1)},
-    )
+    tile = {"tile": tile_format(config), "end": Bits(1)}
+    return Record("pair", {"splat": prepared_record(config)} | _place(config, TILE) | tile)
 
 
 def around_record(config: Config) -> Record:
     """E around a tile. far: it is too far away. columns, rows: those of its blocks that the splat's
     box reaches.
     """
-    return Record(
-        "around",
-        {"quadratic": quadratic_record(config), "far": Bits(1), "columns": Bits(BLOCKS)}
-        | {"rows": Bits(BLOCKS), "tile": tile_format(config)}
-        | colours(config)
-        | {"end": Bits(1)},
-    )
+    fields = {"quadratic": quadratic_record(config), "far": Bits(1), "columns": Bits(BLOCKS)}
+    fields |= {"rows": Bits(BLOCKS), "tile": tile_format(config)}
+    return Record("around", fields | colours(config) | {"end": Bits(1)})
 
 
 def marked_record(config: Config, blocks: int = BLOCKS**2) -> Record:
     """A pair with the blocks that it may reach: of the tile, or those that one rasterizer owns."""
-    return Record(
-        "marked",
-        {"quadratic": quadratic_record(config), "tile": tile_format(config), "blocks": Bits(blocks)}
-        | colours(config)
-        | {"end": Bits(1)},
-    )
+    fields = {"quadratic": quadratic_record(config), "tile": tile_format(config)}
+    fields |= {"blocks": Bits(blocks)}
+    return Record("marked", fields | colours(config) | {"end": Bits(1)})
 
 
 def pixels_record(config: Config) -> Record:
     """A finished block: its place in the image, in blocks, and its pixels row by row."""
-    widths = [((size - 1) // BLOCK).bit_length() for size in (config.width_max, config.height_max)]
-    colour = Array(Bits(8), 3)
-    return Record(
-        "pixels",
-        {"column": Bits(widths[0]), "row": Bits(widths[1]), "pixels": Array(colour, BLOCK**2)},
-    )
+    pixels = Array(Array(Bits(8), 3), BLOCK**2)
+    return Record("pixels", _place(config, BLOCK) | {"pixels": pixels})
 
 
 def exponent_min(fraction: int) -> int:

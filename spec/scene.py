@@ -29,6 +29,10 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.position)
 
+    def __getitem__(self, index) -> "Gaussians":
+        """Those that a numpy index (slice, mask or integers) selects."""
+        return Gaussians(*(array[index] for array in vars(self).values()))
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:

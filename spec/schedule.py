@@ -73,13 +73,9 @@ class Schedule:
 
 def latencies(config: Config) -> dict[str, int]:
     """Clock cycles of each unit."""
-    return {
-        "pe": config.multiply_latency + config.add_latency,
-        "reciprocal": config.unary_latency,
-        "rsqrt": config.unary_latency,
-        "clamp": LATENCY_OF_CHOICE,
-        "maximum": LATENCY_OF_CHOICE,
-    }
+    found = {"pe": config.multiply_latency + config.add_latency}
+    found |= dict.fromkeys(("reciprocal", "rsqrt"), config.unary_latency)
+    return found | dict.fromkeys(("clamp", "maximum"), LATENCY_OF_CHOICE)
 
 
 PES = {"chunk": 1, "cull": 1, "cull_interval": 1, "place": 2}
@@ -139,8 +135,7 @@ def place_steps(
         busy[key] = number[step.name] + 1
         time[step.name] = latest
     first = min(time.values())
-    shift = -first
-    placed = [Place(step, time[step.name] + shift, number[step.name]) for step in steps]
+    placed = [Place(step, time[step.name] - first, number[step.name]) for step in steps]
     return tuple(sorted(placed, key=lambda place: (place.time, place.number)))
 
 

@@ -71,10 +71,8 @@ def batch_record(config: Config) -> Record:
 
 def ranked_record(config: Config) -> Record:
     """An entry of a run. index: where it was in its batch; last: of its run."""
-    return Record(
-        "ranked",
-        {"key": key_format(config), "index": Bits(index_bits(config)), "last": Bits(1)},
-    )
+    index = Bits(index_bits(config))
+    return Record("ranked", {"key": key_format(config), "index": index, "last": Bits(1)})
 
 
 def spill_record(config: Config) -> Record:

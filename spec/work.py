@@ -39,11 +39,8 @@ STRIDE_ALIGNMENT = 16
 
 def table_record() -> Record:
     """A group in the table: first page and how many entries."""
-    spare = ENTRY_BITS - PAGE_BITS - COUNT_BITS
-    return Record(
-        "table",
-        {"page": Bits(PAGE_BITS), "count": Bits(COUNT_BITS), "reserved": Bits(spare)},
-    )
+    spare = Bits(ENTRY_BITS - PAGE_BITS - COUNT_BITS)
+    return Record("table", {"page": Bits(PAGE_BITS), "count": Bits(COUNT_BITS), "reserved": spare})
 
 
 def page_bytes(config: Config) -> int:

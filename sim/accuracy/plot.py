@@ -47,12 +47,8 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
         values = [facts["machines"][config.name]["psnr_db"] for config in machines]
         values = [float("nan") if value is None else value for value in values]
         if facts["hard"]:
-            style = {
-                "linestyle": THIN[hard // 10 % 3],
-                "linewidth": 0.8,
-                "marker": ".",
-                "zorder": 1,
-            }
+            style = {"linewidth": 0.8, "marker": ".", "zorder": 1}
+            style["linestyle"] = THIN[hard // 10 % 3]
             colour = f"C{hard % 10}"
             hard += 1
         else:

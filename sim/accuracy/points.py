@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from splatcore.golden.points import Points, project_points
-from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_boxes
-from splatcore.golden.reference_tiles import bin_splats, rasterize
+from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_lists
+from splatcore.golden.reference_tiles import rasterize
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.scenes import View
@@ -123,10 +123,8 @@ def fields_of(config: Config, model: PackedModel, points: Points) -> Fields:
             "half_width": value["half_width"] * pixel,
             "half_height": value["half_height"] * pixel,
         }
-        return fields | {
-            channel: np.maximum(value[name], 0)
-            for channel, name in zip(CHANNELS, names, strict=True)
-        }
+        colours = [np.maximum(value[name], 0) for name in names]
+    return fields | dict(zip(CHANNELS, colours, strict=True))
 
 
 def fields_of_splats(splats: Splats) -> Fields:
@@ -156,10 +154,7 @@ def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
 
 def picture(splats: Splats, camera: Camera) -> np.ndarray:
     """The reference rasterizer's image [H, W, 3] of splats in depth order, clipped to 0 … 1."""
-    boxes = tile_boxes(splats, camera, SPLATCORE)
-    lists = bin_splats(
-        splats.centre, splats.conic, splats.reach, boxes, camera.width, camera.height, True
-    )
+    lists = tile_lists(splats, camera, SPLATCORE)
     return np.clip(rasterize(lists, splats, camera.width, camera.height, SPLATCORE)[0], 0, 1)
 
 
@@ -197,7 +192,9 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     finite = np.all([np.isfinite(values) for values in fields.values()], axis=0)
     positive = (points.projected["across"] > 0) & (points.projected["along"] > 0)
 
-    stage_0 = {"depth_stage_0": depth_errors(points, exact.depth)}
+    true, depth = exact.depth[points.points], points.culled["z"]
+    front = (true > NEAR_PLANE) & np.isfinite(depth)  # of what stage 0 reads
+    stage_0 = {"depth_stage_0": depth[front] / true[front] - 1}
     _, a, b = np.intersect1d(index, exact.splats.index, return_indices=True)
     a, b = a[finite[a]], b[finite[a]]
     both = {name: values[a] for name, values in fields.items()}
@@ -205,9 +202,8 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
 
     drawn = np.flatnonzero(finite & positive)
     opacity = model.opacity[index[drawn]]
-    splats = splats_of(
-        {name: values[drawn] for name, values in fields.items()}, opacity, index[drawn]
-    )
+    left = {name: values[drawn] for name, values in fields.items()}
+    splats = splats_of(left, opacity, index[drawn])
     seen = splats.index[areas(pixel_boxes(splats, camera)) > 0]
     image = picture(splats, camera)
     return {
@@ -222,13 +218,6 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
         "not_finite": int((~finite).sum()),
         "not_positive": int((finite & ~positive).sum()),
     }
-
-
-def depth_errors(points: Points, depth: np.ndarray) -> np.ndarray:
-    """Relative errors of stage 0's depth, of the Gaussians beyond the near plane that it reads."""
-    exact, found = depth[points.points], points.culled["z"]
-    front = (exact > NEAR_PLANE) & np.isfinite(found)
-    return found[front] / exact[front] - 1
 
 
 def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:

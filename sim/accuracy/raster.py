@@ -5,17 +5,17 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.golden.exact import as_packed, entries_of, features_of
-from splatcore.golden.raster import rasterize
-from splatcore.golden.reference import project, render
+from splatcore.golden.raster import Entries, rasterize
+from splatcore.golden.reference import Splats, project, render
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.scenes import View
+from splatcore.sim.common.table import new_table
 from splatcore.sim.eda.synth import area
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
@@ -45,21 +45,26 @@ def lane_gates(config: Config) -> float:
     return two - one + area(Evaluate(config, 0)) / BLOCK**2
 
 
+def exact_view(view: View) -> tuple[Splats, Entries, np.ndarray]:
+    """Exact splats of what a packed model keeps, their sorted entries (formats change nothing in
+    them) and the reference's image [H, W, 3], 0 … 1.
+    """
+    source, camera = view.open()
+    gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
+    splats, _ = project(gaussians, camera)
+    image = np.clip(render(gaussians, camera).image, 0, 1)
+    return splats, entries_of(DEFAULT, splats, camera), image
+
+
 def raster_errors(views: dict[str, View]) -> dict:
     """Machine → {"gates", "scenes": {scene → {psnr_db, max_error, contributions}}}."""
     found = {name: {"scenes": {}} for name in machines()}
     for title, view in views.items():
-        source, camera = view.open()
-        gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
-        splats, _ = project(gaussians, camera)
-        image = np.clip(render(gaussians, camera).image, 0, 1)
-        entries = entries_of(DEFAULT, splats, camera)  # formats change nothing in them
+        splats, entries, image = exact_view(view)
         for name, config in machines().items():
             config = replace(config, arithmetic=EXACT)
-            raster = rasterize(
-                config, features_of(config, splats), entries.start, entries.splat, entries.mask,
-                (camera.width, camera.height),
-            )  # fmt: skip
+            features = features_of(config, splats)
+            raster = rasterize(config, features, entries, image.shape[1::-1])
             error = raster.pixels / 255 - image
             found[name]["scenes"][title] = {
                 "psnr_db": psnr_of_square(max(float(np.mean(error**2)), 1e-20)),
@@ -75,14 +80,8 @@ def raster_errors(views: dict[str, View]) -> dict:
 
 def raster_table(found: dict) -> Table:
     """Gates of a lane, PSNR of the pictures, and their largest error in steps of 1/255."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("stage 3", no_wrap=True)
-    scenes = list(found["DEFAULT"]["scenes"])
-    for heading in (
-        "gates a lane",
-        *(f"{Path(scene).name.split('.')[0]}\ndB, max" for scene in scenes),
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
+    names = [Path(scene).name.split(".")[0] for scene in found["DEFAULT"]["scenes"]]
+    table = new_table("stage 3", ["gates a lane", *(f"{name}\ndB, max" for name in names)])
     for name, facts in found.items():
         cells = [
             f"{result['psnr_db']:.2f}, {result['max_error'] * 255:.1f}"

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
-from splatcore.golden.raster import rasterize
-from splatcore.golden.reference import Splats, project, render
-from splatcore.sim.accuracy.raster import EXACT
+from splatcore.golden.exact import features_of
+from splatcore.golden.raster import Entries, rasterize
+from splatcore.golden.reference import Splats
+from splatcore.sim.accuracy.raster import EXACT, exact_view
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
@@ -94,18 +94,12 @@ def sort_errors(views: dict[str, View]) -> dict:
     config, total = replace(DEFAULT, arithmetic=EXACT), len(views) * len(WAYS)
     with progress_bar("ordering", total) as advance:
         for number, (title, view) in enumerate(views.items()):
-            source, camera = view.open()
-            gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
-            splats, _ = project(gaussians, camera)
-            image = np.clip(render(gaussians, camera).image, 0, 1)
-            features, entries = features_of(config, splats), entries_of(config, splats, camera)
+            splats, entries, image = exact_view(view)
+            features = features_of(config, splats)
             for done, (name, keys) in enumerate(WAYS.items()):
                 advance(number * len(WAYS) + done, total)
                 there, share = reordered(keys, splats, entries)
-                pixels = rasterize(
-                    config, features, there.start, there.splat, there.mask,
-                    (camera.width, camera.height),
-                ).pixels / 255  # fmt: skip
+                pixels = rasterize(config, features, there, image.shape[1::-1]).pixels / 255
                 found[name]["scenes"][title] = {
                     "psnr_db": psnr(pixels, image),
                     "max_error": float(np.abs(pixels - image).max()),

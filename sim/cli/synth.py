@@ -11,7 +11,7 @@ from splatcore.sim.cli.options import JsonOption, PresetOption, app
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.paper import GATES, STAGE_OF
 from splatcore.sim.common.result import write_json
-from splatcore.sim.eda.gate_table import synthesise_machine
+from splatcore.sim.eda.machine_gates import synthesise_machine
 from splatcore.sim.eda.synth import DEPTH_MAX, gates
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError

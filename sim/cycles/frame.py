@@ -59,14 +59,9 @@ def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycle
         cull=len(points.points) * intervals["cull"],
         place=len(points.front) * intervals["place"],
         project=len(points.inside) * intervals["project"],
-        bin=bin_cycles(frame),
+        bin=int(bin_costs(frame).sum()) + len(frame.binned.lists.count),  # and all lists' ends
         sort=sort_cycles(config, np.diff(frame.start)),
         raster=raster_cycles(config, frame),
         preprocessing=preprocessing_cycles(config, frame, timing.latency),
         rendering=rendering_cycles(config, frame, timing.latency),
     )
-
-
-def bin_cycles(frame: Frame) -> int:
-    """Binning: what each splat takes longest, and all lists' ends."""
-    return int(bin_costs(frame).sum()) + len(frame.binned.lists.count)

@@ -47,21 +47,11 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     kind[np.searchsorted(points.points, points.inside)] = 2
     kind[np.searchsorted(points.points, points.index)] = 3
     chunks = np.bincount(points.points // CHUNK, minlength=len(points.read))
-    steps = np.array(
-        [
-            chunk_interval(config),
-            schedule(config, culling(config.depth_interval)).interval,
-            schedule(config, program("place")).interval,
-            plan.interval,
-        ]
-    )
+    cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
+    steps = np.array([chunk_interval(config), cull.interval, place.interval, plan.interval])
+    attributes = ATTRIBUTES + latency
     lengths = np.array(
-        [
-            HEADER + latency,
-            schedule(config, culling(config.depth_interval)).length,
-            schedule(config, program("place")).length + ATTRIBUTES + latency,
-            plan.length + SPLAT,
-        ]
+        [HEADER + latency, cull.length, place.length + attributes, plan.length + SPLAT]
     )
     slots, queue = config.projection_slots, plan.length // plan.interval + 1 + SPARE
     end = pass_points(chunks, kind, bin_costs(frame), steps, lengths, slots, queue)

@@ -40,8 +40,7 @@ class Raster:
     """Stage 3 of a frame, group by group. number: of the next group."""
 
     def __init__(self, config: Config, frame: Frame):
-        mask = frame.binned.entries["mask"][frame.order]
-        self.start, self.mask = frame.start, mask.astype(np.int64)
+        self.start, self.mask = frame.start, frame.sorted.mask.astype(np.int64)
         self.blocks, self.drained = frame.raster.blocks, block_count(config)
         self.owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
         self.number = 0

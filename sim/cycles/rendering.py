@@ -33,7 +33,9 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
     def give(first: float, entries: int) -> float:
         return stage.group(first, MERGE_PACE, FEATURE_LATENCY + latency)
 
-    timeline = Timeline(config, entry_pace(config, latency), give)
+    # A page is asked for when the one before is there.
+    beats = page_bytes(config) // BEAT + PAGE_LATENCY + latency
+    timeline = Timeline(config, max(1.0, beats / (config.page - 1)), give)
     written = begun = 0.0  # when a group's pixels were written, and when that began
     for count, cycles in zip(np.diff(frame.start), write_cycles(config, frame), strict=True):
         if count:
@@ -45,12 +47,6 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
             begun = written
         written = begun + cycles
     return int(written) + BEGIN + 2 * latency
-
-
-def entry_pace(config: Config, latency: int) -> float:
-    """Cycles an entry of a list takes to come: a page is asked for when the one before is there."""
-    beats = page_bytes(config) // BEAT
-    return max(1.0, (beats + PAGE_LATENCY + latency) / (config.page - 1))
 
 
 def write_cycles(config: Config, frame: Frame) -> np.ndarray:

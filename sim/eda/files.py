@@ -7,12 +7,25 @@ from io import StringIO
 
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from splatcore.sim.eda.macros import memory_name
-from splatcore.sim.eda.template import filled
 from splatcore.spec.config import CLOCK_HZ, KB, Config
 
 RESET_CYCLES = 2
+
+ENVIRONMENT = Environment(
+    loader=PackageLoader("splatcore.sim.eda", "."),
+    undefined=StrictUndefined,
+    keep_trailing_newline=True,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def filled(name: str, **facts) -> str:
+    """The template `NAME.jinja` beside this file with these facts."""
+    return ENVIRONMENT.get_template(f"{name}.jinja").render(facts)
 
 
 def memory_list(shapes: list[tuple[int, int]], instances: Iterable[tuple[str, str]]) -> str:

@@ -86,12 +86,8 @@ def used(log: str) -> dict[str, tuple[int, int]]:
 
 def why_not(log: str) -> str:
     """Why a log ends without a placed part: what there is too little of, else its last error."""
-    short = [
-        f"{name} {of} of {there}"
-        for kind, name in ((kind, name.replace("_", " ")) for name, kind in KINDS.items())
-        for of, there in [used(log).get(kind, (0, 0))]
-        if of > there
-    ]
+    cells = {name.replace("_", " "): used(log).get(kind, (0, 0)) for name, kind in KINDS.items()}
+    short = [f"{name} {of} of {there}" for name, (of, there) in cells.items() if of > there]
     if short:
         return "does not fit: " + ", ".join(short)
     errors = ERROR.findall(log)
@@ -100,9 +96,8 @@ def why_not(log: str) -> str:
 
 def from_report(report: dict, wrap: Wrap) -> Placed:
     """A part by nextpnr's report."""
-    taken = {
-        name: report["utilization"].get(kind, {"used": 0})["used"] for name, kind in KINDS.items()
-    }
+    cells = report["utilization"]
+    taken = {name: cells.get(kind, {"used": 0})["used"] for name, kind in KINDS.items()}
     taken["luts"] -= wrap.luts
     taken["flip_flops"] -= wrap.flip_flops
     ((clock, fmax),) = report["fmax"].items()

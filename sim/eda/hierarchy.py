@@ -74,10 +74,7 @@ class Hierarchy:
             texts.append(f"module {names[instance.module]}\n{body}end\n")
 
         visit(root)
-        return Netlist(_numbered("\n".join(texts)), tuple(memories))
-
-
-def _numbered(text: str) -> str:
-    """The same with the wires that Amaranth numbers through the whole netlist numbered anew."""
-    names: dict[str, str] = {}
-    return WIRE.sub(lambda wire: names.setdefault(wire[0], f"\\port{len(names)}"), text)
+        # Amaranth numbers wires through the whole netlist: here they are numbered anew.
+        wires: dict[str, str] = {}
+        text = WIRE.sub(lambda w: wires.setdefault(w[0], f"\\port{len(wires)}"), "\n".join(texts))
+        return Netlist(text, tuple(memories))

@@ -7,17 +7,21 @@ constant passes a boundary, and a path through several pieces is measured in eac
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
 from typing import NamedTuple
 
 from amaranth.back import rtlil
 
 from splatcore.hdl.top import Top
-from splatcore.sim.eda.check import CHECK, faults_found
+from splatcore.sim.common.output import console, messages, progress_bar
+from splatcore.sim.common.paper import GATES, GATES_ALL
+from splatcore.sim.common.table import new_table
 from splatcore.sim.eda.hierarchy import Hierarchy, Instance
 from splatcore.sim.eda.macros import Macros, memory_name
-from splatcore.sim.eda.synth import Netlist
+from splatcore.sim.eda.synth import DEPTH_MAX, Netlist, yosys
 from splatcore.spec.config import Config
 
 
@@ -54,10 +58,7 @@ PATHS = {
     "control": {
         **{name: name for name in ("axi", "registers", "frame")},
         **{name: rf"preprocess\.{name}" for name in ("model", "binned")},
-        **{
-            name: rf"render\.{name}"
-            for name in ("groups", "lists", "scratch", "features", "pixels")
-        },
+        **{name: rf"render\.{name}" for name in "groups lists scratch features pixels".split()},
         "top, the rest": "",
     },
 }
@@ -106,6 +107,21 @@ def whole(hierarchy: Hierarchy) -> Netlist:
     return hierarchy.piece(Instance("", hierarchy.top), lambda _: None)
 
 
+CHECK = """
+delete t:$scopeinfo
+tee -o check.txt check
+tee -o latches.txt select -list t:$dlatch t:$adlatch t:$dlatchsr t:$sr
+"""
+"""Faults: latches, combinational loops, wires of several drivers or of none. Of a flat netlist, as
+loops may lead through several modules."""
+
+READ_VERILOG = """
+read_verilog {files}
+hierarchy -check -top {top}
+proc
+flatten
+"""
+
 READ = """
 read_rtlil top.il
 read_verilog -lib macros.v
@@ -131,6 +147,19 @@ def _count(files: dict[str, str]) -> int:
     return sum(int(n) * int(width) for n, width in cells)
 
 
+def faults_found(files: dict[str, str]) -> list[str]:
+    """Faults that `CHECK` has found, a line each."""
+    latches = [f"latch {name}" for name in files["latches.txt"].split()]
+    return latches + re.findall(r"^Warning: (.*)", files["check.txt"], re.M)
+
+
+def faults(top: str, *paths: Path) -> list[str]:
+    """Faults of Verilog files."""
+    files = {path.name: path.read_text() for path in paths}
+    read = READ_VERILOG.format(files=" ".join(files), top=top)
+    return faults_found(yosys(read + CHECK, files))
+
+
 def examined(whole: Netlist) -> dict[str, int | list[str]]:
     """Flip-flops of a whole netlist, and its faults."""
     return whole.run(
@@ -149,12 +178,58 @@ def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
     memories: dict[Part, list[str]] = {part: [] for part in found}
     for part, piece in work:
         memories[part] += (memory_name(*size) for size in piece.memories)
-    return [
-        Size(part, len(all), **_together(all), memories=tuple(memories[part]))
-        for part, all in found.items()
-    ]
+    whole = []
+    for part, all in found.items():  # their sum, of depths the largest
+        size = {k: (max if "depth" in k else sum)(each[k] for each in all) for k in all[0]}
+        whole.append(Size(part, len(all), **size, memories=tuple(memories[part])))
+    return whole
 
 
-def _together(all: list[dict[str, float]]) -> dict[str, float]:
-    """Sizes of several pieces: the sum, of depths the largest."""
-    return {key: (max if "depth" in key else sum)(each[key] for each in all) for key in all[0]}
+def synthesise_machine(config: Config) -> dict:
+    """Print the gates of all parts of a machine beside the paper's; the same for a JSON file."""
+    with progress_bar("elaborating the machine") as advance:
+        hierarchy = netlist(config)
+        found = sizes(hierarchy, advance)
+        advance(0, 1, "checking the machine")
+        about = examined(whole(hierarchy))
+    title = f"preset {config.name}; thousands of NAND2; depth for speed ≤ {DEPTH_MAX}"
+    table = new_table("part", ("count", "each", "all", "for speed", "depth", "paper"), title)
+    for stage, parts in groupby(found, key=lambda size: size.part.stage):
+        parts = list(parts)
+        table.add_row(stage, *_row(parts, None, GATES.get(stage)), style="bold")
+        for size in parts:
+            table.add_row(f"  {size.part.name}", *_row([size], size.count, None))
+    table.add_row("all", *_row(found, None, GATES_ALL), style="bold")
+    console.print(table)
+    parted = sum(size.flip_flops_before for size in found)
+    console.print(
+        f"Flip-flops as described: {parted:,} in the parts, {about['flip_flops_before']:,} in the "
+        f"whole. Latches, loops, wires of several drivers or none: {len(about['faults'])}."
+    )
+    for fault in about["faults"]:
+        messages.print(fault, markup=False, soft_wrap=True)
+    return {
+        "nand2": sum(size.nand2 for size in found),
+        "speed_nand2": sum(size.speed_nand2 for size in found),
+        "paper_nand2": GATES_ALL,
+        "flip_flops_before": {"parts": parted, "whole": about["flip_flops_before"]},
+        "faults": about["faults"],
+        "parts": {size.part.name: _facts(size) for size in found},
+    }
+
+
+def _row(sizes: list[Size], count: int | None, paper: int | None) -> Iterable[str]:
+    """Cells of a row: sums, and the largest depth."""
+    nand2, speed_nand2 = (
+        sum(getattr(size, name) for size in sizes) for name in ("nand2", "speed_nand2")
+    )
+    yield str(count or "")
+    for value in (count and nand2 / count, nand2, speed_nand2):
+        yield f"{value / 1000:,.1f}" if value else ""
+    yield str(max(size.speed_depth for size in sizes))
+    yield f"{paper / 1000:,.1f}" if paper else ""
+
+
+def _facts(size: Size) -> dict:
+    """A part's sizes for a JSON file."""
+    return {"stage": size.part.stage} | {k: v for k, v in vars(size).items() if k != "part"}

@@ -77,11 +77,6 @@ class Macros:
     def __init__(self):
         self.sizes: list[tuple[int, int]] = []
 
-    @property
-    def library(self) -> str:
-        """Verilog of the black boxes."""
-        return "".join(box(*size) for size in sorted(set(self.sizes)))
-
     def get_memory(self, memory: Memory):
         """The module that stands for a memory; called by Amaranth."""
         if any(port.domain == "comb" for port in memory.read_ports):

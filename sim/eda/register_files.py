@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.sim.common.output import write
-from splatcore.sim.eda.template import filled
+from splatcore.sim.eda.files import filled
 from splatcore.spec import registers
 from splatcore.spec.axi import READERS, WRITERS
 from splatcore.spec.binning import groups_max
@@ -54,14 +54,17 @@ DETAILS = {
 def write_register_files(config: Config, folder: Path) -> list[Path]:
     """Write the page and the C header into a folder; their paths."""
     folder.mkdir(parents=True, exist_ok=True)
+    # as the comments in `ErrorCode` have them
+    meanings = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
+    places = {name: bit // 8 for name, bit in HEADER.offsets.items() if name != "reserved"}
     facts = {
         "config": config,
         "registers": register_map(config),
         "bits": BITS,
-        "errors": error_meanings(),
+        "errors": {code: meanings.get(code.name, "no error") for code in ErrorCode},
         "details": DETAILS,
         "sizes": sizes(config),
-        "model": header_offsets(),
+        "model": {f"MODEL_{name.upper()}_AT": place for name, place in places.items()},
         "constants": camera_constants(config),
         "near_plane": near_plane(config),
         "number": number_facts(config.arithmetic),
@@ -69,12 +72,6 @@ def write_register_files(config: Config, folder: Path) -> list[Path]:
     for name in FILES:
         write(folder / name, filled(name, **facts).encode())
     return [folder / name for name in FILES]
-
-
-def error_meanings() -> dict[ErrorCode, str]:
-    """The meaning of each error, as `ErrorCode`'s comments have it."""
-    said = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
-    return {code: said.get(code.name, "no error") for code in ErrorCode}
 
 
 def sizes(config: Config) -> dict[str, int]:
@@ -93,16 +90,6 @@ def sizes(config: Config) -> dict[str, int]:
         "PIXEL_BYTES": PIXEL,
         "STRIDE_ALIGNMENT": STRIDE_ALIGNMENT,
     }
-
-
-def header_offsets() -> dict[str, int]:
-    """Byte offsets of fields of the model's header, by their names in C."""
-    found, offset = {}, 0
-    for name, format in HEADER.fields:
-        if name != "reserved":
-            found[f"MODEL_{name.upper()}_AT"] = offset // 8
-        offset += format.width
-    return found
 
 
 def camera_constants(config: Config) -> dict[str, float]:

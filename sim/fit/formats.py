@@ -127,11 +127,7 @@ class Search:
     def _step(self, field: str) -> Step | None:
         """A bit less of a format; None if it is not built so narrow."""
         bits = bits_of(self.config, field) - 1
-        try:
-            less = with_bits(self.config, field, bits)
-        except InputError:  # keys have an end of their own
-            return None
-        if not _buildable(less):
+        if not built(self.config, field, bits):
             return None
         return Step(field, bits, self._adds(field, bits) - self._adds(field, bits + 1))
 
@@ -159,8 +155,7 @@ class Search:
             return np.zeros(len(self.views))
         if (field, bits) not in self.added:
             self.tell(f"trying {field} {bits}")
-            alone = with_bits(self.start, field, bits)
-            if _buildable(alone):
+            if alone := built(self.start, field, bits):
                 added = self._squares(self.small, alone) - self.base
             else:
                 pair = (self._squares(self.small, with_bits(self.config, field, b))
@@ -170,13 +165,14 @@ class Search:
         return self.added[field, bits]
 
 
-def _buildable(config: Config) -> bool:
-    """True if the hardware can be made of a machine's formats."""
+def built(config: Config, field: str, bits: int) -> Config | None:
+    """A machine with a format of so many bits; None if the hardware cannot be made of it."""
     try:
-        check_buildable(config)
+        found = with_bits(config, field, bits)
+        check_buildable(found)
     except InputError:
-        return False
-    return True
+        return None
+    return found
 
 
 def smaller(view: View) -> View:
@@ -194,11 +190,7 @@ def wider(config: Config) -> Config:
     """A machine with the most bits that are tried."""
     for field in SHARES:
         for more in range(WIDER, 0, -1):
-            try:
-                found = with_bits(config, field, bits_of(config, field) + more)
-            except InputError:
-                continue
-            if _buildable(found):
+            if found := built(config, field, bits_of(config, field) + more):
                 config = found
                 break
     return config

@@ -74,32 +74,24 @@ def _small_sorter(config: Config) -> float:
     return area(PRIMITIVES["sub_sorter"](replace(config, sub_sorter_entries=SMALL_ENTRIES)))
 
 
-def all_lanes(config: Config) -> int:
-    """Lanes of all rasterizers."""
-    return config.rasterizers * BLOCK**2
-
-
-def all_pes(config: Config) -> int:
-    """PEs of all arrays of stages 0 and 1."""
-    return config.pes * config.pe_arrays + sum(PES[name] for name in ("chunk", "cull", "place"))
-
-
-def all_entries(config: Config) -> float:
-    """Entries of all sub-sorters, counted in small ones."""
-    return config.sub_sorters * config.sub_sorter_entries / SMALL_ENTRIES
-
+PES_BEFORE = sum(PES[name] for name in ("chunk", "cull", "place"))
+"""PEs of stages 0 and 1 besides those of the projection."""
 
 Share = tuple[Callable[[Config], float], Callable[[Config], float]]
 
 OF_RASTER: dict[str, Share] = {
-    "lane": (_lane, all_lanes),
+    "lane": (_lane, lambda config: config.rasterizers * BLOCK**2),
     "evaluate": (_primitive("evaluate"), lambda config: config.rasterizers),
     "mark": (_primitive("mark"), lambda _: 1),
 }
 
 SHARES: dict[str, tuple[Share, ...]] = {
-    "arithmetic": ((_primitive("multiply_add"), all_pes),),
-    "sort_digits": ((_small_sorter, all_entries),),
+    "arithmetic": (
+        (_primitive("multiply_add"), lambda config: config.pes * config.pe_arrays + PES_BEFORE),
+    ),
+    "sort_digits": (
+        (_small_sorter, lambda c: c.sub_sorters * c.sub_sorter_entries / SMALL_ENTRIES),
+    ),
 } | {field: tuple(OF_RASTER[part] for part in format.parts) for field, format in FORMATS.items()}
 """By format: the parts that most of its bits' gates are in, and how many a machine has."""
 

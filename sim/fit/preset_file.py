@@ -54,10 +54,7 @@ def _text(value: object) -> str:
 
 def _table(value: object) -> str:
     """A dataclass's fields but those that are as they are by default."""
-    found = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
-    cells = [
-        f"{name} = {_text(item)}"
-        for name, (item, default) in found.items()
-        if item != default  # which nothing is where there is none
-    ]
+    found = {field.name: getattr(value, field.name) for field in fields(value)}
+    usual = {field.name: field.default for field in fields(value)}  # which nothing is without one
+    cells = [f"{name} = {_text(item)}" for name, item in found.items() if item != usual[name]]
     return f"{{ {', '.join(cells)} }}"

@@ -134,13 +134,9 @@ class Knob:
 def knobs(found: Fit) -> list[Knob]:
     """All that was chosen, with reasons."""
     config = found.config
-    views = "the largest view"
-    sizes = [
-        Knob(name, getattr(DEFAULT, name), getattr(config, name), views)
-        for name in ("width_max", "height_max")
-    ]
-    why = "the scene has harmonics" if config.sh_degree else "the scene has no harmonics"
-    sizes.append(Knob("sh_degree", DEFAULT.sh_degree, config.sh_degree, why))
+    reasons = dict.fromkeys(("width_max", "height_max"), "the largest view")
+    reasons["sh_degree"] = f"the scene has {'' if config.sh_degree else 'no '}harmonics"
+    sizes = [Knob(k, getattr(DEFAULT, k), getattr(config, k), why) for k, why in reasons.items()]
     for name, half in SIZES.items():
         before, value = (
             c.pes * c.pe_arrays if name == "pes" else getattr(c, name) for c in (DEFAULT, config)

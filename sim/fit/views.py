@@ -78,11 +78,8 @@ class View:
         stage_3 = {name: getattr(config, name) for name in OF_RASTER}
         if replace(known, **stage_3) != config:
             return render(config, self.model, self.camera).pixels
-        entries = frame.binned.entries
-        return rasterize(
-            config, frame.binned.features, frame.start, entries["splat"][frame.order],
-            entries["mask"][frame.order], (self.camera.width, self.camera.height),
-        ).pixels  # fmt: skip
+        size = self.camera.width, self.camera.height
+        return rasterize(config, frame.binned.features, frame.sorted, size).pixels
 
     def square(self, pixels: np.ndarray) -> float:
         """Mean squared error of a picture of 8 bits."""

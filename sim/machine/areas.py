@@ -54,12 +54,6 @@ class Areas:
         return memory[region.begin - BASE : region.end - BASE]
 
 
-def generous_pages(config: Config, count: int) -> int:
-    """List pages that are likely to be enough for `count` Gaussians."""
-    pages = -(-count * ENTRIES_A_GAUSSIAN // (config.page - 1))
-    return min(pages + groups_max(config) * PAGES_A_GROUP, (1 << PAGE_BITS) - 1)
-
-
 def place_areas(
     config: Config,
     models: list[PackedModel],
@@ -74,7 +68,9 @@ def place_areas(
     any frame of the models, or (pages) likely to be. InputError if addresses do not suffice.
     """
     count = max([1, *map(len, models)])
-    pages = generous_pages(config, count) if pages is None else pages
+    if pages is None:
+        pages = -(-count * ENTRIES_A_GAUSSIAN // (config.page - 1))
+        pages = min(pages + groups_max(config) * PAGES_A_GROUP, (1 << PAGE_BITS) - 1)
     features = count if features is None else features
     entries = count if entries is None else entries
     regions, place = [], BASE

@@ -25,6 +25,7 @@ from splatcore.sim.machine.areas import IMAGES, Areas, make_memory, place_areas
 from splatcore.sim.machine.program import compiled
 from splatcore.sim.machine.script import IDEAL, Report, Script, Timing, execute, open_memory
 from splatcore.sim.rtl.build import FAST, QUICK
+from splatcore.spec import registers
 from splatcore.spec.axi import BEAT
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
@@ -32,15 +33,7 @@ from splatcore.spec.counters import counters
 from splatcore.spec.frame import frame_constants
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.raster import COLOURS
-from splatcore.spec.registers import (
-    CODE_BITS,
-    INTERRUPT_ERROR,
-    INTERRUPT_FRAME,
-    INTERRUPT_READY,
-    START,
-    ErrorCode,
-    camera_values,
-)
+from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY, ErrorCode
 from splatcore.spec.stages import BLOCKS
 from splatcore.spec.work import PIXEL, stride
 
@@ -147,11 +140,7 @@ class Machine:
     """
 
     def __init__(
-        self,
-        config: Config,
-        source: str | None = None,
-        trace: bool = False,
-        toggles: bool = False,
+        self, config: Config, source: str | None = None, trace: bool = False, toggles: bool = False
     ):
         self.config = config
         self.source = source or machine_source(config)
@@ -208,11 +197,14 @@ class Machine:
                 for file in folder.glob("waves*"):
                     shutil.move(file, keep / file.name)
             memory = open_memory(folder)
-        _set_events(frames, report)
+        for bit, name in ((INTERRUPT_READY, "ready"), (INTERRUPT_FRAME, "finished")):
+            cycles = [cycle for cycle, bits in report.events if bits & bit]
+            for frame, cycle in zip(frames, cycles, strict=False):
+                setattr(frame, name, cycle)
         state = {name: report.answers[k].value for name, k in last.items() if k in report.answers}
         code = state.get("ERROR", 0)
-        detail = code >> CODE_BITS
-        error = ErrorCode(code & ((1 << CODE_BITS) - 1))
+        detail = code >> registers.CODE_BITS
+        error = ErrorCode(code & ((1 << registers.CODE_BITS) - 1))
         return Run(frames, report, error, detail, state, areas, memory)
 
 
@@ -237,17 +229,7 @@ def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int)
     values |= {"PIXELS": areas.images[image], "STRIDE": stride(camera.width)}
     for name, code in zip(COLOURS, job.background, strict=True):
         values[f"BACKGROUND_{name.upper()}"] = int(code)
-    return values | camera_values(config, frame)
-
-
-def counter_names(config: Config, first: bool) -> list[str]:
-    """Registers of the counters of a half."""
-    return [
-        f"{stage}_{name}".upper()
-        for stage, names in counters(config).items()
-        for name in names
-        if (stage in FIRST_HALF) == first
-    ]
+    return values | registers.camera_values(config, frame)
 
 
 def host_script(
@@ -261,13 +243,17 @@ def host_script(
         values = frame_values(config, jobs[k], places[id(jobs[k].model)], areas, k % IMAGES)
         for name, value in values.items():
             script.write(name, value)
-        marks[k]["START"] = script.write("CONTROL", START)
+        marks[k]["START"] = script.write("CONTROL", registers.START)
 
     def read(k: int, first: bool):
-        for name in counter_names(config, first):
-            marks[k][name] = script.read(name)
+        """The counters of a half."""
+        for stage, names in counters(config).items():
+            for name in names if (stage in FIRST_HALF) == first else ():
+                register = f"{stage}_{name}".upper()
+                marks[k][register] = script.read(register)
 
-    script.write("INTERRUPT_ENABLE", INTERRUPT_READY | INTERRUPT_FRAME | INTERRUPT_ERROR)
+    told = INTERRUPT_READY | INTERRUPT_FRAME | registers.INTERRUPT_ERROR
+    script.write("INTERRUPT_ENABLE", told)
     start(0)
     for k, job in enumerate(jobs):
         script.wait(INTERRUPT_READY)
@@ -296,11 +282,3 @@ def rendered(report: Report, marks: dict[str, int], job: Job, path: Path) -> Ren
         frame.pixels = rows[:, : width * PIXEL].reshape(height, width, PIXEL).copy()
     frame.counters = {name.lower(): answer.value for name, answer in found.items()}
     return frame
-
-
-def _set_events(frames: list[Rendered], report: Report) -> None:
-    """The cycles of the frames' interrupts."""
-    for bit, name in ((INTERRUPT_READY, "ready"), (INTERRUPT_FRAME, "finished")):
-        cycles = [cycle for cycle, bits in report.events if bits & bit]
-        for frame, cycle in zip(frames, cycles, strict=False):
-            setattr(frame, name, cycle)

@@ -101,8 +101,7 @@ def view(path: Path, window: tuple[int, int]) -> str:
         lines += ["@200", f"-{scope}"]
         for stream in streams:
             lines += ["@28", *(f"{scope}.{stream}__{end}" for end in ("valid", "ready"))]
-            width = names.get(f"{stream}__payload", 0)
-            if width:
+            if width := names.get(f"{stream}__payload", 0):
                 bits = f"[{width - 1}:0]" if width > 1 else ""
                 lines += ["@22" if bits else "@28", f"{scope}.{stream}__payload{bits}"]
     return "\n".join(lines) + "\n"

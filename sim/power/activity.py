@@ -6,8 +6,6 @@ can, while that one's points were made. Nets are looked at once a cycle, when al
 gates switch in between (hazards) is left out. Long frames are sampled in windows.
 """
 
-import hashlib
-import json
 import re
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
@@ -19,12 +17,13 @@ import numpy as np
 from amaranth.back import verilog
 
 from splatcore.hdl.top import Top
-from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.cache import kept_json
+from splatcore.sim.common.output import progress_bar
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.eda.machine_gates import PARTS, part_of
 from splatcore.sim.eda.macros import Macros, module
 from splatcore.sim.machine.engines import golden
-from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.sim.machine.machine import Job, Machine
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.program import TOGGLES
 from splatcore.sim.machine.script import LPDDR4
@@ -33,8 +32,6 @@ from splatcore.spec.config import Config
 from splatcore.spec.energy import ENERGY
 from splatcore.spec.error import InputError
 from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY
-
-BUILD = Path("build") / "power"
 
 FRAMES = 2
 
@@ -108,9 +105,7 @@ def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
     sizes = {}
     for body in re.split(r"^module \\?top\.?", source, flags=re.M)[1:]:
         path = plain(body.split(maxsplit=1)[0])
-        for words, bits in re.findall(
-            rf"^  splatcore_memory_(\d+)x(\d+) {MACRO} \(", body, re.M
-        ):  # fmt: skip
+        for words, bits in re.findall(rf"^  splatcore_memory_(\d+)x(\d+) {MACRO} \(", body, re.M):
             if path in sizes:
                 raise ValueError(f"two memories at {path}")
             sizes[path] = int(words), int(bits)
@@ -160,38 +155,30 @@ def read_counts(
     return activity, accesses
 
 
-def run_counts(config: Config, run: Run, path: Path, sample_every: int) -> Counts:
-    """Counts of a run of two equal frames that has been written to a SAIF file."""
-    counted, (cycles,) = duration(path), run.frame_cycles
-    sizes = memory_sizes(machine_source(config))
-    parts, memories = read_counts(path, sizes, cycles / counted)
-    last = run.frames[-1]
-    return Counts(
-        parts, memories, cycles, last.pixels.shape[0] * last.pixels.shape[1], sample_every,
-        run.report.cycles, counted, last.traffic,
-    )  # fmt: skip
-
-
-def sampled(config: Config, job: Job) -> tuple[np.ndarray, int]:
-    """The golden model's picture of a frame, and one in how many windows is to be looked at."""
-    frame = golden(config, job)
-    return frame.pixels, max(1, round(frame_cycles(config, frame).frame / COUNTED))
-
-
 def counts_of(config: Config, job: Job, sample_every: int | None, label: str) -> Counts:
-    """Switching of a frame of a view, with LPDDR4 behind the machine; kept in `BUILD`.
+    """Switching of a frame of a view, with LPDDR4 behind the machine; kept for the next time.
 
     sample_every: looks at one in so many windows; by itself at about `COUNTED` cycles. InputError
     if the machine does not come to its end or its picture is not the golden model's.
     """
     with progress_bar(f"writing the machine {config.name}"):
         source = machine_source(config)
-    key = key_of(source, config, job, sample_every)
-    path = BUILD / f"{key}.json"
-    if path.exists():
-        return from_json(json.loads(path.read_text()))
-    pixels, every = sampled(config, job)
-    every = sample_every or every
+    # All that decides on the counts; the constants of energy do not, nor do names.
+    made_from = [source, replace(config, energy=ENERGY), LPDDR4, job.model.image, job.background]
+    made_from += [replace(job.camera, name=""), TOGGLES, FRAMES, SAMPLE_LENGTH, COUNTED]
+
+    def compute() -> dict:
+        return asdict(simulated_counts(config, source, job, sample_every, label))
+
+    return from_json(kept_json("power", [*made_from, sample_every], compute))
+
+
+def simulated_counts(
+    config: Config, source: str, job: Job, sample_every: int | None, label: str
+) -> Counts:
+    """The same, simulated. source: of the machine."""
+    frame = golden(config, job)
+    every = sample_every or max(1, round(frame_cycles(config, frame).frame / COUNTED))
     with progress_bar(f"building the machine {config.name} that counts, which takes minutes"):
         machine = Machine(config, source, toggles=True)
     lines = settings(every) | {"steady": f"{INTERRUPT_READY} {INTERRUPT_FRAME}"}
@@ -201,30 +188,21 @@ def counts_of(config: Config, job: Job, sample_every: int | None, label: str) ->
         )
         if not run.done:
             raise InputError(f"{label}: the machine failed: {run.why}")
-        if any(not np.array_equal(frame.pixels, pixels) for frame in run.frames):
+        if any(not np.array_equal(found.pixels, frame.pixels) for found in run.frames):
             raise InputError(f"{label}: the picture is not the golden model's")
         with progress_bar("counting"):
-            counts = run_counts(config, run, Path(name) / "waves.saif", every)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write(path, (json.dumps(asdict(counts), indent=2) + "\n").encode())
-    return counts
+            path, (cycles,) = Path(name) / "waves.saif", run.frame_cycles
+            counted = duration(path)
+            parts, memories = read_counts(path, memory_sizes(source), cycles / counted)
+    return Counts(
+        parts, memories, cycles, job.camera.width * job.camera.height, every,
+        run.report.cycles, counted, run.frames[-1].traffic,
+    )  # fmt: skip
 
 
 def settings(sample_every: int) -> dict[str, str]:
     """Lines for the program."""
     return {"sample_every": str(sample_every), "sample_length": str(SAMPLE_LENGTH)}
-
-
-def key_of(source: str, config: Config, job: Job, sample_every: int | None) -> str:
-    """Stands for all that decides on the counts; the constants of energy do not."""
-    camera = {k: v for k, v in vars(job.camera).items() if k != "name"}
-    facts = [
-        source, repr(replace(config, energy=ENERGY)), repr(LPDDR4), repr(job.background),
-        {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in camera.items()},
-        [TOGGLES, FRAMES, SAMPLE_LENGTH, COUNTED, sample_every],
-    ]  # fmt: skip
-    made_from = json.dumps(facts).encode() + job.model.image.tobytes()
-    return hashlib.sha256(made_from).hexdigest()[:32]
 
 
 def from_json(facts: dict) -> Counts:

@@ -133,9 +133,8 @@ def test_exact(format):
     values = [(exact(format, x), exact(format, y)) for x, y in codes]
     less, equal = arithmetic.compare(format, a, b)
     np.testing.assert_array_equal(less, [None not in pair and pair[0] < pair[1] for pair in values])
-    np.testing.assert_array_equal(
-        equal, [None not in pair and pair[0] == pair[1] for pair in values]
-    )
+    same = [None not in pair and pair[0] == pair[1] for pair in values]
+    np.testing.assert_array_equal(equal, same)
 
 
 def test_multiply_add_rounds_twice():

@@ -7,12 +7,13 @@ from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.read import read_scene
-from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.generate.generate import generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.metric import psnr_of_square
 from tb.helpers.bounds import BOUND
+from tb.helpers.machines import garden
 from tb.helpers.scenes import needs_scenes, scene_path
 
 
@@ -32,8 +33,7 @@ def test_hard_cases(name):
 
 
 def test_garden():
-    model, _ = pack(generate("garden", 5_000), DEFAULT)
-    assert psnr(model, generated_camera("garden", 480, 270)) >= BOUND
+    assert psnr(garden(DEFAULT, 5_000), generated_camera("garden", 480, 270)) >= BOUND
 
 
 @needs_scenes

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from splatcore.golden.bin import Binned, features
-from splatcore.golden.lists import write_lists
+from splatcore.golden.bin import Binned, features, write_lists
 from splatcore.golden.reference import project
 from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.model.generate.hard import HARD

@@ -10,7 +10,7 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.golden.codebook import look_up
+from splatcore.golden.project import look_up
 from splatcore.hdl.points.codebook import Codebook, sum_of
 from splatcore.model.generate.generate import generate
 from splatcore.model.pack.pack import pack

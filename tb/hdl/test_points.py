@@ -6,10 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from splatcore.golden.chunk import chunk
-from splatcore.golden.cull import rays
 from splatcore.golden.pipeline import render
-from splatcore.golden.points import Points, project_points
+from splatcore.golden.points import Points, chunk, project_points, rays
 from splatcore.golden.program import run
 from splatcore.golden.reference import covariance_and_conic, project
 from splatcore.model.generate.generate import generate, generated_camera

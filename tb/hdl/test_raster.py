@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from splatcore.golden.bin import splat_codes
-from splatcore.golden.exact import Entries, as_packed, entries_of, features_of
+from splatcore.golden.exact import as_packed, entries_of, features_of
 from splatcore.golden.pipeline import render as render_golden
-from splatcore.golden.raster import WORK, rasterize
+from splatcore.golden.raster import WORK, Entries, rasterize
 from splatcore.golden.reference import project, render
 from splatcore.golden.sort import sort
 from splatcore.hdl.raster.prepare import Prepare
@@ -190,7 +190,7 @@ def test_without_early_termination(hardware):
     features = random_features(config, 500, size, 3)
     features["opacity"][:] = 0
     entries = random_entries(config, 500, size, 3)
-    arguments = (features, entries.start, entries.splat, entries.mask, size)
+    arguments = (features, entries, size)
     whole, ending = rasterize(config, *arguments), rasterize(TINY, *arguments)
     assert whole.counts["ended"] == 0 and ending.counts["ended"] > 100
     assert ending.counts["contributions"] < whole.counts["contributions"]
@@ -279,7 +279,7 @@ def test_against_the_reference(name):
     splats, _ = project(gaussians, camera)
     size = camera.width, camera.height
     features, entries = features_of(DEFAULT, splats), entries_of(DEFAULT, splats, camera)
-    arguments = (DEFAULT, features, entries.start, entries.splat, entries.mask, size)
+    arguments = (DEFAULT, features, entries, size)
     golden, all_blocks = rasterize(*arguments), rasterize(*arguments, mark_all=True)
     assert (golden.pixels == all_blocks.pixels).all()
     assert golden.counts["contributions"] == all_blocks.counts["contributions"]

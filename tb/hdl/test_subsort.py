@@ -6,7 +6,7 @@ from itertools import cycle
 import numpy as np
 import pytest
 
-from splatcore.golden.subsort import sub_sort
+from splatcore.golden.sort import sub_sort
 from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.sim.bench.sort_rows import KEYS, random_keys
 from splatcore.sim.eda.synth import DEPTH_MAX, gates

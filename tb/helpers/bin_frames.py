@@ -7,8 +7,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.golden.bin import Binned, Codes, bin_splats
-from splatcore.golden.lists import Lists
+from splatcore.golden.bin import Binned, Codes, Lists, bin_splats
 from splatcore.golden.reference_tiles import bin_splats as touched
 from splatcore.hdl.binning.bin import COUNTED, Bin
 from splatcore.hdl.lib.record import layout

@@ -6,13 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.bus import axi, axi_lite
-from splatcore.spec.axi import (
-    BEAT,
-    BEAT_BITS,
-    DATA_BITS,
-    LITE_ADDRESS_BITS,
-    LITE_DATA_BITS,
-)
+from splatcore.spec.axi import BEAT, BEAT_BITS, DATA_BITS, LITE_ADDRESS_BITS, LITE_DATA_BITS
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import CODE_BITS, ErrorCode, addresses
 

@@ -7,8 +7,8 @@ from amaranth.hdl import Cat, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
-from splatcore.golden.exact import Entries, encode
-from splatcore.golden.raster import Raster, rasterize
+from splatcore.golden.exact import encode
+from splatcore.golden.raster import Entries, Raster, rasterize
 from splatcore.golden.setup import prepare
 from splatcore.hdl.raster.raster import Raster as Hardware
 from splatcore.hdl.raster.raster import counted as counters_of
@@ -137,9 +137,7 @@ def run_groups(
     **options,
 ) -> Run:
     """Run `Watched` on some groups of an image, or on all of them."""
-    golden = rasterize(
-        config, features, entries.start, entries.splat, entries.mask, size, background
-    )
+    golden = rasterize(config, features, entries, size, background)
     if groups is None:
         groups = np.arange(np.prod(group_grid(config, *size)))
     bits = colour_format(config).width

@@ -44,10 +44,7 @@ def test_garden():
 @needs_scenes
 @pytest.mark.parametrize(
     "name, camera",
-    [
-        ("skull.sog", "0"),
-        pytest.param("kitchen.spz", "kitchen_inside_0", marks=pytest.mark.verify),
-    ],
+    [("skull.sog", "0"), pytest.param("kitchen.spz", "kitchen_inside_0", marks=pytest.mark.verify)],
 )
 def test_scene(name, camera):
     path = scene_path(f"{name.split('.')[0]}.cameras.json")

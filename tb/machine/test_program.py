@@ -94,14 +94,9 @@ def test_bandwidth(machine, models, bandwidth, granule, cycles):
 
 def test_latency(machine, models):
     """A burst's first beat and its answer come so many cycles later, and many are under way."""
-    base, late, one = (
-        run(machine, models, timing).frames[0]
-        for timing in (
-            Timing("test", latency=4),
-            Timing("test", latency=24),
-            Timing("test", latency=24, outstanding=1),
-        )
-    )
+    base, slow = (Timing("test", latency=cycles) for cycles in (4, 24))
+    timings = base, slow, replace(slow, outstanding=1)
+    base, late, one = (run(machine, models, timing).frames[0] for timing in timings)
     assert late.finished - late.ready == base.finished - base.ready + 2 * 20
     assert one.finished - one.ready > BEATS // BURST * (24 + 24 + BURST - 1) / 2
 
@@ -174,9 +169,9 @@ def test_writes_are_seen_from_their_answers_on(machine, models):
 
 
 def test_more_pages(machine, models):
-    found = machine.run(jobs(models), sizes={"features": FAULT, "pages": PAGES - 1})
-    assert found.done and found.areas.pages == PAGES
     sizes = {"features": FAULT, "pages": PAGES - 1}
+    found = machine.run(jobs(models), sizes=sizes)
+    assert found.done and found.areas.pages == PAGES
     found = machine.run(jobs(models), sizes=sizes, retry=False)
     assert found.error == ErrorCode.PAGES and not found.done
 

@@ -128,10 +128,8 @@ def random_rows(width: int, count: int, seed: int = 0) -> np.ndarray:
 
 def run(simulation: Simulation, inputs: dict, expected: dict | None = None, **options):
     """Run some parts of many: the other in streams get no rows."""
-    silent = {
-        name: np.zeros((0, -(-width // 8)), np.uint8)
-        for name, width in simulation.ports.sources.items()
-    }
+    widths = simulation.ports.sources.items()
+    silent = {name: np.zeros((0, -(-width // 8)), np.uint8) for name, width in widths}
     return simulation.run(silent | inputs, expected=expected, **options)
 
 
@@ -172,10 +170,9 @@ def test_queues_fill_and_idle(beside):
 
 def test_a_seed_repeats_itself(beside):
     inputs = {"queue_64__i": random_rows(64, COUNT)}
-    levels = [
-        run(beside, inputs, {"queue_64__o": COUNT}, stall=0.5, seed=seed).samples["queue_64__level"]
-        for seed in (1, 1, 2)
-    ]
+    expected = {"queue_64__o": COUNT}
+    runs = [run(beside, inputs, expected, stall=0.5, seed=seed) for seed in (1, 1, 2)]
+    levels = [found.samples["queue_64__level"] for found in runs]
     np.testing.assert_array_equal(levels[0], levels[1])
     assert not np.array_equal(levels[0], levels[2])
 
@@ -263,9 +260,8 @@ def test_two_inputs_and_a_wide_constant(join, stall):
     """Also: a component without a clock, and an input that is given cycle by cycle."""
     inputs = {"a": random_rows(8, COUNT, 1), "b": random_rows(92, COUNT, 2)}
     key, mask = (1 << 100) - 12345, np.arange(COUNT) % 256
-    result = join.run(
-        inputs, constants={"key": key, "mask": mask}, expected={"o": COUNT}, stall=stall
-    )
+    constants = {"key": key, "mask": mask}
+    result = join.run(inputs, constants=constants, expected={"o": COUNT}, stall=stall)
     assert result.finished, result.stopped
     record = Record("joined", {"low": Bits(64), "high": Bits(36)})
     joined = np.concatenate([inputs["a"], inputs["b"]], axis=1)

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 
 from splatcore.golden.bin import splat_codes
-from splatcore.golden.exact import Entries
 from splatcore.golden.pipeline import Frame, render
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.model.generate.generate import generate, generated_camera
-from splatcore.model.pack.pack import pack
+from splatcore.model.generate.generate import generated_camera
 from splatcore.sim.bench.sort_rows import sort_rows
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.stages import OF_POINTS
 from tb.helpers import bin_frames, raster_rows, stage_cases
+from tb.helpers.machines import garden
 from tb.helpers.point_rows import point_rows
 from tb.helpers.runs import compiled
 
@@ -27,13 +26,8 @@ GAUSSIANS = 20_000
 
 
 @functools.cache
-def model():
-    return pack(generate("garden", GAUSSIANS), DEFAULT)[0]
-
-
-@functools.cache
-def garden() -> tuple[Frame, Cycles]:
-    frame = render(DEFAULT, model(), generated_camera("garden"))
+def modelled() -> tuple[Frame, Cycles]:
+    frame = render(DEFAULT, garden(DEFAULT, GAUSSIANS), generated_camera("garden"))
     return frame, frame_cycles(DEFAULT, frame)
 
 
@@ -44,13 +38,13 @@ def check(modelled: int, cycles: int):
 @pytest.mark.slow
 @pytest.mark.parametrize("stage", OF_POINTS)
 def test_stages_0_and_1(stage):
-    rows = point_rows(DEFAULT, model(), generated_camera("garden"))
-    check(getattr(garden()[1], stage), stage_cases.check(stage, rows, 0).cycles)
+    rows = point_rows(DEFAULT, garden(DEFAULT, GAUSSIANS), generated_camera("garden"))
+    check(getattr(modelled()[1], stage), stage_cases.check(stage, rows, 0).cycles)
 
 
 @pytest.mark.slow
 def test_binning():
-    frame, cycles = garden()
+    frame, cycles = modelled()
     camera = generated_camera("garden")
     codes = splat_codes(DEFAULT, frame.points.projected)
     run, _ = bin_frames.check(
@@ -61,7 +55,7 @@ def test_binning():
 
 @pytest.mark.slow
 def test_stage_2():
-    frame, cycles = garden()
+    frame, cycles = modelled()
     order = np.argsort(frame.binned.group, kind="stable")
     entries = {name: codes[order] for name, codes in frame.binned.entries.items()}
     rows = sort_rows(DEFAULT, np.diff(frame.start), entries)
@@ -74,12 +68,10 @@ def test_stage_2():
 
 @pytest.mark.slow
 def test_stage_3():
-    frame, cycles = garden()
+    frame, cycles = modelled()
     camera = generated_camera("garden")
-    entries = frame.binned.entries
     run = raster_rows.run_groups(
-        DEFAULT, frame.binned.features,
-        Entries(frame.start, entries["splat"][frame.order], entries["mask"][frame.order]),
+        DEFAULT, frame.binned.features, frame.sorted,
         (camera.width, camera.height),
     )  # fmt: skip
     assert run.differing == 0
@@ -88,7 +80,7 @@ def test_stage_3():
 
 def test_model_knows_sizes():
     """More rasterizers and arrays take fewer cycles, and only where they are."""
-    packed, camera = pack(generate("garden", 2000), DEFAULT)[0], generated_camera("garden", 160, 90)
+    packed, camera = garden(DEFAULT, 2000), generated_camera("garden", 160, 90)
     machines = [DEFAULT, replace(DEFAULT, rasterizers=8), replace(DEFAULT, pe_arrays=2)]
     base, more_rasterizers, more_arrays = (
         vars(frame_cycles(config, render(config, packed, camera))) for config in machines

@@ -25,9 +25,7 @@ CAMERA = look_at((0.3, -0.2, -6.0), (0, 0, 0), 64, 48, 60.0, name="front")
 
 WIDE = with_width("8/20")
 
-FIELDS = (
-    "depth_stage_0 u v depth conic_a shear conic_c half_width half_height colour"
-).split()  # fmt: skip
+FIELDS = "depth_stage_0 u v depth conic_a shear conic_c half_width half_height colour".split()
 
 
 @pytest.fixture(scope="module")
@@ -168,9 +166,8 @@ def test_needles_stay_positive_definite():
     machines = (PAPER, with_width("7/10"), DEFAULT)
     facts = measure_view(View("needles"), machines, lambda what: None)
     assert facts["axis_ratio"] == pytest.approx(1e5, rel=0.02)
-    assert facts["screen_ratio"] > 50 and list(facts["machines"]) == [
-        config.name for config in machines
-    ]
+    names = [config.name for config in machines]
+    assert facts["screen_ratio"] > 50 and list(facts["machines"]) == names
     for result in facts["machines"].values():
         assert result["not_positive"] == 0 and result["lost"] == 0
     assert facts["machines"]["DEFAULT"]["psnr_db"] > 70
@@ -239,9 +236,8 @@ def test_command(folder, capsys):
     facts = result["scenes"]["scene.ply"]
     assert facts["camera"] == "scene.cameras.json" and facts["size"] == [64, 48]
     assert list(facts["machines"]["7/16"]["fields"]) == FIELDS
-    assert result["largest"] == {
-        "scenes": {name: found["fields"] for name, found in facts["machines"].items()}
-    }
+    fields = {name: found["fields"] for name, found in facts["machines"].items()}
+    assert result["largest"] == {"scenes": fields}
     assert read_png("plot.png").std() > 5
     with open(ROOT / "docs" / "json.md") as file:
         documented = file.read().partition("## `splatcore error`")[2].partition("\n## ")[0]

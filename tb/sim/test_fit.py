@@ -28,6 +28,7 @@ from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 from tb.helpers.command import run
+from tb.helpers.machines import garden
 
 SIZE = 160, 96
 FPS, PSNR = 16_000, 46.0
@@ -37,9 +38,8 @@ PRICES = dict.fromkeys(SHARES, 100.0) | {"arithmetic": 1000.0, "sort_digits": 20
 """NAND2 of a bit, as if they had been synthesised."""
 
 
-@functools.cache
 def model():
-    return pack(generate("garden", 2000), DEFAULT)[0]
+    return garden(DEFAULT, 2000)
 
 
 @functools.cache

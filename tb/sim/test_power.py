@@ -8,21 +8,18 @@ import pytest
 
 from splatcore.sim.cli import power as power_command
 from splatcore.sim.cli.power import lines, report, table
+from splatcore.sim.common.cache import VARIABLE
 from splatcore.sim.eda.machine_gates import PARTS, Size
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, Region, Script, execute
-from splatcore.sim.power import activity as power_counts
+from splatcore.sim.power import activity
 from splatcore.sim.power.activity import (
     Accesses,
     Activity,
     Counts,
     counts_of,
-    from_json,
-    machine_source,
-    memory_sizes,
     part_around,
     read_counts,
-    settings,
 )
 from splatcore.sim.power.estimate import CLOCK_HZ, Gates, estimate
 from splatcore.sim.power.saif import Net, duration, nets
@@ -203,15 +200,15 @@ def test_report():
 
 def test_counts_stay(monkeypatch, tmp_path):
     """Counts are kept: nothing is simulated again, whatever the constants are."""
-    job = Job(garden(TINY, 100), view(16, 16))
-    monkeypatch.setattr(power_counts, "BUILD", tmp_path)
-    monkeypatch.setattr(power_counts, "machine_source", lambda config: "module top;")
-    key = power_counts.key_of("module top;", TINY, job, 1)
-    text = json.dumps(report_of := power_counts.asdict(COUNTS))
-    (tmp_path / f"{key}.json").write_text(text)
-    assert counts_of(replace(TINY, energy=UNIT), job, 1, "") == from_json(report_of) == COUNTS
-    others = (TINY, job._replace(camera=view(16, 16, 0.1)), 1), (TINY, job, 2)
-    assert key not in [power_counts.key_of("module top;", *other) for other in others]
+    job, made = Job(garden(TINY, 100), view(16, 16)), []
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    monkeypatch.setattr(activity, "machine_source", lambda config: "module top;")
+    monkeypatch.setattr(activity, "simulated_counts", lambda *asked: made.append(asked) or COUNTS)
+    for config in (TINY, replace(TINY, energy=UNIT)):
+        assert counts_of(config, job, 1, "") == COUNTS and len(made) == 1
+    for other in ((job._replace(camera=view(16, 16, 0.1)), 1), (job, 2)):
+        assert counts_of(TINY, *other, "") == COUNTS
+    assert len(made) == 3
 
 
 def test_command(monkeypatch, tmp_path, capsys):
@@ -243,9 +240,9 @@ def test_command(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_frame(monkeypatch, tmp_path):
+def test_frame(monkeypatch):
     """Accesses and traffic of a frame are those that its own counters and the golden model tell."""
-    monkeypatch.setattr(power_counts, "BUILD", tmp_path)
+    monkeypatch.setattr(activity, "kept_json", lambda kind, made_from, compute: compute())
     job = Job(garden(TINY, 300), view(48, 32))
     runs = []
 
@@ -253,8 +250,8 @@ def test_frame(monkeypatch, tmp_path):
         runs.append(simulate(*args, **options))
         return runs[-1]
 
-    simulate = power_counts.simulate
-    monkeypatch.setattr(power_counts, "simulate", noted)
+    simulate = activity.simulate
+    monkeypatch.setattr(activity, "simulate", noted)
     counts = counts_of(TINY, job, 1, "frame")
     (found,) = runs
     told = found.frames[-1].counters
@@ -268,9 +265,9 @@ def test_frame(monkeypatch, tmp_path):
     assert sum(writes[name] for name in sorters) == pytest.approx(told["sort_entries"], abs=0.1)
     assert sum(reads[name] for name in sorters) == pytest.approx(told["sort_entries"], abs=0.1)
     assert sum(counts.traffic.values()) * 2 == sum(found.report.traffic.values())
-    assert all(activity.bits > activity.still > 0 for activity in counts.parts.values())
+    assert all(part.bits > part.still > 0 for part in counts.parts.values())
     assert counts.parts["project"].changes > 0
-    monkeypatch.setattr(power_counts, "SAMPLE_LENGTH", 512)
+    monkeypatch.setattr(activity, "SAMPLE_LENGTH", 512)
     sampled = counts_of(TINY, job, 3, "frame")
     assert sampled.counted < counts.counted / 2 and sampled.cycles == counts.cycles
 
@@ -280,12 +277,12 @@ def test_nothing_started(tmp_path):
     """A machine that nobody starts hardly switches anything: nets find their values once, and the
     arrays' sequencers go round.
     """
-    machine = power_counts.Machine(TINY, machine_source(TINY), toggles=True)
+    machine = activity.Machine(TINY, activity.machine_source(TINY), toggles=True)
     script = Script(TINY)
     script.cycles(IDLE)
     (tmp_path / "memory").write_bytes(bytes(1 << 12))
-    execute(machine.program, tmp_path, script, Empty(), IDEAL, settings=settings(1))
-    sizes = memory_sizes(machine_source(TINY))
+    execute(machine.program, tmp_path, script, Empty(), IDEAL, settings=activity.settings(1))
+    sizes = activity.memory_sizes(activity.machine_source(TINY))
     parts, memories = read_counts(tmp_path / "waves.saif", sizes, 1.0)
     for name, found in parts.items():
         most = SEQUENCED if name in OF_POINTS else STILL

@@ -13,27 +13,11 @@ from amaranth.back import verilog
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES, WHOLE
-from splatcore.sim.eda.check import faults
-from splatcore.sim.eda.gate_table import synthesise_machine
-from splatcore.sim.eda.machine_gates import (
-    PARTS,
-    Size,
-    examined,
-    flip_flops_before,
-    netlist,
-    pieces,
-    whole,
-)
+from splatcore.sim.eda import machine_gates
+from splatcore.sim.eda.machine_gates import PARTS, Size, faults, synthesise_machine
 from splatcore.sim.eda.macros import Macros, module
 from splatcore.sim.eda.synth import DEPTH_MAX, depth, gates, memories
-from splatcore.sim.eda.verilog import (
-    MEMORIES_FILE,
-    TOP,
-    WAIVERS,
-    lint,
-    stage_source,
-    write_top,
-)
+from splatcore.sim.eda.verilog import MEMORIES_FILE, TOP, WAIVERS, lint, stage_source, write_top
 from splatcore.sim.rtl.streams import Simulation, StreamRuleError
 from splatcore.spec import config
 from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
@@ -161,12 +145,12 @@ def test_the_machine_is_clean(tmp_path):
 @pytest.mark.slow
 def test_parts_are_the_whole():
     """Each flip-flop is in one part; parts of one kind are one piece."""
-    hierarchy = netlist(TINY)
-    about = examined(whole(hierarchy))
+    hierarchy = machine_gates.netlist(TINY)
+    about = machine_gates.examined(machine_gates.whole(hierarchy))
     assert about["faults"] == []
-    work = pieces(hierarchy)
+    work = machine_gates.pieces(hierarchy)
     assert {part for part, _ in work} == set(PARTS)
-    found = {part.name: flip_flops_before(piece) for part, piece in work}
+    found = {part.name: machine_gates.flip_flops_before(piece) for part, piece in work}
     times = Counter(part.name for part, _ in work)
     assert times["blend"] == times["evaluate"] == TINY.rasterizers and times["chunk"] == 1
     counted = sum(count * times[name] for name, count in found.items())
@@ -176,7 +160,7 @@ def test_parts_are_the_whole():
         texts[part.name].add(piece.text)
     assert len(texts["blend"]) == len(texts["sub_sorter"]) == 1
     held = [memory for _, piece in work for memory in piece.memories]
-    assert Counter(held) == Counter(whole(hierarchy).memories)
+    assert Counter(held) == Counter(machine_gates.whole(hierarchy).memories)
 
 
 def test_table_of_the_machine(monkeypatch, capsys):
@@ -187,7 +171,7 @@ def test_table_of_the_machine(monkeypatch, capsys):
     ]
     about = {"flip_flops_before": 110 * len(PARTS), "faults": ["latch there"]}
     for name, value in (("netlist", None), ("whole", None), ("sizes", found), ("examined", about)):
-        monkeypatch.setattr(f"splatcore.sim.eda.gate_table.{name}", lambda *_, value=value: value)
+        monkeypatch.setattr(machine_gates, name, lambda *_, value=value: value)
     facts = synthesise_machine(DEFAULT)
     printed = capsys.readouterr()
     assert re.search(r"stage 0 +6\.0 +6\.4 +11 +12\.9", printed.out)

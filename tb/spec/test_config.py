@@ -4,20 +4,10 @@ from dataclasses import FrozenInstanceError, replace
 
 import pytest
 
+from splatcore.spec import memory
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY, preset
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import (
-    ALIGNMENT,
-    ATTRIBUTE_BITS,
-    CHUNK_HEADER,
-    CODEBOOK_MAX,
-    COLOUR_ENTRY,
-    HEADER,
-    OPACITY,
-    SH_ENTRY,
-    model_format,
-)
 from splatcore.spec.number import FP16
 
 
@@ -53,25 +43,25 @@ def test_the_papers_choices():
 @pytest.mark.parametrize("config", PRESETS.values(), ids=lambda config: config.name)
 def test_memory(config):
     for degree in range(config.sh_degree + 1):
-        format = model_format(config, degree)
-        assert format.codebook_bytes <= min(CODEBOOK_MAX, 8 * 1024)
-        assert format.attribute_record.width == ATTRIBUTE_BITS
+        format = memory.model_format(config, degree)
+        assert format.codebook_bytes <= min(memory.CODEBOOK_MAX, 8 * 1024)
+        assert format.attribute_record.width == memory.ATTRIBUTE_BITS
 
 
 def test_records_fill_their_words():
-    assert (HEADER.width, CHUNK_HEADER.width) == (512, 256)
-    assert (COLOUR_ENTRY.width, SH_ENTRY.width) == (64, 128)
+    assert (memory.HEADER.width, memory.CHUNK_HEADER.width) == (512, 256)
+    assert (memory.COLOUR_ENTRY.width, memory.SH_ENTRY.width) == (64, 128)
 
 
 @pytest.mark.parametrize("count", [0, 1, 255, 256, 257, 100_000])
 def test_layout_is_in_order_and_aligned(count):
-    layout = model_format(DEFAULT, 1).layout(count)
+    layout = memory.model_format(DEFAULT, 1).layout(count)
     places = [getattr(layout, name) for name in layout.__dataclass_fields__]
-    assert places == sorted(places) and all(place % ALIGNMENT == 0 for place in places)
+    assert places == sorted(places) and all(place % memory.ALIGNMENT == 0 for place in places)
     assert layout.attributes - layout.positions >= count * 45 / 8
     assert layout.colours - layout.attributes >= 16 * count
 
 
 def test_every_visible_opacity_has_a_code():
-    assert OPACITY.decode(OPACITY.encode(0.0)) == 0
-    assert 2.0**-OPACITY.max > ALPHA_MIN  # what is kept can always reach alpha 1/255
+    assert memory.OPACITY.decode(memory.OPACITY.encode(0.0)) == 0
+    assert 2.0**-memory.OPACITY.max > ALPHA_MIN  # what is kept can always reach alpha 1/255

@@ -72,9 +72,8 @@ def test_names_and_files(tmp_path):
     assert find_preset("paper") is PAPER
     path = write(tmp_path / "my machine.toml", "rasterizers = 2")
     assert find_preset(path) == replace(DEFAULT, name="my_machine", rasterizers=2)
-    path = write(
-        tmp_path / "x", 'base = "tiny"\nname = "mine"\ndepth = "FP16"\nenergy = { supply = 1 }'
-    )
+    text = 'base = "tiny"\nname = "mine"\ndepth = "FP16"\nenergy = { supply = 1 }'
+    path = write(tmp_path / "x", text)
     assert find_preset(path) == replace(TINY, name="mine", depth=FP16, energy=Energy(supply=1.0))
     with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
         find_preset("x")

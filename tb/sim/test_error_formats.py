@@ -1,14 +1,19 @@
-"""`splatcore error --stage sort`: windows of keys, what changes places, and the pictures."""
+"""`splatcore error --stage sort`: windows of keys, what changes places, and the pictures; and
+`--stage raster`: the sweep of stage 3's formats.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from splatcore.golden.exact import Entries
+from splatcore.golden.raster import Entries
 from splatcore.golden.reference import Splats
+from splatcore.sim.accuracy import raster as error_raster
+from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.sort import EXACT_ORDER, FRACTIONS, WAYS, depth_codes, reordered, window
 from splatcore.sim.common.picture import read_png
+from splatcore.sim.common.scenes import View
 from splatcore.spec.config import DEFAULT
 from tb.helpers.command import ROOT, load, run
 
@@ -78,3 +83,16 @@ def test_no_machines_of_ones_own(capsys):
     for option in ("--width 7/10", "--preset TINY"):
         assert run("error", "garden", "--stage", "sort", *option.split()) == 2
         assert "--stage sort: has formats of its own" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_fewer_bits_cost_decibels_and_save_gates(monkeypatch, tmp_path):
+    monkeypatch.setattr(error_raster, "SWEEP", {"sum_fraction": (10,)})
+    found = raster_errors({"garden": View("garden", size="160x90")})
+    full, cut = found["DEFAULT"], found["sum_fraction 10"]
+    assert full["gates"] > cut["gates"] > 1000
+    assert full["scenes"]["garden"]["psnr_db"] > cut["scenes"]["garden"]["psnr_db"] + 1
+    assert cut["scenes"]["garden"]["max_error"] > full["scenes"]["garden"]["max_error"] > 0
+    assert raster_table(found).row_count == 2
+    write_raster_plot(tmp_path / "formats.png", found)
+    assert (tmp_path / "formats.png").stat().st_size > 10_000
