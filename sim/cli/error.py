@@ -2,9 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
@@ -13,52 +11,40 @@ from splatcore.sim.accuracy.points import MACHINES, width_of, with_width
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.run import everything, measured, named
 from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
-from splatcore.sim.cli.options import JsonOption, app
+from splatcore.sim.cli.options import JsonOption, app, argument, option
 from splatcore.sim.common.output import check_writable, console, messages
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-Scenes = Annotated[
+Scenes = argument(
+    list[str] | None, "SCENE|MODEL", "Default: all scenes of --scenes and the hard cases."
+)
+StageOption = option(str, None, "Which stage's errors: project, sort, raster.")
+ScenesOption = option(
+    str | None, "DIR", "Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes."
+)
+WidthOption = option(
+    list[str] | None, "E/F", "A machine with these exponent/fraction bits. May repeat."
+)
+MachineOption = option(
     list[str] | None,
-    typer.Argument(
-        metavar="SCENE|MODEL", help="Default: all scenes of --scenes and the hard cases."
-    ),
-]
-StageOption = Annotated[str, typer.Option(help="Which stage's errors: project, sort, raster.")]
-ScenesOption = Annotated[
+    "NAME",
+    "A machine: DEFAULT, PAPER, TINY or a preset file. May repeat.",
+    "--preset",
+)
+ViewOption = option(
     str | None,
-    typer.Option(
-        metavar="DIR", help="Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes."
-    ),
-]
-WidthOption = Annotated[
-    list[str] | None,
-    typer.Option(metavar="E/F", help="A machine with these exponent/fraction bits. May repeat."),
-]
-MachineOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--preset",
-        metavar="NAME",
-        help="A machine: DEFAULT, PAPER, TINY or a preset file. May repeat.",
-    ),
-]
-ViewOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE[:ID]",
-        help="Camera of the SCENE. Default: the first of NAME.cameras.json beside NAME.ply (.spz, "
-        "…), else a sensible view.",
-    ),
-]
-SizeOption = Annotated[
-    str | None,
-    typer.Option(metavar="WxH", help="Pixels; hard cases keep theirs unless they are named."),
-]
+    "FILE[:ID]",
+    "Camera of the SCENE. Default: the first of NAME.cameras.json beside NAME.ply (.spz, "
+    "…), else a sensible view.",
+)
+SizeOption = option(str | None, "WxH", "Pixels; hard cases keep theirs unless they are named.")
+OutputOption = option(Path | None, "PLOT.png", "Draw the errors.", "-o")
 
 LABELS = {
     "depth_stage_0": "depth, stage 0",
@@ -99,9 +85,7 @@ def error_command(
     machine: MachineOption = None,
     camera: ViewOption = None,
     size: SizeOption = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", metavar="PLOT.png", help="Draw the errors.")
-    ] = None,
+    output: OutputOption = None,
     json: JsonOption = None,
 ):
     """Error of the numbers of stages 0 and 1: each field, and the picture that they make.
@@ -125,9 +109,7 @@ def error_command(
     are counted, not drawn, and left out of the fields' errors.
     """
     check_writable(output, json)
-    if stage not in ("project", *SWEEPS):
-        names = ", ".join(("project", *SWEEPS))
-        raise InputError(f"--stage '{stage}': unknown (there are {names})")
+    check_known("--stage", ("project", *SWEEPS), stage)
     if stage in SWEEPS and (width or machine):
         raise InputError(f"--stage {stage}: has formats of its own, without --width, --preset")
     chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]

@@ -9,7 +9,6 @@ from splatcore.spec.error import InputError
 
 COMMANDS = (
     "scene",
-    "info",
     "compress",
     "pack",
     "render",
@@ -18,23 +17,17 @@ COMMANDS = (
     "hard",
     "programs",
     "verilog",
-    "registers",
-    "synth",
-    "fpga",
-    "memories",
+    "sizes",
     "cycles",
     "power",
     "fit",
     "report",
     "bench_sort",
-    "bench_scenes",
-    "bench_sweep",
-    "bench_ablation",
-    "bench_work",
+    "bench_views",
     "bench_compression",
     "bench_differentiable",
 )
-"""Files of this folder whose import registers a command (compress: train, too), in help's order."""
+"""Files of this folder whose import registers commands, in help's order."""
 
 for name in COMMANDS:
     import_module(f"splatcore.sim.cli.{name}")

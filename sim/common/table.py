@@ -13,12 +13,16 @@ WIDEST = 1000
 """More columns than a table has."""
 
 
-def new_table(first: str, headings: Iterable[str], title: str | None = None) -> Table:
-    """A table whose first column is text and whose others are numbers."""
+def new_table(
+    first: str, headings: Iterable[str], title: str | None = None, texts: Iterable[str] = ()
+) -> Table:
+    """A table of a column of names, columns of numbers and, behind them, columns of text."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     table.add_column(first, no_wrap=True)
     for text in headings:
         table.add_column(text, justify="right", no_wrap=True)
+    for text in texts:
+        table.add_column(text)
     return table
 
 

@@ -7,15 +7,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure as Canvas
 
-from splatcore.sim.common.paper import (
-    CULLED,
-    CULLED_UNCOMPRESSED,
-    LIST,
-    LIST_MAX,
-    PES_BUSY,
-    TERMINATED,
-    TERMINATED_UNCOMPRESSED,
-)
+from splatcore.sim.common import paper
 from splatcore.sim.report.page import MILLION, THOUSAND, Column, Item, Table, plotted
 from splatcore.sim.report.results import Results
 from splatcore.sim.report.scenes import VIEW, count_of
@@ -38,10 +30,10 @@ COUNTS = {"gaussians": THOUSAND, "projected": THOUSAND, "splats": THOUSAND, "til
 
 RATES = ("near_rate", "culling_rate", "early_termination_rate", "pe_utilisation")
 
-PAPER = (CULLED, None, TERMINATED, PES_BUSY)
+PAPER = (paper.CULLED, None, paper.TERMINATED, paper.PES_BUSY)
 """Its rates of compressed models, in that order."""
 
-PAPER_UNCOMPRESSED = (CULLED_UNCOMPRESSED, None, TERMINATED_UNCOMPRESSED, None)
+PAPER_UNCOMPRESSED = (paper.CULLED_UNCOMPRESSED, None, paper.TERMINATED_UNCOMPRESSED, None)
 
 
 def rates(results: Results) -> Iterator[Item]:
@@ -109,8 +101,9 @@ def density(results: Results) -> Iterator[Item]:
     yield plotted(
         "density",
         f"Length of each tile's list, {facts['size']}, the densest view of each "
-        f"scene, on one logarithmic scale up to {most:,}; tiles without a splat are white. The "
-        f"paper's map of bicycle has about {LIST:,} in most tiles and up to {LIST_MAX:,}.",
+        f"scene, on one logarithmic scale up to {most:,}; tiles without a splat are white. "
+        f"The paper's map of bicycle has about {paper.LIST:,} in most tiles and up to "
+        f"{paper.LIST_MAX:,}.",
         f"Heat maps of {len(maps)} views.",
         0.9 + MAP_HEIGHT * rows, draw, "work",
     )  # fmt: skip
