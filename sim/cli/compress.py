@@ -1,6 +1,5 @@
 """The commands `train` and `compress`: photographs to a scene, a scene to a small model."""
 
-import hashlib
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
+from splatcore.sim.common.cache import digest
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import check_writable, console, progress_bar, whole_file, write
 from splatcore.sim.common.result import write_json
@@ -144,7 +144,8 @@ def compress_command(
         path = read_cameras(cameras) if cameras else ()
         learn = run.teacher(source.scene, views, pixels, seed, scene, path)
         learn += run.pictures_at(source.scene, path, pixels, scene) if path else ()
-    key = f"{digest(source.scene, learn)} {recipe!r} {config!r}"
+    arrays = [getattr(source.scene, name) for name in ARRAYS]
+    key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
     model = run.compressed(source.scene, learn, recipe, checkpoints, config, scene)
     write(output, model.image.tobytes())
@@ -162,17 +163,6 @@ def parse_schedule(text: str) -> tuple[float, ...]:
         return tuple(float(word) for word in text.split(",") if word.strip())
     except ValueError:
         raise InputError(f"--schedule '{text}': is not a list of shares like 0.4,0.4") from None
-
-
-def digest(scene, targets) -> str:
-    """Hash, of 16 digits, of the scene and the pictures that a compression starts from."""
-    found = hashlib.sha256()
-    for name in ARRAYS:
-        found.update(np.ascontiguousarray(getattr(scene, name)))
-    for target in targets:
-        found.update(np.ascontiguousarray(target.image))
-        found.update(repr(target.camera).encode())
-    return found.hexdigest()[:16]
 
 
 def _split(path: str, scale: float, hold_out: int) -> tuple[tuple, tuple]:

@@ -12,11 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from splatcore.golden.reference import render
+from splatcore.model.formats.photographs import Target
 from splatcore.sim.common.metric import flip_map
 from splatcore.sim.common.output import write
 from splatcore.sim.common.plot import COLOURS, GREY, MARKERS, STYLE
 from splatcore.sim.compression.measure import Version
-from splatcore.sim.compression.subjects import Subject, View
+from splatcore.sim.compression.subjects import Subject
 
 DOTS_PER_INCH = 120
 
@@ -87,7 +88,7 @@ def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]]):
     axes.legend(loc="best")
 
 
-def write_sheet(path: Path, subject: Subject, view: View, version: Version, row: dict):
+def write_sheet(path: Path, subject: Subject, view: Target, version: Version, row: dict):
     """Truth, compressed model and FLIP between them, beside each other. row: of `version`."""
     truth = subject.truth(view)
     picture = render(version.gaussians, view.camera).pixels
