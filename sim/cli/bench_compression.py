@@ -89,11 +89,14 @@ def compression_command(
     chosen = Path(schedule_scene or (SCENES[0] if SCENES[0] in names else names[0])).name
     if chosen not in names:
         raise InputError(f"--schedule-scene {chosen}: is not among {', '.join(names)}")
-    parts, wanted = parse_parts(part), parse_ratios(ratios)
+    parts, wanted = [name.strip() for name in part.split(",")], parse_ratios(ratios)
+    check_known("--part", PARTS, *parts)
     compression_run.check_installed()
     check_writable(output / "x" if output.is_dir() else output)
     output.mkdir(exist_ok=True)
-    facts = bench_compression(found, parts, chosen, wanted, protocol, output)
+    facts = bench_compression(
+        found, [name for name in PARTS if name in parts], chosen, wanted, protocol, output
+    )
     for name, found in facts["scenes"].items():
         for table in tables(name, found):
             console.print(table)
@@ -107,13 +110,6 @@ def at_least(option: str, value: int | None, least: int = 1) -> int | None:
     if value is not None and value < least:
         raise InputError(f"{option} {value}: is not {least} or more")
     return value
-
-
-def parse_parts(text: str) -> tuple[str, ...]:
-    """Names with commas between them, in the order of PARTS."""
-    names = [name.strip() for name in text.split(",")]
-    check_known("--part", PARTS, *names)
-    return tuple(name for name in PARTS if name in names)
 
 
 def parse_ratios(text: str) -> tuple[float, ...]:

@@ -3,7 +3,7 @@
 import typer
 from rich.table import Table
 
-from splatcore.sim.bench import ablation, scenes, sweep_campaign, workload
+from splatcore.sim.bench import campaigns, scenes, workload
 from splatcore.sim.bench.sweep_points import points
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import PresetOption, option
@@ -73,11 +73,11 @@ def sweep_command(
             console.print(f"{point.name:22} {point.fields}", markup=False, soft_wrap=True)
         return
     found = bench.look(output, scene, cameras, size)
-    facts = sweep_campaign.sweep(chosen, found, output, scheduler)
+    facts = campaigns.sweep(chosen, found, output, scheduler)
     if confirm:
-        sweep_campaign.confirm(chosen, facts, bench.view_of(confirm, found[0].size), output)
+        campaigns.confirm(chosen, facts, bench.view_of(confirm, found[0].size), output)
     print_whole(sweep_table(facts))
-    bench.finish(output / sweep_campaign.RESULT, facts)
+    bench.finish(output / "sweep.json", facts)
 
 
 def sweep_table(facts: dict) -> Table:
@@ -117,7 +117,7 @@ def ablation_command(
     """
     config, found = find_preset(preset), bench.look(output, scene, cameras, size)
     simulated = [bench.view_of(text, found[0].size) for text in rtl or ()]
-    facts = ablation.ablation(config, found, output, scheduler, simulated)
+    facts = campaigns.ablation(config, found, output, scheduler, simulated)
     names = [step["name"] for step in facts["steps"]]
     table = new_table("view", names, "frames a second at 800 MHz")
     cells: dict[str, list[str]] = {}
@@ -129,7 +129,7 @@ def ablation_command(
         table.add_row(title, *values)
     table.add_row("the paper", *(str(step["paper_fps"] or "–") for step in facts["steps"]))
     print_whole(table)
-    bench.finish(output / ablation.RESULT, facts)
+    bench.finish(output / "ablation.json", facts)
 
 
 @bench.bench.command("work")
@@ -156,4 +156,4 @@ def work_command(
         rates = [f"{100 * row[name]:.1f}" for name in names]
         table.add_row(f"{row['scene']} {row['camera']}", *rates, f"{row['tile_pairs']:,}")
     print_whole(table)
-    bench.finish(output / workload.RESULT, facts)
+    bench.finish(output / "work.json", facts)

@@ -1,6 +1,7 @@
 """The command `error` and its tables."""
 
 import time
+from operator import attrgetter
 from pathlib import Path
 
 from rich.table import Table
@@ -211,8 +212,9 @@ def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Con
 
 
 def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
-    """PSNR of every scene's picture by machine."""
-    other = [config.name for config in machines if packs_otherwise(config)]
+    """PSNR of every scene's picture by machine; with packing where models differ from DEFAULT's."""
+    packing = attrgetter("position", "colour_index", "sh_index")
+    other = [config.name for config in machines if packing(config) != packing(DEFAULT)]
     headings = [*map(heading, machines), *(f"{name} and\npacking" for name in other)]
     table = new_table("scene", headings)
     for name, facts in results.items():
@@ -220,12 +222,6 @@ def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Tab
         cells += [decibels(facts["machines"][name], "psnr_db_default_model") for name in other]
         table.add_row(name, *cells)
     return table
-
-
-def packs_otherwise(config: Config) -> bool:
-    """True if a machine's models differ from DEFAULT's."""
-    names = ("position", "colour_index", "sh_index")
-    return any(getattr(config, name) != getattr(DEFAULT, name) for name in names)
 
 
 def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table:

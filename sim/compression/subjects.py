@@ -77,7 +77,7 @@ class Subject:
     def __init__(self, path: str, protocol: Protocol, folder: Path):
         self.path, self.protocol, self.folder = path, protocol, folder
         self.name = Path(path).resolve().name
-        self.photographed = is_photographs(path)
+        self.photographed = os.path.isdir(path) or path.endswith(".json")  # transforms.json
         self.pictures: dict[str, np.ndarray] = {}
 
     @cached_property
@@ -159,11 +159,6 @@ class Subject:
         if view.name not in self.pictures:
             self.pictures[view.name] = render(self.scene.gaussians(), view.camera).pixels
         return self.pictures[view.name]
-
-
-def is_photographs(path: str) -> bool:
-    """True for a folder or a transforms.json, False for a scene file."""
-    return os.path.isdir(path) or path.endswith(".json")
 
 
 def find(names: list[str]) -> list[str]:

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatcore.sim.common.output import write
-from splatcore.sim.report import ablation, hard, other, paper_tables, power, scenes, sweep, work
-from splatcore.sim.report.page import Item, Part, facts, html, tables
+from splatcore.sim.report import ablation, hard, other, paper_tables, scenes, sweep, work
+from splatcore.sim.report.page import Item, Part, facts, html
 from splatcore.sim.report.results import Results
 from splatcore.spec.error import InputError
 
@@ -50,7 +50,7 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
         "Power: an estimate",
         "First order: changes of nets in RTL simulation, times gates, times an energy for each. "
         "Nothing is laid out; a factor of two either way is within what this is good for.",
-        power.BLOCKS,
+        other.POWER,
     ),
     "hard": (
         "Hard cases",
@@ -110,7 +110,8 @@ def write_report(folder: Path, parts: list[Part]) -> list[Path]:
         place.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{place}: {error.strerror}") from None
-    files |= {place / name: text for name, text in tables(parts).items()}
+    for table in (table for part in parts for table in part.shown("table")):
+        files[place / f"{table.key}.csv"] = table.comma_separated()
     for path, text in files.items():
         write(path, text.encode())
     return list(files)

@@ -1,7 +1,5 @@
 """`splatcore bench`: what it measures, writes and refuses."""
 
-import json
-
 import pytest
 
 from splatcore.sim.bench.sort import BOUND
@@ -9,7 +7,7 @@ from splatcore.sim.bench.sort_rows import KEYS
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.cycles.sort import cycles
 from splatcore.spec.config import TINY
-from tb.helpers.command import ROOT, run
+from tb.helpers.command import check_documented, check_refused, load, run
 
 LENGTHS = [1, 16, 65, 300]
 
@@ -17,9 +15,9 @@ LENGTHS = [1, 16, 65, 300]
 @pytest.mark.slow
 def test_bench_sort(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert run("bench", "sort", "--preset", "tiny", "--lengths", "1,16,65,300", "-o", "out",
-               "--json", "sort.json") == 0  # fmt: skip
-    found = json.loads((tmp_path / "sort.json").read_text())
+    options = "--preset tiny --lengths 1,16,65,300 -o out --json sort.json"
+    assert run(f"bench sort {options}") == 0
+    found = load(tmp_path / "sort.json")
     assert found["preset"] == "TINY" and found["lengths"] == LENGTHS
     assert list(found["cycles"]) == list(KEYS)
     assert found["model"] == [cycles(TINY, [length]) for length in LENGTHS]
@@ -29,9 +27,7 @@ def test_bench_sort(tmp_path, monkeypatch, capsys):
     assert read_png("out/sort.png").std() > 5
     printed = capsys.readouterr().out
     assert f"{BOUND * 16:.0f}" in printed and "out/sort.png" in printed and "…" not in printed
-    text = (ROOT / "docs" / "json.md").read_text()
-    documented = text.partition("## `splatcore bench sort`")[2].partition("\n## ")[0]
-    assert all(f"`{key}`" in documented for key in found)
+    check_documented("## `splatcore bench sort`", found)
 
 
 @pytest.mark.parametrize(
@@ -46,9 +42,7 @@ def test_bench_sort(tmp_path, monkeypatch, capsys):
 )
 def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert run("bench", "sort", *arguments.split()) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith("error: ") and message in printed.err and not printed.out
+    check_refused(capsys, f"bench sort {arguments}", message)
     assert not list(tmp_path.iterdir())
 
 

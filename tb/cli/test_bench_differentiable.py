@@ -1,13 +1,11 @@
 """`splatcore bench differentiable`: what it measures, writes and refuses."""
 
-import json
-
 import pytest
 
 from splatcore.golden.reference import render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.cli import bench_differentiable
-from tb.helpers.command import run
+from tb.helpers.command import check_refused, load, run
 
 pytestmark = pytest.mark.compress
 
@@ -16,8 +14,8 @@ def test_measures(tmp_path, monkeypatch, capsys):
     pytest.importorskip("torch")
     monkeypatch.chdir(tmp_path)
     arguments = "--gaussians 300 --size 70x40 --repeat 3 --json a.json"
-    assert run("bench", "differentiable", *arguments.split()) == 0
-    found = json.loads((tmp_path / "a.json").read_text())
+    assert run(f"bench differentiable {arguments}") == 0
+    found = load(tmp_path / "a.json")
     camera = generated_camera("garden", 70, 40)
     counts = render(generate("garden", 300).gaussians(), camera).counts
     assert found["gaussians"] == 300 and found["size"] == [70, 40] and found["repeat"] == 3
@@ -50,14 +48,10 @@ def test_times_are_medians_without_the_first(monkeypatch):
 )
 def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert run("bench", "differentiable", *arguments.split()) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith("error: ") and message in printed.err and not printed.out
+    check_refused(capsys, f"bench differentiable {arguments}", message)
 
 
 def test_without_torch(monkeypatch, capsys):
     monkeypatch.setattr(bench_differentiable, "find_spec", lambda name: None)
-    assert run("bench", "differentiable", "--gaussians", "20") == 2
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1 and "pip install 'splatcore[compress]'" in printed.err
-    assert not printed.out
+    message = r"pip install 'splatcore\[compress\]'"
+    check_refused(capsys, "bench differentiable --gaussians 20", message)

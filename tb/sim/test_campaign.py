@@ -12,11 +12,9 @@ import splatcore.sim.cli.main  # noqa: F401  (registers the commands)
 from splatcore.golden.pipeline import render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.bench.ablation import machines
 from splatcore.sim.bench.campaign import Failure, Task, results
-from splatcore.sim.bench.confirm import confirmed
+from splatcore.sim.bench.campaigns import ablation_machines, confirmed, front, summary
 from splatcore.sim.bench.sweep import SPEED, picture_of
-from splatcore.sim.bench.sweep_campaign import front, summary
 from splatcore.sim.bench.sweep_points import Point, points
 from splatcore.sim.bench.workload import every_camera, tile_density, view_work
 from splatcore.sim.cli.options import app
@@ -118,7 +116,7 @@ def test_summary_of_a_point():
 @pytest.mark.slow
 def test_ablation(tmp_path):
     """Each step is a machine without what comes later; the last one is DEFAULT, and the fastest."""
-    steps = list(machines(DEFAULT).values())
+    steps = list(ablation_machines(DEFAULT).values())
     assert replace(steps[-1], name="DEFAULT") == DEFAULT
     assert steps[0].culling == "none" and not steps[0].skip_zeros and not steps[0].early_termination
     done = CliRunner().invoke(
@@ -190,21 +188,23 @@ def test_bad_input(arguments, message, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "answer, why",
+    "identical, why",
     [
-        ({"identical": True}, None),
-        ({"identical": False}, "the picture is not the golden model's"),
-        (InputError("the machine hangs"), "the machine hangs"),
+        (True, None),
+        (False, "the picture is not the golden model's"),
+        (None, "the machine hangs"),
     ],
 )
-def test_confirmation_that_fails_is_told(answer, why, monkeypatch, tmp_path):
-    def in_rtl(*_):
-        if isinstance(answer, InputError):
-            raise answer
-        return answer
+def test_confirmation_that_fails_is_told(identical, why, monkeypatch, tmp_path):
+    view = {"scene": "garden", "camera": "0", "size": SIZE, "identical": identical}
 
-    monkeypatch.setattr("splatcore.sim.bench.confirm.in_rtl", in_rtl)
+    def row(*_):
+        if identical is None:
+            raise InputError("the machine hangs")
+        return view | {"cycles": {"frame": 5}, "model_cycles": {"frame": 4}}
+
+    monkeypatch.setattr("splatcore.sim.bench.campaigns.Simulator.row", row)
     failed = []
-    row = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
-    assert row == (answer if isinstance(answer, dict) else None)
+    found = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
+    assert found == (None if identical is None else view | {"cycles": 5, "model_cycles": 4})
     assert [failure["why"] for failure in failed] == ([why] if why else [])
