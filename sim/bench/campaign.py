@@ -58,7 +58,7 @@ def results(
     folder.mkdir(parents=True, exist_ok=True)
     missing = []
     for task in tasks:
-        found = with_key(path_of(folder, task), task.key)
+        found = with_key(folder / f"{task.name}.json", task.key)
         if found is None:
             missing.append(task)
         else:
@@ -72,7 +72,8 @@ def results(
             if isinstance(found, Failure):
                 messages.print(f"{found.what}: {found.why}", markup=False, soft_wrap=True)
             else:
-                write(path_of(folder, task), json.dumps({"key": task.key} | found).encode())
+                data = json.dumps({"key": task.key} | found).encode()
+                write(folder / f"{task.name}.json", data)
             advance(done, len(tasks), f"{label}: {task.name}")
             yield task, found
 
@@ -88,11 +89,6 @@ def collected(
         else:
             found[task.name] = result
     return found, failed
-
-
-def path_of(folder: Path, task: Task) -> Path:
-    """The file of a task's result."""
-    return folder / f"{task.name}.json"
 
 
 def outcome(future: Future, task: Task) -> dict | Failure:

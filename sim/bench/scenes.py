@@ -173,8 +173,7 @@ def markdown(rows: list[dict]) -> str:
     """Three tables: cycles and error, the cycle model's stages, megabytes by cause."""
     done = [row for row in rows if "cycles" in row]
     titles = [f"{row['scene']} {row['camera']}, {row['timing']['name']}" for row in done]
-    thousand = [{k: v / 1000 for k, v in row["model_cycles"].items()} for row in done]
-    first = [
+    frames = [
         {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
         | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
         | {"identical": "yes" if row["identical"] else "no"}
@@ -184,20 +183,18 @@ def markdown(rows: list[dict]) -> str:
         | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
         for row in done
     ]  # fmt: skip
-    second = [{k: f"{v:,.0f}" for k, v in row.items()} for row in thousand]
-    third = [
-        {cause: f"{n / MEGABYTE:.2f}" for cause, n in row["traffic_bytes"].items()} for row in done
-    ]
-    failed = [f"- {line(row)}" for row in rows if "cycles" not in row]
+    model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
+    traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
     parts = [
         "Thousands of cycles of a frame in RTL, and its picture against the reference's:",
-        _table(titles, first),
+        _table(titles, frames),
         "The cycle model's thousands of cycles:",
-        _table(titles, second),
+        _table(titles, model),
         "Megabytes by cause:",
-        _table(titles, third),
-        *(["Failed:", "\n".join(failed)] if failed else []),
+        _table(titles, traffic),
     ]
+    if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:
+        parts += ["Failed:", "\n".join(failed)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatcore.golden.pipeline import Frame, render
+from splatcore.golden.pipeline import render
 from splatcore.sim.bench.campaign import Task
 from splatcore.sim.common.metric import LEVELS, channel_error, psnr
 from splatcore.sim.common.scenes import View
@@ -53,7 +53,12 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
     source = opened(view.scene)
     camera, model = view.camera_of(source), packed_model(source, first)
     frame = render(first, model, camera)
-    facts = facts_of(frame, exact(view, model))
+    truth = exact(view, model)
+    facts = {
+        "psnr_db": psnr(frame.pixels / LEVELS, truth / LEVELS),
+        "max_error": float(channel_error(frame.pixels, truth).max() / LEVELS),
+        "counts": frame.counts | {"front": len(frame.points.front)},
+    }
     rows = []
     for label, config in machines.items():
         cycles = frame_cycles(config, frame)
@@ -64,15 +69,6 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
             | facts
         )
     return {"rows": rows}
-
-
-def facts_of(frame: Frame, exact: np.ndarray) -> dict:
-    """A picture's error and the work that it took."""
-    return {
-        "psnr_db": psnr(frame.pixels / LEVELS, exact / LEVELS),
-        "max_error": float(channel_error(frame.pixels, exact).max() / LEVELS),
-        "counts": frame.counts | {"front": len(frame.points.front)},
-    }
 
 
 @lru_cache(maxsize=1)

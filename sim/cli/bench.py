@@ -6,7 +6,7 @@ import typer
 
 from splatcore.sim.bench.scenes import views
 from splatcore.sim.cli.options import app, argument, option
-from splatcore.sim.common.output import check_folder, console, messages
+from splatcore.sim.common.output import console, make_folder, messages
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View
 from splatcore.sim.common.source import VIEW_SIZE, parse_size
@@ -35,8 +35,7 @@ def look(output: Path, scene: list[str] | None, cameras: str | None, size: str) 
     """The views to measure; makes the folder."""
     size = "x".join(map(str, parse_size(size)))
     found = views(list(scene or ()), cameras, size)
-    check_folder(output)
-    output.mkdir(exist_ok=True)
+    make_folder(output)
     return found
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
 from splatcore.sim.cli.compress import RateOption
 from splatcore.sim.cli.options import PresetOption, argument, option
-from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.output import console, make_folder
 from splatcore.sim.common.source import check_known, parse_size
 from splatcore.sim.compression import run as compression_run
 from splatcore.sim.compression.bench import PARTS, RATIOS, RESULT, bench_compression
@@ -92,8 +92,7 @@ def compression_command(
     parts, wanted = [name.strip() for name in part.split(",")], parse_ratios(ratios)
     check_known("--part", PARTS, *parts)
     compression_run.check_installed()
-    check_writable(output / "x" if output.is_dir() else output)
-    output.mkdir(exist_ok=True)
+    make_folder(output)
     facts = bench_compression(
         found, [name for name in PARTS if name in parts], chosen, wanted, protocol, output
     )

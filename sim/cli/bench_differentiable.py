@@ -1,6 +1,5 @@
 """`splatcore bench differentiable`: seconds of the CPU's differentiable renderer."""
 
-from importlib.util import find_spec
 from statistics import median
 from time import perf_counter
 
@@ -13,6 +12,7 @@ from splatcore.sim.cli.options import JsonOption, option
 from splatcore.sim.common.output import check_writable, console
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import parse_size
+from splatcore.sim.compression.run import check_installed
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -49,8 +49,7 @@ def differentiable_command(
         scene = generate("garden", gaussians)
     except InputError as error:
         raise InputError(f"--gaussians: {error}") from None
-    if find_spec("torch") is None:
-        raise InputError("needs PyTorch; install it by pip install 'splatcore[compress]'")
+    check_installed()
     facts = measure(scene.gaussians(), generated_camera("garden", width, height), repeat)
     together = facts["forward_seconds"] + facts["backward_seconds"]
     console.print(

@@ -141,28 +141,22 @@ def error_of_points(
         if visible and not facts["visible"]:
             raise InputError(f"{name}: no Gaussian is visible from this camera")
         results[name] = facts
-        messages.print(line(name, facts), markup=False, soft_wrap=True)
+        pictures = [f"{machine} {decibels(found)}" for machine, found in facts["machines"].items()]
+        line = f"{name}: {', '.join(pictures)} dB; {facts['seconds']:.0f} s"
+        messages.print(line, markup=False, soft_wrap=True)
     results = {name: results[name] for name in views}
     largest = largest_errors(results)
     show(results, largest, machines)
     if output:
         write_error_plot(output, results, largest, machines)
-    facts = {config.name: describe(config) for config in machines}
-    seconds = round(time.perf_counter() - begin, 1)
-    write_json(
-        json,
-        {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
-        | {"seconds": seconds},
-    )
-
-
-def describe(config: Config) -> dict[str, str | int]:
-    """Fields by which machines differ in points."""
-    return {
-        "arithmetic": width_of(config),
-        "position": config.position,
-        "screen_exponent": config.screen_exponent,
+    names = ("position", "screen_exponent")
+    facts = {
+        config.name: {"arithmetic": width_of(config)}
+        | {name: getattr(config, name) for name in names}
+        for config in machines
     }
+    found = {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
+    write_json(json, found | {"seconds": round(time.perf_counter() - begin, 1)})
 
 
 def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
@@ -178,12 +172,6 @@ def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
                     known = [value for value in (old[key], size) if value is not None]
                     old[key] = max(known, default=None)
     return largest
-
-
-def line(name: str, facts: dict) -> str:
-    """A scene's pictures in a line."""
-    parts = [f"{machine} {decibels(result)}" for machine, result in facts["machines"].items()]
-    return f"{name}: {', '.join(parts)} dB; {facts['seconds']:.0f} s"
 
 
 def decibels(result: dict, key: str = "psnr_db") -> str:
@@ -253,9 +241,6 @@ def total_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table
     """Counts over all scenes by machine."""
     table = new_table("Gaussians", [*map(heading, machines)])
     for key, name in COUNTS.items():
-        sums = (
-            sum(facts["machines"][config.name][key] for facts in results.values())
-            for config in machines
-        )
-        table.add_row(name, *(f"{count:,}" for count in sums))
+        counts = [[facts["machines"][c.name][key] for facts in results.values()] for c in machines]
+        table.add_row(name, *(f"{sum(each):,}" for each in counts))
     return table

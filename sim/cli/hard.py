@@ -24,11 +24,8 @@ from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-SHEET_COLUMNS = 4
-"""Cases side by side, each with its picture and its map of errors."""
-
-INCHES = (3.8, 1.9)
-"""Of a case on the sheet."""
+SHEET_COLUMNS, INCHES = 4, (3.8, 1.9)
+"""Cases side by side, each with its picture and its map of errors; the size of each."""
 
 CAUSES = {
     "not_finite": "NaN or Inf",

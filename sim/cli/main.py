@@ -8,25 +8,9 @@ from splatcore.sim.common.output import messages
 from splatcore.spec.error import InputError
 
 COMMANDS = (
-    "scene",
-    "compress",
-    "pack",
-    "render",
-    "compare",
-    "error",
-    "hard",
-    "programs",
-    "verilog",
-    "sizes",
-    "cycles",
-    "power",
-    "fit",
-    "report",
-    "bench_sort",
-    "bench_views",
-    "bench_compression",
-    "bench_differentiable",
-)
+    "scene compress pack render compare error hard programs verilog sizes cycles power fit "
+    "report bench_sort bench_views bench_compression bench_differentiable"
+).split()
 """Files of this folder whose import registers commands, in help's order."""
 
 for name in COMMANDS:

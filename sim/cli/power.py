@@ -27,6 +27,9 @@ MILLI, MEGA = 1e-3, 1e6
 HEADINGS = ("NAND2 k", "activity", "gates", "clock", "mW", "paper", "fJ", "paper")
 """Columns of the table; fJ are those of a NAND2-equivalent and cycle."""
 
+NOTHING = [""] * 4
+"""In place of all columns before mW."""
+
 
 FpsOption = option(float | None, "N", "Frames a second. Default: full speed, 800 MHz.", "--fps")
 SampleOption = option(
@@ -95,17 +98,14 @@ def table(found: Estimate, fps: float, title: str) -> Table:
     for stage, memory in found.stage_memories.items():
         name, paper = MEMORY_POWER.get(stage, ("", 0))
         made.add_row(
-            f"memories, {stage}" + (f"; paper: {name}" if name else ""), "", "", "", "",
-            _milli(memory.access * fps + memory.leakage), _milli(paper), "", "",
+            f"memories, {stage}" + (f"; paper: {name}" if name else ""), *NOTHING,
+            _milli(memory.access * fps + memory.leakage), _milli(paper),
         )  # fmt: skip
     nand2, paper = (sum(each) for each in zip(*LOGIC.values(), strict=True))
     every = sum_of(list(found.stages.values()))
     made.add_row("all logic", *_logic(every, found.cycles, fps, nand2, paper), style="bold")
-    made.add_row(
-        "all", "", "", "", "", _milli(found.power(fps)), _milli(POWER), "", "", style="bold"
-    )
-    dram = _milli(sum(found.dram.values()) * fps)
-    made.add_row("DRAM, apart", "", "", "", "", dram, "", "", "")
+    made.add_row("all", *NOTHING, _milli(found.power(fps)), _milli(POWER), style="bold")
+    made.add_row("DRAM, apart", *NOTHING, _milli(sum(found.dram.values()) * fps))
     return made
 
 

@@ -7,7 +7,7 @@ import typer
 from splatcore.model.formats.file import read_bytes
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.cli.options import app, option
-from splatcore.sim.common.output import check_writable, console, messages
+from splatcore.sim.common.output import console, make_folder, messages
 from splatcore.sim.common.source import check_known, parse_size
 from splatcore.sim.report.results import Options, Results
 from splatcore.sim.report.sections import SECTIONS, compose, write_report
@@ -49,8 +49,7 @@ def report_command(
     for text in scene or ():
         if text not in GENERATORS or Path(text).exists():
             read_bytes(text, 1)
-    check_writable(output / "x" if output.is_dir() else output)
-    output.mkdir(exist_ok=True)
+    make_folder(output)
     place = output / "results" if results is None else results
     found = Results(place, Options(tuple(scene or ()), size, preset))
     parts = [compose(name, found) for name in names]

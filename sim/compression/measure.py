@@ -124,14 +124,7 @@ class Measurer:
         """The mean over the views of the results of `one`."""
         rows = []
         for view in self.subject.views:
-            about = [
-                kind,
-                self.subject.key,
-                view.name,
-                view.camera,
-                repr(self.config),
-                version.about,
-            ]
+            about = [kind, self.subject.key, view.name, view.camera, repr(self.config)]
             with progress_bar(f"{self.subject.name}: {kind} of {version.name}, view {view.name}"):
                 rows.append(kept(self.folder, [*about, version.about], lambda view=view: one(view)))
         return mean(rows)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatcore.sim.common.output import write
-from splatcore.sim.report import ablation, hard, other, paper_tables, scenes, sweep, work
+from splatcore.sim.report import campaigns, other, paper_tables, scenes, sweep
 from splatcore.sim.report.page import Item, Part, facts, html
 from splatcore.sim.report.results import Results
 from splatcore.spec.error import InputError
@@ -38,13 +38,13 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
     "ablation": (
         "What each idea buys",
         "The same scenes with the machine's savings switched on one after the other.",
-        ablation.BLOCKS,
+        campaigns.ABLATION,
     ),
     "work": (
         "How much work a frame is",
         "Rates of culling and of early termination, how busy the processing elements are, and "
         "how many splats reach each tile.",
-        work.BLOCKS,
+        campaigns.WORK,
     ),
     "power": (
         "Power: an estimate",
@@ -56,7 +56,7 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
         "Hard cases",
         "Small scenes on which renderers go wrong, each against the float64 reference on the same "
         "packed model.",
-        hard.BLOCKS,
+        other.HARD,
     ),
     "fpga": (
         "On an FPGA",

@@ -18,13 +18,8 @@ LABELS = {
     "fps": "frames a second at 800 MHz, slowest scene",
 }
 
-PLANE_HEIGHT = 3.7
-"""Inches of a plot of one number over another."""
-
-ROW = 0.17
-"""Inches of a value in the plots of knobs; BETWEEN: between two knobs."""
-
-BETWEEN = 0.36
+PLANE_HEIGHT, ROW, BETWEEN = 3.7, 0.17, 0.36
+"""Inches of a plot of one number over another; of a value in the plots of knobs, between two."""
 
 
 def values(points: Facts, what: str) -> dict[str, float]:

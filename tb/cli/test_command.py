@@ -239,7 +239,7 @@ def test_commands_are_in_the_order_of_their_files():
         sort scenes sweep ablation work compression differentiable"""
     assert [command.name for command in found] == names.split()
     files = dict.fromkeys(command.callback.__module__.split(".")[-1] for command in found)
-    assert tuple(files) == FILES
+    assert list(files) == FILES
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])

@@ -36,14 +36,11 @@ def test_equal_results_make_equal_pages(results, capsys):
 
 def broken(path: Path, what: str):
     """Spoil a result."""
+    texts = {"no JSON": "{", "NaN": '{"parts": NaN}', "no object": "[1]"}
     if what == "missing":
         path.unlink()
-    elif what == "no JSON":
-        path.write_text("{")
-    elif what == "NaN":
-        path.write_text('{"parts": NaN}')
-    elif what == "no object":
-        path.write_text("[1]")
+    elif what in texts:
+        path.write_text(texts[what])
     else:
         value = json.loads(path.read_text())
         if what == "no key":
