@@ -1,6 +1,7 @@
 """Campaigns: results are kept, failures named, lost workers lose nothing; sweep, ablation, work."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -195,7 +196,8 @@ def test_confirmation_that_fails_is_told(identical, why, monkeypatch, tmp_path):
             raise InputError("the machine hangs")
         return view | {"cycles": {"frame": 5}, "model_cycles": {"frame": 4}}
 
-    monkeypatch.setattr("splatcore.sim.bench.campaigns.Simulator.row", row)
+    simulator = SimpleNamespace(row=row)
+    monkeypatch.setattr("splatcore.sim.bench.campaigns.Simulator", lambda config: simulator)
     failed = []
     found = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
     assert found == (None if identical is None else view | {"cycles": 5, "model_cycles": 4})
