@@ -6,7 +6,6 @@ worker that is lost takes no result with it: its tasks are done again, and one t
 worker twice is given up, named.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -15,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.output import messages, progress_bar, write
 from splatcore.sim.common.pool import as_done, processes
 from splatcore.sim.common.sources import code_key
@@ -36,7 +36,7 @@ class Task:
 
     @property
     def key(self) -> str:
-        return hashlib.sha256(f"{code_key(self.function)}\0{self.about}".encode()).hexdigest()
+        return digest([code_key(self.function), self.about])
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def results(
     folder.mkdir(parents=True, exist_ok=True)
     missing = []
     for task in tasks:
-        found = kept(folder, task)
+        found = with_key(folder / f"{task.name}.json", task.key)
         if found is None:
             missing.append(task)
         else:
@@ -72,7 +72,8 @@ def results(
             if isinstance(found, Failure):
                 messages.print(f"{found.what}: {found.why}", markup=False, soft_wrap=True)
             else:
-                write(path_of(folder, task), json.dumps({"key": task.key} | found).encode())
+                data = json.dumps({"key": task.key} | found).encode()
+                write(folder / f"{task.name}.json", data)
             advance(done, len(tasks), f"{label}: {task.name}")
             yield task, found
 
@@ -88,20 +89,6 @@ def collected(
         else:
             found[task.name] = result
     return found, failed
-
-
-def path_of(folder: Path, task: Task) -> Path:
-    """The file of a task's result."""
-    return folder / f"{task.name}.json"
-
-
-def kept(folder: Path, task: Task) -> dict | None:
-    """A result that is there already; None if it is of other sources or cannot be read."""
-    try:
-        found = json.loads(path_of(folder, task).read_text())
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) and found.get("key") == task.key else None
 
 
 def outcome(future: Future, task: Task) -> dict | Failure:

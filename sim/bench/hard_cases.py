@@ -37,18 +37,6 @@ BOUNDS = {
 """The bound of a case by engine; machines leave out all NaN and Inf, too."""
 
 
-@dataclass(frozen=True, eq=False)
-class Target:
-    """A packed case and the reference's frames: `whole` of the scene, `exact` of the model."""
-
-    case: HardCase
-    camera: Camera
-    model: PackedModel
-    report: PackReport
-    whole: Frame
-    exact: Frame
-
-
 @dataclass(eq=False)
 class Outcome:
     """The result of an engine on a hard case; None for what there is not.
@@ -57,7 +45,8 @@ class Outcome:
     left_out: Gaussians by cause. psnr_db: of `pixels` against the reference before its rounding to
     8 bits, which can make a whole step of a tiny error; reason: why it is None. packing: the
     reference's picture of the packed model against the scene's. identical: to the golden model's
-    picture. failures: bounds that are not met.
+    picture. failures: bounds that are not met. Of the packed case: its model, what packing says of
+    it, and the reference's frames, `whole` of the scene and `exact` of the model.
     """
 
     name: str
@@ -75,6 +64,10 @@ class Outcome:
     identical: bool | None = None
     cycles: int | None = None
     failures: list[str] = field(default_factory=list)
+    model: PackedModel | None = None
+    report: PackReport | None = None
+    whole: Frame | None = None
+    exact: Frame | None = None
 
     @property
     def passed(self) -> bool:
@@ -112,55 +105,53 @@ def measure(
     shape = camera.width, camera.height
     outcome = Outcome(name, case.about, BOUNDS[engine], shape, len(case.scene))
     try:
-        target = prepare(case, camera, config)
+        prepare(outcome, case, camera, config)
     except InputError as error:
         outcome.failures.append(str(error))
         return outcome
-    outcome.packing = difference(target.exact.pixels, target.whole.pixels)
+    outcome.packing = difference(outcome.exact.pixels, outcome.whole.pixels)
     if engine == "reference":
-        of_reference(outcome, target)
+        of_reference(outcome)
     elif engine == "golden":
-        of_golden(outcome, target, config)
+        of_golden(outcome, camera, config)
     else:
-        of_hardware(outcome, target, machine, timing)
+        of_hardware(outcome, Job(outcome.model, camera), machine, timing)
     check_left_out(outcome, case)
     return outcome
 
 
-def prepare(case: HardCase, camera: Camera, config: Config) -> Target:
+def prepare(outcome: Outcome, case: HardCase, camera: Camera, config: Config):
     """Pack a case for a machine, and render both scene and model by the reference."""
-    model, report = pack(case.scene, config)
+    outcome.model, outcome.report = pack(case.scene, config)
     with np.errstate(invalid="ignore"):  # an infinite quaternion has no rotation
-        whole = render(case.scene.gaussians(), camera)
-    exact = render(model.gaussians(), camera)
-    return Target(case, camera, model, report, whole, exact)
+        outcome.whole = render(case.scene.gaussians(), camera)
+    outcome.exact = render(outcome.model.gaussians(), camera)
 
 
-def of_reference(outcome: Outcome, target: Target):
+def of_reference(outcome: Outcome):
     """The reference's picture of the scene; the map of errors is that of packing."""
-    counts = target.whole.counts
-    outcome.pixels, outcome.reference = target.whole.pixels, target.exact.pixels
+    counts = outcome.whole.counts
+    outcome.pixels, outcome.reference = outcome.whole.pixels, outcome.exact.pixels
     outcome.reason = "the reference itself"
     outcome.left_out = {name: counts[name] for name in ("not_finite", "near_culled")}
     outcome.left_out["unseen"] = (
         outcome.gaussians - sum(outcome.left_out.values()) - counts["visible"]
     )
-    if not np.isfinite(target.whole.image).all():
+    if not np.isfinite(outcome.whole.image).all():
         outcome.failures.append("a pixel is not finite")
 
 
-def of_golden(outcome: Outcome, target: Target, config: Config):
+def of_golden(outcome: Outcome, camera: Camera, config: Config):
     """The golden model's picture, its cycles by the cycle model."""
-    frame = pipeline.render(config, target.model, target.camera)
+    frame = pipeline.render(config, outcome.model, camera)
     points = frame.points
-    leave_out(outcome, target, len(points.points) - len(points.front), len(frame.binned.kept))
+    leave_out(outcome, len(points.points) - len(points.front), len(frame.binned.kept))
     outcome.cycles = frame_cycles(config, frame).frame
-    compare(outcome, target, frame.pixels)
+    compare(outcome, frame.pixels)
 
 
-def of_hardware(outcome: Outcome, target: Target, machine: Machine, timing: Timing):
+def of_hardware(outcome: Outcome, job: Job, machine: Machine, timing: Timing):
     """The simulated machine's picture, its cycles as measured; the golden model's beside it."""
-    job = Job(target.model, target.camera)
     run: Run = simulate(machine, [job], timing, f"simulating {outcome.name}")
     if not run.done:
         outcome.identical = False
@@ -168,18 +159,18 @@ def of_hardware(outcome: Outcome, target: Target, machine: Machine, timing: Timi
         return
     counters = run.frames[0].counters
     behind = counters["points_points"] - counters["points_front"]
-    leave_out(outcome, target, behind, counters["bin_kept"])
+    leave_out(outcome, behind, counters["bin_kept"])
     outcome.cycles = cycles(run)["frame"]
-    compare(outcome, target, run.frames[0].pixels)
+    compare(outcome, run.frames[0].pixels)
     found = diagnose(machine.config, run, 0, pipeline.render(machine.config, *job))
     outcome.identical = found is None
     if found:
         outcome.failures.append(str(found))
 
 
-def leave_out(outcome: Outcome, target: Target, behind: int, drawn: int):
+def leave_out(outcome: Outcome, behind: int, drawn: int):
     """Count what does not reach a tile's list: dropped by packing, by the machine."""
-    report = target.report
+    report = outcome.report
     outcome.left_out = {
         "not_finite": report.not_finite,
         "transparent": report.transparent,
@@ -188,11 +179,11 @@ def leave_out(outcome: Outcome, target: Target, behind: int, drawn: int):
     }
 
 
-def compare(outcome: Outcome, target: Target, pixels: np.ndarray):
+def compare(outcome: Outcome, pixels: np.ndarray):
     """A machine's picture against the reference on the same packed model."""
-    outcome.pixels, outcome.reference = pixels, target.exact.pixels
-    outcome.error = difference(pixels, target.exact.pixels)
-    outcome.psnr_db = psnr(pixels / LEVELS, target.exact.image.clip(0, 1))
+    outcome.pixels, outcome.reference = pixels, outcome.exact.pixels
+    outcome.error = difference(pixels, outcome.exact.pixels)
+    outcome.psnr_db = psnr(pixels / LEVELS, outcome.exact.image.clip(0, 1))
     if outcome.psnr_db is None:
         empty = "an empty scene: " if not outcome.gaussians else ""
         outcome.reason = f"{empty}identical pictures"

@@ -4,10 +4,6 @@ Of each view two frames are rendered, so that both halves are at work at once. W
 file of its own, which stands until the machine's Verilog, the view or the memory is another.
 """
 
-import csv
-import hashlib
-import io
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -19,11 +15,13 @@ import numpy as np
 
 from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
+from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View, scene_files
 from splatcore.sim.common.source import packed_model
+from splatcore.sim.common.table import comma_separated
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles, golden, reference
@@ -76,7 +74,7 @@ def bench_scenes(config: Config, found: list[View], timings: list[Timing], folde
         rows.append(simulator.row(view, timing, path))
         console.print(line(rows[-1]), soft_wrap=True)
     write(folder / "scenes.md", markdown(rows).encode())
-    write(folder / "scenes.csv", comma_separated(rows).encode())
+    write(folder / "scenes.csv", comma_separated([dict(cells(row)) for row in rows]).encode())
     return all(row["identical"] for row in rows)
 
 
@@ -91,29 +89,15 @@ class Simulator:
         return build(self.config, source=self.source)
 
     def row(self, view: View, timing: Timing, path: Path) -> dict:
-        """A view's result, simulated unless the file has it already."""
-        key = key_of(self.source, self.config, view, timing)
-        row = finished(path, key)
-        if row is None:
+        """A view's result, simulated unless the file has it already and it was a success."""
+        key = digest([self.source, repr(self.config), view.name, view.size, timing, FRAMES])
+        row = with_key(path, key)
+        if row is None or not row["identical"]:
             expected = expect(self.config, view)
             row = {"key": key} | measure(self.machine, view, expected, timing)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_json(path, row)
         return row
-
-
-def key_of(source: str, config: Config, view: View, timing: Timing) -> str:
-    """Stands for all that decides on a result."""
-    text = json.dumps([source, repr(config), view.name, view.size, asdict(timing), FRAMES])
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def finished(path: Path, key: str) -> dict | None:
-    """The result that is there already; None if it is another machine's or was no success."""
-    if not path.exists():
-        return None
-    row = json.loads(path.read_text())
-    return row if row["key"] == key and row["identical"] else None
 
 
 @lru_cache(maxsize=1)
@@ -185,23 +169,11 @@ def cells(row: dict) -> Iterator[tuple[str, object]]:
     yield from ((f"mb_{cause}", n / MEGABYTE) for cause, n in row["traffic_bytes"].items())
 
 
-def comma_separated(rows: list[dict]) -> str:
-    """All numbers of all results."""
-    found = [dict(cells(row)) for row in rows]
-    names = dict.fromkeys(name for row in found for name in row)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(found)
-    return text.getvalue()
-
-
 def markdown(rows: list[dict]) -> str:
     """Three tables: cycles and error, the cycle model's stages, megabytes by cause."""
     done = [row for row in rows if "cycles" in row]
     titles = [f"{row['scene']} {row['camera']}, {row['timing']['name']}" for row in done]
-    thousand = [{k: v / 1000 for k, v in row["model_cycles"].items()} for row in done]
-    first = [
+    frames = [
         {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
         | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
         | {"identical": "yes" if row["identical"] else "no"}
@@ -211,20 +183,18 @@ def markdown(rows: list[dict]) -> str:
         | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
         for row in done
     ]  # fmt: skip
-    second = [{k: f"{v:,.0f}" for k, v in row.items()} for row in thousand]
-    third = [
-        {cause: f"{n / MEGABYTE:.2f}" for cause, n in row["traffic_bytes"].items()} for row in done
-    ]
-    failed = [f"- {line(row)}" for row in rows if "cycles" not in row]
+    model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
+    traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
     parts = [
         "Thousands of cycles of a frame in RTL, and its picture against the reference's:",
-        _table(titles, first),
+        _table(titles, frames),
         "The cycle model's thousands of cycles:",
-        _table(titles, second),
+        _table(titles, model),
         "Megabytes by cause:",
-        _table(titles, third),
-        *(["Failed:", "\n".join(failed)] if failed else []),
+        _table(titles, traffic),
     ]
+    if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:
+        parts += ["Failed:", "\n".join(failed)]
     return "\n\n".join(parts) + "\n"
 
 

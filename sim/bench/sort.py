@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import Console
 from rich.table import Table
 
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import Config
@@ -22,55 +21,39 @@ LENGTHS = (1, 2, 4, 8, 16, 32, 64, 100, 128, 129, 200, 256, 400, 512, 700, 1024,
            2048, 2049, 3000, 4096, 5200, 7000, 10_000, 14_000, 20_000)  # fmt: skip
 """Lengths of lists: what occurs, and the hard case of 20,000."""
 
-BOUND = 4.5
-"""Cycles an entry, 1.5·(1 for loading + 2·1 for giving it out), that a list may take."""
-
-BOUND_FROM, BOUND_TO = 16, 2048
-"""Lengths that the bound is about."""
-
-COLUMNS = 100
-"""Width of the table, on any terminal."""
+BOUND, BOUND_FROM, BOUND_TO = 4.5, 16, 2048
+"""Cycles an entry, 1.5·(1 for loading + 2·1 for giving it out), that a list may take; lengths that
+the bound is about."""
 
 INCHES = (9.0, 5.5)
 DOTS_PER_INCH = 150
 
 
-class SortSimulation:
-    """Stage 2, compiled; `measure` sorts one list and returns its cycles."""
-
-    def __init__(self, config: Config):
-        self.config = config
-        self.simulation = Simulation(Sort(config))
-
-    def measure(self, kind: str, counts: Sequence[int]) -> int:
-        """Cycles from the first entry to the last group's mark. AssertionError if out of order."""
-        counts = np.asarray(counts)
-        rows = sort_rows(self.config, counts, entries_of(self.config, kind, counts))
-        result = self.simulation.run(
-            rows.inputs, constants={"stop": 0, "clear": 0}, expected=rows.counts
-        )
-        assert result.finished, result.stopped
-        for name, wanted in rows.expected.items():
-            assert np.array_equal(result.outputs[name], wanted), f"{kind} {counts}: {name}"
-        return result.cycles
-
-
-def bench_sort(
-    config: Config, lengths: Sequence[int] = LENGTHS, plot: Path | None = None
-) -> dict[str, list[int]]:
+def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> dict[str, list[int]]:
     """Cycles of lists of these lengths by kind of keys; prints a table, draws a plot."""
-    simulated, total = SortSimulation(config), len(KEYS) * len(lengths)
+    simulation, total = Simulation(Sort(config)), len(KEYS) * len(lengths)
     found = {kind: [] for kind in KEYS}
     with progress_bar("sorting", total) as advance:
         for length in lengths:
             for kind, values in found.items():
-                values.append(simulated.measure(kind, [length]))
+                values.append(_measure(simulation, config, kind, length))
                 advance(sum(map(len, found.values())), total)
     model = [cycles(config, [length]) for length in lengths]
-    Console(width=COLUMNS).print(_table(config, lengths, found, model))
-    if plot is not None:
-        _write_plot(plot, config, lengths, found, model)
+    print_whole(_table(config, lengths, found, model))
+    _write_plot(plot, config, lengths, found, model)
     return found
+
+
+def _measure(simulation: Simulation, config: Config, kind: str, length: int) -> int:
+    """Cycles from a list's first entry to the mark behind it. AssertionError if out of order."""
+    counts = np.array([length])
+    rows = sort_rows(config, counts, entries_of(config, kind, counts))
+    constants = {"stop": 0, "clear": 0}
+    result = simulation.run(rows.inputs, constants=constants, expected=rows.counts)
+    assert result.finished, result.stopped
+    for name, wanted in rows.expected.items():
+        assert np.array_equal(result.outputs[name], wanted), f"{kind} {length}: {name}"
+    return result.cycles
 
 
 def _bound_to(config: Config) -> int:

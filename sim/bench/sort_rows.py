@@ -17,18 +17,6 @@ def random_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarra
     return random.integers(0, 1 << bits, count, dtype=np.uint64)
 
 
-def equal_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
-    return np.full(count, random.integers(0, 1 << bits), np.uint64)
-
-
-def sorted_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
-    return np.sort(random_keys(bits, count, random))
-
-
-def reversed_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
-    return np.sort(random_keys(bits, count, random))[::-1].copy()
-
-
 def clustered_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
     """Few values of the upper half of the bits, any of the lower half."""
     low = bits // 2
@@ -38,9 +26,9 @@ def clustered_keys(bits: int, count: int, random: np.random.Generator) -> np.nda
 
 KEYS = {
     "random": random_keys,
-    "equal": equal_keys,
-    "sorted": sorted_keys,
-    "reversed": reversed_keys,
+    "equal": lambda bits, count, random: np.full(count, random.integers(0, 1 << bits), np.uint64),
+    "sorted": lambda *asked: np.sort(random_keys(*asked)),
+    "reversed": lambda *asked: np.sort(random_keys(*asked))[::-1].copy(),
     "clustered": clustered_keys,
 }
 """Kinds of keys: each makes keys [count] of `bits` bits."""

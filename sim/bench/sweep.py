@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from splatcore.golden.pipeline import Frame, render
+from splatcore.golden.pipeline import render
 from splatcore.sim.bench.campaign import Task
 from splatcore.sim.common.metric import LEVELS, channel_error, psnr
 from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import open_source, packed_model
+from splatcore.sim.common.source import Source, open_source, packed_model
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import reference
-from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.packed import PackedModel
@@ -51,10 +50,15 @@ def tasks(name: str, views: list[View], machines: dict[str, Config]) -> list[Tas
 def measure(view: View, machines: dict[str, Config]) -> dict:
     """{"rows": [a row for each machine]}; all machines make the same picture."""
     first = next(iter(machines.values()))
-    scene = opened(view.scene)
-    camera = scene.camera(view)
-    frame = render(first, scene.model(first), camera)
-    facts = facts_of(frame, scene.reference(view, first))
+    source = opened(view.scene)
+    camera, model = view.camera_of(source), packed_model(source, first)
+    frame = render(first, model, camera)
+    truth = exact(view, model)
+    facts = {
+        "psnr_db": psnr(frame.pixels / LEVELS, truth / LEVELS),
+        "max_error": float(channel_error(frame.pixels, truth).max() / LEVELS),
+        "counts": frame.counts | {"front": len(frame.points.front)},
+    }
     rows = []
     for label, config in machines.items():
         cycles = frame_cycles(config, frame)
@@ -67,40 +71,13 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
     return {"rows": rows}
 
 
-def facts_of(frame: Frame, exact: np.ndarray) -> dict:
-    """A picture's error and the work that it took."""
-    return {
-        "psnr_db": psnr(frame.pixels / LEVELS, exact / LEVELS),
-        "max_error": float(channel_error(frame.pixels, exact).max() / LEVELS),
-        "counts": frame.counts | {"front": len(frame.points.front)},
-    }
-
-
-class Opened:
-    """A scene, its models and pictures by the reference, as a process keeps them."""
-
-    def __init__(self, scene: str):
-        self.source = open_source(scene)
-        self.exact: dict[tuple[View, int], np.ndarray] = {}
-
-    def camera(self, view: View) -> Camera:
-        """A view's camera."""
-        return view.camera_of(self.source)
-
-    def model(self, config: Config) -> PackedModel:
-        """The scene as packed for a machine."""
-        return packed_model(self.source, config)
-
-    def reference(self, view: View, config: Config) -> np.ndarray:
-        """The reference's 8-bit picture of the model for a machine."""
-        model = self.model(config)
-        key = view, id(model)
-        if key not in self.exact:
-            self.exact[key] = reference(model, self.camera(view), SPLATCORE).pixels
-        return self.exact[key]
-
-
 @lru_cache(maxsize=1)
-def opened(scene: str) -> Opened:
+def opened(scene: str) -> Source:
     """The scene that this process has worked on last."""
-    return Opened(scene)
+    return open_source(scene)
+
+
+@lru_cache(maxsize=8)
+def exact(view: View, model: PackedModel) -> np.ndarray:
+    """The reference's 8-bit picture of a model."""
+    return reference(model, view.camera_of(opened(view.scene)), SPLATCORE).pixels

@@ -14,13 +14,12 @@ from splatcore.model.formats.camera_file import read_camera, read_cameras
 from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.bench.sweep import opened
 from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import packed_model
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import Config
 from splatcore.spec.convention import NEAR_PLANE, TILE
 from splatcore.spec.microprogram import operation_counts, program, projection
 from splatcore.spec.schedule import pes, schedule
-
-RESULT = "work.json"
 
 
 def every_camera(views: list[View]) -> list[View]:
@@ -59,7 +58,8 @@ def work(config: Config, views: list[View], folder: Path, scheduler: str | None)
 
 def view_work(config: Config, view: View) -> dict:
     """A frame's counts and rates, and how many splats reach each tile."""
-    model, camera = opened(view.scene).model(config), opened(view.scene).camera(view)
+    source = opened(view.scene)
+    model, camera = packed_model(source, config), view.camera_of(source)
     frame = render(config, model, camera)
     depth = model.position @ camera.rotation[2] + camera.translation[2]
     behind, counts = int((depth <= NEAR_PLANE).sum()), frame.counts

@@ -1,4 +1,4 @@
-"""The command line, a file for each command.
+"""The command line, a file for each command or for some that are alike.
 
 May import: spec, model, golden, hdl, sim.accuracy, sim.bench, sim.common, sim.compression,
 sim.cycles, sim.eda, sim.fit, sim.machine, sim.power, sim.report.

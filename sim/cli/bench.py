@@ -1,13 +1,12 @@
 """The group of commands `bench`, and the options that they share."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from splatcore.sim.bench.scenes import views
-from splatcore.sim.cli.options import app
-from splatcore.sim.common.output import check_folder, console, messages
+from splatcore.sim.cli.options import app, argument, option
+from splatcore.sim.common.output import console, make_folder, messages
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View
 from splatcore.sim.common.source import VIEW_SIZE, parse_size
@@ -17,26 +16,18 @@ bench = typer.Typer(
 )
 app.add_typer(bench, name="bench")
 
-
-FolderOption = Annotated[
-    Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for results; kept results stay.")
-]
-ScenesArgument = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="SCENE …", help="Default: all in the folder SPLATCORE_SCENES."),
-]
-CamerasOption = Annotated[
-    str | None, typer.Option(metavar="ID,ID,…", help="Default: each scene's first, and more.")
-]
-PixelsOption = Annotated[str, typer.Option("--size", metavar="WxH", help="Pixels.")]
-SchedulerOption = Annotated[
+FolderOption = option(Path, "DIR", "Folder for results; kept results stay.", "-o", "--out")
+ScenesArgument = argument(
+    list[str] | None, "SCENE …", "Default: all in the folder SPLATCORE_SCENES."
+)
+CamerasOption = option(str | None, "ID,ID,…", "Default: each scene's first, and more.")
+PixelsOption = option(str, "WxH", "Pixels.", "--size")
+SchedulerOption = option(
     str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="A Dask scheduler, like tcp://host:8786, whose workers do the work; they read the "
-        "scene files at the same paths. Default: processes here, one for each core.",
-    ),
-]
+    "ADDRESS",
+    "A Dask scheduler, like tcp://host:8786, whose workers do the work; they read the scene files "
+    "at the same paths. Default: processes here, one for each core.",
+)
 SIZE = "x".join(map(str, VIEW_SIZE))
 
 
@@ -44,8 +35,7 @@ def look(output: Path, scene: list[str] | None, cameras: str | None, size: str) 
     """The views to measure; makes the folder."""
     size = "x".join(map(str, parse_size(size)))
     found = views(list(scene or ()), cameras, size)
-    check_folder(output)
-    output.mkdir(exist_ok=True)
+    make_folder(output)
     return found
 
 

@@ -1,15 +1,12 @@
 """The command `bench compression`."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
 from splatcore.sim.cli.compress import RateOption
-from splatcore.sim.cli.options import PresetOption
-from splatcore.sim.common.output import check_writable, console
-from splatcore.sim.common.source import parse_size
+from splatcore.sim.cli.options import PresetOption, argument, option
+from splatcore.sim.common.output import console, make_folder
+from splatcore.sim.common.source import check_known, parse_size
 from splatcore.sim.compression import run as compression_run
 from splatcore.sim.compression.bench import PARTS, RATIOS, RESULT, bench_compression
 from splatcore.sim.compression.plot import write_curve
@@ -26,42 +23,26 @@ VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))
 """Defaults as the command line takes them."""
 
 
-ScenesArgument = Annotated[
+ScenesArgument = argument(
     list[str] | None,
-    typer.Argument(
-        metavar="SCENE …",
-        help="Scene files or folders of photographs (COLMAP, transforms.json). Default: "
-        f"{', '.join(SCENES)} in the folder SPLATCORE_SCENES.",
-    ),
-]
-PartOption = Annotated[str, typer.Option(metavar="PART,PART,…", help="What to measure; see above.")]
-StepsOption = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N", help="Fine-tuning steps after each pruning; other parts in proportion."
-    ),
-]
-TrainStepsOption = Annotated[
-    int, typer.Option(metavar="N", help="Steps of a baseline from photographs.")
-]
-RatiosOption = Annotated[str, typer.Option(metavar="R,R,…", help="Ratios of the curve.")]
-ScheduleSceneOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SCENE", help="Whose schedules are compared. Default: banana, else the first."
-    ),
-]
-ViewsOption = Annotated[
-    int, typer.Option(metavar="N", help="Teacher's views of a scene without photographs.")
-]
-ViewSizeOption = Annotated[str, typer.Option(metavar="WxH", help="Pixels of the teacher's views.")]
-ScaleOption = Annotated[
-    float, typer.Option(metavar="S", help="Photographs are shrunk to this, 0 … 1.")
-]
-OrderOption = Annotated[
-    str, typer.Option(metavar="ORDER", help="distill-first, or prune-first as in the paper.")
-]
-SeedOption = Annotated[int, typer.Option(metavar="S", help="Of everything random.")]
+    "SCENE …",
+    "Scene files or folders of photographs (COLMAP, transforms.json). Default: "
+    f"{', '.join(SCENES)} in the folder SPLATCORE_SCENES.",
+)
+PartOption = option(str, "PART,PART,…", "What to measure; see above.")
+StepsOption = option(
+    int | None, "N", "Fine-tuning steps after each pruning; other parts in proportion."
+)
+TrainStepsOption = option(int, "N", "Steps of a baseline from photographs.")
+RatiosOption = option(str, "R,R,…", "Ratios of the curve.")
+ScheduleSceneOption = option(
+    str | None, "SCENE", "Whose schedules are compared. Default: banana, else the first."
+)
+ViewsOption = option(int, "N", "Teacher's views of a scene without photographs.")
+ViewSizeOption = option(str, "WxH", "Pixels of the teacher's views.")
+ScaleOption = option(float, "S", "Photographs are shrunk to this, 0 … 1.")
+OrderOption = option(str, "ORDER", "distill-first, or prune-first as in the paper.")
+SeedOption = option(int, "S", "Of everything random.")
 
 
 @bench.command("compression")
@@ -108,11 +89,13 @@ def compression_command(
     chosen = Path(schedule_scene or (SCENES[0] if SCENES[0] in names else names[0])).name
     if chosen not in names:
         raise InputError(f"--schedule-scene {chosen}: is not among {', '.join(names)}")
-    parts, wanted = parse_parts(part), parse_ratios(ratios)
+    parts, wanted = [name.strip() for name in part.split(",")], parse_ratios(ratios)
+    check_known("--part", PARTS, *parts)
     compression_run.check_installed()
-    check_writable(output / "x" if output.is_dir() else output)
-    output.mkdir(exist_ok=True)
-    facts = bench_compression(found, parts, chosen, wanted, protocol, output)
+    make_folder(output)
+    facts = bench_compression(
+        found, [name for name in PARTS if name in parts], chosen, wanted, protocol, output
+    )
     for name, found in facts["scenes"].items():
         for table in tables(name, found):
             console.print(table)
@@ -126,14 +109,6 @@ def at_least(option: str, value: int | None, least: int = 1) -> int | None:
     if value is not None and value < least:
         raise InputError(f"{option} {value}: is not {least} or more")
     return value
-
-
-def parse_parts(text: str) -> tuple[str, ...]:
-    """Names with commas between them, in the order of PARTS."""
-    names = [name.strip() for name in text.split(",")]
-    if unknown := [name for name in names if name not in PARTS]:
-        raise InputError(f"--part '{unknown[0]}': unknown (there are {', '.join(PARTS)})")
-    return tuple(name for name in PARTS if name in names)
 
 
 def parse_ratios(text: str) -> tuple[float, ...]:

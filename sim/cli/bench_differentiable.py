@@ -1,20 +1,18 @@
 """`splatcore bench differentiable`: seconds of the CPU's differentiable renderer."""
 
-from importlib.util import find_spec
 from statistics import median
 from time import perf_counter
-from typing import Annotated
 
 import numpy as np
-import typer
 from numba import get_num_threads
 
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.cli.bench import bench
-from splatcore.sim.cli.options import JsonOption
+from splatcore.sim.cli.options import JsonOption, option
 from splatcore.sim.common.output import check_writable, console
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import parse_size
+from splatcore.sim.compression.run import check_installed
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -27,11 +25,16 @@ BOUND = 1.5
 """Seconds of forward and backward together that COUNT Gaussians at SIZE may take on two cores."""
 
 
+GaussiansOption = option(int, "N", "Of the garden.")
+SizeOption = option(str, "WxH", "Pixels.")
+RepeatOption = option(int, "N", "Times are medians of N runs.")
+
+
 @bench.command("differentiable")
 def differentiable_command(
-    gaussians: Annotated[int, typer.Option(metavar="N", help="Of the garden.")] = COUNT,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Pixels.")] = SIZE,
-    repeat: Annotated[int, typer.Option(metavar="N", help="Times are medians of N runs.")] = 5,
+    gaussians: GaussiansOption = COUNT,
+    size: SizeOption = SIZE,
+    repeat: RepeatOption = 5,
     json: JsonOption = None,
 ):
     """Time forward and backward of the differentiable renderer on the CPU, in float32.
@@ -46,8 +49,7 @@ def differentiable_command(
         scene = generate("garden", gaussians)
     except InputError as error:
         raise InputError(f"--gaussians: {error}") from None
-    if find_spec("torch") is None:
-        raise InputError("needs PyTorch; install it by pip install 'splatcore[compress]'")
+    check_installed()
     facts = measure(scene.gaussians(), generated_camera("garden", width, height), repeat)
     together = facts["forward_seconds"] + facts["backward_seconds"]
     console.print(

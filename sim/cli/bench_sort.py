@@ -1,13 +1,10 @@
 """The command `bench sort`: cycles of sorting, in RTL simulation."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from splatcore.sim.bench.sort import LENGTHS, bench_sort
 from splatcore.sim.cli.bench import bench
-from splatcore.sim.cli.options import JsonOption, PresetOption
+from splatcore.sim.cli.options import JsonOption, PresetOption, option
 from splatcore.sim.common.output import check_folder, check_writable, console
 from splatcore.sim.common.result import write_json
 from splatcore.sim.cycles.sort import cycles
@@ -18,14 +15,15 @@ LENGTH_MAX = 1_000_000
 """Longest list that can be asked for: more than a frame has in a group."""
 
 
+OutputOption = option(Path, "DIR", "Folder for sort.png.", "-o")
+LengthsOption = option(str | None, "N,N,…", "Entries of the lists. Default: 1 to 20,000.")
+
+
 @bench.command("sort")
 def sort_command(
-    output: Annotated[Path, typer.Option("-o", metavar="DIR", help="Folder for sort.png.")],
+    output: OutputOption,
     preset: PresetOption = "DEFAULT",
-    lengths: Annotated[
-        str | None,
-        typer.Option(metavar="N,N,…", help="Entries of the lists. Default: 1 to 20,000."),
-    ] = None,
+    lengths: LengthsOption = None,
     json: JsonOption = None,
 ):
     """Sort lists of random, equal, sorted, reversed and clustered keys with stage 2 in RTL.

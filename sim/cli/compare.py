@@ -1,20 +1,13 @@
 """The command `compare`: errors of images, or of engines' images, against the first."""
 
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
 from rich.table import Table
 
+from splatcore.sim.cli import options
 from splatcore.sim.cli.frames import render_frame, render_golden
-from splatcore.sim.cli.options import (
-    CameraOption,
-    JsonOption,
-    PresetOption,
-    SizeOption,
-    app,
-)
+from splatcore.sim.cli.options import argument, option
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import check_writable, console
 from splatcore.sim.common.picture import read_png, write_error_map
@@ -22,7 +15,6 @@ from splatcore.sim.common.result import Result, write_json
 from splatcore.sim.common.source import (
     ENGINES,
     Source,
-    check_engine,
     open_camera,
     open_source,
     packed_model,
@@ -33,24 +25,20 @@ from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
+ImagesArgument = argument(list[str], "A.png|ENGINE B.png|ENGINE …", "The first is compared with.")
+SceneOption = option(str | None, "SCENE|MODEL", "What the engines render.")
+OutputOption = option(Path | None, "MAP.png", "Draw an error map of the second image.", "-o")
 
-@app.command("compare")
+
+@options.app.command("compare")
 def compare_command(
-    images: Annotated[
-        list[str],
-        typer.Argument(metavar="A.png|ENGINE B.png|ENGINE …", help="The first is compared with."),
-    ],
-    scene: Annotated[
-        str | None, typer.Option(metavar="SCENE|MODEL", help="What the engines render.")
-    ] = None,
-    camera: CameraOption = None,
-    size: SizeOption = None,
-    preset: PresetOption = "DEFAULT",
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", metavar="MAP.png", help="Draw an error map of the second image."),
-    ] = None,
-    json: JsonOption = None,
+    images: ImagesArgument,
+    scene: SceneOption = None,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    output: OutputOption = None,
+    json: options.JsonOption = None,
 ):
     """PSNR, SSIM and maximum error of images against the first one, and an error map.
 
@@ -90,7 +78,6 @@ def picture(
     """The pixels of a PNG file, or what an engine renders; the reference of the packed model?"""
     if text not in ENGINES:
         return read_png(text)
-    check_engine(text)
     if scene is None:
         raise InputError(f"compare {text}: --scene says nothing about what to render")
     source: Source = open_source(scene)

@@ -1,13 +1,9 @@
 """The commands `train` and `compress`: photographs to a scene, a scene to a small model."""
 
-import hashlib
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.golden.reference import render
@@ -17,19 +13,15 @@ from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
-from splatcore.sim.cli.options import JsonOption, PresetOption, SceneArgument, app
+from splatcore.sim.cli import options
+from splatcore.sim.cli.options import argument, option
+from splatcore.sim.common.cache import digest
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import check_writable, console, progress_bar, whole_file, write
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import open_source, parse_size
-from splatcore.sim.compression.run import (
-    check_installed,
-    compressed,
-    photographs,
-    pictures_at,
-    teacher,
-    trained,
-)
+from splatcore.sim.common.table import new_table
+from splatcore.sim.compression import run
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
@@ -38,71 +30,47 @@ from splatcore.spec.scene import Gaussians, Scene
 LOOKED_AT = 4
 """Views on which the loss is measured where there are no photographs."""
 
-ScaleOption = Annotated[
-    float, typer.Option(metavar="S", help="Shrink the photographs: 0.5 is half their size.")
-]
-HoldOutOption = Annotated[
-    int,
-    typer.Option(metavar="N", min=0, help="Keep every N-th photograph for measuring; 0: none."),
-]
-ImagesOption = Annotated[
+FolderArgument = argument(Path, "DIR", "COLMAP model with its photographs in images/.")
+OutputOption = option(Path, "SCENE.ply", "Where to write it.", "-o")
+StepsOption = option(int, None, "Steps of optimisation.", min=1)
+TuneStepsOption = option(int, None, "Steps after each pruning.", min=0)
+ViewsOption = option(int, None, "Own pictures, without --images.", min=1)
+SizeOption = option(str, "WxH", "Of the own pictures: as it will be rendered.")
+ScaleOption = option(float, "S", "Shrink the photographs: 0.5 is half their size.")
+HoldOutOption = option(int, "N", "Keep every N-th photograph for measuring; 0: none.", min=0)
+ImagesOption = option(str | None, "DIR", "COLMAP folder or transforms.json with photographs.")
+CamerasOption = option(
     str | None,
-    typer.Option(metavar="DIR", help="COLMAP folder or transforms.json with photographs."),
-]
-CamerasOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE",
-        help="Without --images: from where the scene will be looked at, as cameras.json, "
-        "transforms.json or COLMAP folder. It learns on their path, not from all round.",
-    ),
-]
-ScheduleOption = Annotated[
-    str, typer.Option(metavar="R,R,…", help="Shares that the prunings remove, one by one.")
-]
-RatioOption = Annotated[
-    float | None,
-    typer.Option(metavar="R", help="So many times smaller than the scene's float32 PLY."),
-]
-DropOption = Annotated[
-    float | None,
-    typer.Option(metavar="DB", help="Lose at most this on photographs kept aside."),
-]
-DistillOption = Annotated[
-    int, typer.Option(min=0, help="Steps for each degree of harmonics that goes.")
-]
-QuantizeOption = Annotated[int, typer.Option(min=0, help="Steps under the packed model's numbers.")]
-RateOption = Annotated[
-    float,
-    typer.Option(metavar="S", help="Learning rates, as a share of those that suit most scenes."),
-]
-OrderOption = Annotated[
-    str,
-    typer.Option(metavar="ORDER", help="distill-first: harmonics go first; or prune-first."),
-]
-DegreeOption = Annotated[
-    int | None,
-    typer.Option(min=0, max=1, help="Of the model. Default: 0 where 1 is not worth its bytes."),
-]
-SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same result on one machine.")]
-WorkOption = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Where steps are kept. Default: the output's name + .steps."),
-]
+    "FILE",
+    "Without --images: from where the scene will be looked at, as cameras.json, "
+    "transforms.json or COLMAP folder. It learns on their path, not from all round.",
+)
+ScheduleOption = option(str, "R,R,…", "Shares that the prunings remove, one by one.")
+RatioOption = option(float | None, "R", "So many times smaller than the scene's float32 PLY.")
+DropOption = option(float | None, "DB", "Lose at most this on photographs kept aside.")
+DistillOption = option(int, None, "Steps for each degree of harmonics that goes.", min=0)
+QuantizeOption = option(int, None, "Steps under the packed model's numbers.", min=0)
+RateOption = option(float, "S", "Learning rates, as a share of those that suit most scenes.")
+OrderOption = option(str, "ORDER", "distill-first: harmonics go first; or prune-first.")
+DegreeOption = option(
+    int | None, None, "Of the model. Default: 0 where 1 is not worth its bytes.", min=0, max=1
+)
+SeedOption = option(int, None, "Same seed, same result on one machine.", min=0)
+WorkOption = option(
+    Path | None, "DIR", "Where steps are kept. Default: the output's name + .steps."
+)
 
 
-@app.command("train")
+@options.app.command("train")
 def train_command(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="COLMAP model with its photographs in images/.")
-    ],
-    output: Annotated[Path, typer.Option("-o", metavar="SCENE.ply", help="Where to write it.")],
-    steps: Annotated[int, typer.Option(min=1, help="Steps of optimisation.")] = 7000,
+    folder: FolderArgument,
+    output: OutputOption,
+    steps: StepsOption = 7000,
     scale: ScaleOption = 1.0,
     hold_out: HoldOutOption = 7,
     seed: SeedOption = 0,
     work: WorkOption = None,
-    json: JsonOption = None,
+    json: options.JsonOption = None,
 ):
     """Train a plain 3DGS scene from photographs: the baseline that compression starts from.
 
@@ -110,11 +78,11 @@ def train_command(
     goes on where it was stopped. Prints the PSNR of the photographs held out. Needs the extra
     `compress`.
     """
-    check_installed()
+    run.check_installed()
     check_writable(output, json)
     learn, aside = _split(str(folder), scale, hold_out)
     place = work or output.with_name(output.name + ".steps")
-    scene = trained(str(folder), learn, steps, seed, place, folder.name)
+    scene = run.trained(str(folder), learn, steps, seed, place, folder.name)
     with whole_file(output) as part:
         write_ply(part, replace(scene, name=output.name))
     found = _decibels(scene.gaussians(), aside)
@@ -127,31 +95,29 @@ def train_command(
     write_json(json, facts)
 
 
-@app.command("compress")
+@options.app.command("compress")
 def compress_command(
-    scene: SceneArgument,
-    output: Annotated[Path, typer.Option("-o", metavar="MODEL", help="Where to write it.")],
+    scene: options.SceneArgument,
+    output: options.ModelOption,
     images: ImagesOption = None,
     cameras: CamerasOption = None,
     schedule: ScheduleOption = "0.4,0.4,0.4,0.2",
     target_ratio: RatioOption = None,
     max_drop: DropOption = None,
-    steps: Annotated[int, typer.Option(min=0, help="Steps after each pruning.")] = Recipe.steps,
+    steps: TuneStepsOption = Recipe.steps,
     distill_steps: DistillOption = Recipe.distill_steps,
     quantize_steps: QuantizeOption = Recipe.quantize_steps,
     rate: RateOption = Recipe.rate,
     order: OrderOption = Recipe.order,
     sh_degree: DegreeOption = None,
-    views: Annotated[int, typer.Option(min=1, help="Own pictures, without --images.")] = 96,
-    size: Annotated[
-        str, typer.Option(metavar="WxH", help="Of the own pictures: as it will be rendered.")
-    ] = "1920x1080",
+    views: ViewsOption = 96,
+    size: SizeOption = "1920x1080",
     scale: ScaleOption = 1.0,
     hold_out: HoldOutOption = 7,
     seed: SeedOption = 0,
     work: WorkOption = None,
-    preset: PresetOption = "DEFAULT",
-    json: JsonOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    json: options.JsonOption = None,
 ):
     """Compress a scene: distil harmonics, prune, quantise, fine-tune between; pack the result.
 
@@ -160,7 +126,7 @@ def compress_command(
     command goes on where it was stopped. Prints each step's size and loss, and what is lost on
     pictures that were not learned from. Needs the extra `compress`.
     """
-    check_installed()
+    run.check_installed()
     check_writable(output, json)
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
@@ -176,11 +142,12 @@ def compress_command(
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
     if not images:
         path = read_cameras(cameras) if cameras else ()
-        learn = teacher(source.scene, views, pixels, seed, scene, path)
-        learn += pictures_at(source.scene, path, pixels, scene) if path else ()
-    key = f"{digest(source.scene, learn)} {recipe!r} {config!r}"
+        learn = run.teacher(source.scene, views, pixels, seed, scene, path)
+        learn += run.pictures_at(source.scene, path, pixels, scene) if path else ()
+    arrays = [getattr(source.scene, name) for name in ARRAYS]
+    key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
-    model = compressed(source.scene, learn, recipe, checkpoints, config, scene)
+    model = run.compressed(source.scene, learn, recipe, checkpoints, config, scene)
     write(output, model.image.tobytes())
     facts = {"scene": scene, "model": str(output)} | facts_of(source.scene, model, checkpoints)
     console.print(table_of(checkpoints, facts["original_bytes"]))
@@ -198,22 +165,11 @@ def parse_schedule(text: str) -> tuple[float, ...]:
         raise InputError(f"--schedule '{text}': is not a list of shares like 0.4,0.4") from None
 
 
-def digest(scene, targets) -> str:
-    """Hash, of 16 digits, of the scene and the pictures that a compression starts from."""
-    found = hashlib.sha256()
-    for name in ARRAYS:
-        found.update(np.ascontiguousarray(getattr(scene, name)))
-    for target in targets:
-        found.update(np.ascontiguousarray(target.image))
-        found.update(repr(target.camera).encode())
-    return found.hexdigest()[:16]
-
-
 def _split(path: str, scale: float, hold_out: int) -> tuple[tuple, tuple]:
     """Photographs to learn from, and those held out."""
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not in 0 … 1")
-    learn, aside = photographs(path, scale, hold_out or 2**30)
+    learn, aside = run.photographs(path, scale, hold_out or 2**30)
     if not hold_out:
         return (*aside, *learn), ()
     if not learn:
@@ -257,10 +213,8 @@ def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: i
 
 def table_of(checkpoints: Checkpoints, original: int) -> Table:
     """A row for each step: size, loss, time."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("step", no_wrap=True)
-    for heading in ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds"):
-        table.add_column(heading, justify="right")
+    headings = ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds")
+    table = new_table("step", headings)
     for step in checkpoints.steps:
         loss = "–" if step.loss is None else f"{step.loss:.5f}"
         table.add_row(

@@ -1,13 +1,10 @@
 """The command `cycles`: cycles of a frame by stage, from the cycle model."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
-from splatcore.sim.cli.options import CameraOption, JsonOption, PresetOption, SizeOption, app
+from splatcore.sim.cli import options
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import check_writable, progress_bar
 from splatcore.sim.common.result import write_json
@@ -18,14 +15,16 @@ from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.preset import find_preset
 
+SceneArgument = options.argument(list[str], "SCENE|MODEL …", "What to render.")
 
-@app.command("cycles")
+
+@options.app.command("cycles")
 def cycles_command(
-    scene: Annotated[list[str], typer.Argument(metavar="SCENE|MODEL …", help="What to render.")],
-    camera: CameraOption = None,
-    size: SizeOption = None,
-    preset: PresetOption = "DEFAULT",
-    json: JsonOption = None,
+    scene: SceneArgument,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    json: options.JsonOption = None,
 ):
     """Cycles of a frame by stage, from the golden model's counts, and the error of its picture.
 

@@ -1,10 +1,9 @@
 """The command `error` and its tables."""
 
 import time
+from operator import attrgetter
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
@@ -13,52 +12,40 @@ from splatcore.sim.accuracy.points import MACHINES, width_of, with_width
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.run import everything, measured, named
 from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
-from splatcore.sim.cli.options import JsonOption, app
+from splatcore.sim.cli.options import JsonOption, app, argument, option
 from splatcore.sim.common.output import check_writable, console, messages
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-Scenes = Annotated[
+Scenes = argument(
+    list[str] | None, "SCENE|MODEL", "Default: all scenes of --scenes and the hard cases."
+)
+StageOption = option(str, None, "Which stage's errors: project, sort, raster.")
+ScenesOption = option(
+    str | None, "DIR", "Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes."
+)
+WidthOption = option(
+    list[str] | None, "E/F", "A machine with these exponent/fraction bits. May repeat."
+)
+MachineOption = option(
     list[str] | None,
-    typer.Argument(
-        metavar="SCENE|MODEL", help="Default: all scenes of --scenes and the hard cases."
-    ),
-]
-StageOption = Annotated[str, typer.Option(help="Which stage's errors: project, sort, raster.")]
-ScenesOption = Annotated[
+    "NAME",
+    "A machine: DEFAULT, PAPER, TINY or a preset file. May repeat.",
+    "--preset",
+)
+ViewOption = option(
     str | None,
-    typer.Option(
-        metavar="DIR", help="Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes."
-    ),
-]
-WidthOption = Annotated[
-    list[str] | None,
-    typer.Option(metavar="E/F", help="A machine with these exponent/fraction bits. May repeat."),
-]
-MachineOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--preset",
-        metavar="NAME",
-        help="A machine: DEFAULT, PAPER, TINY or a preset file. May repeat.",
-    ),
-]
-ViewOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FILE[:ID]",
-        help="Camera of the SCENE. Default: the first of NAME.cameras.json beside NAME.ply (.spz, "
-        "…), else a sensible view.",
-    ),
-]
-SizeOption = Annotated[
-    str | None,
-    typer.Option(metavar="WxH", help="Pixels; hard cases keep theirs unless they are named."),
-]
+    "FILE[:ID]",
+    "Camera of the SCENE. Default: the first of NAME.cameras.json beside NAME.ply (.spz, "
+    "…), else a sensible view.",
+)
+SizeOption = option(str | None, "WxH", "Pixels; hard cases keep theirs unless they are named.")
+OutputOption = option(Path | None, "PLOT.png", "Draw the errors.", "-o")
 
 LABELS = {
     "depth_stage_0": "depth, stage 0",
@@ -99,9 +86,7 @@ def error_command(
     machine: MachineOption = None,
     camera: ViewOption = None,
     size: SizeOption = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", metavar="PLOT.png", help="Draw the errors.")
-    ] = None,
+    output: OutputOption = None,
     json: JsonOption = None,
 ):
     """Error of the numbers of stages 0 and 1: each field, and the picture that they make.
@@ -125,9 +110,7 @@ def error_command(
     are counted, not drawn, and left out of the fields' errors.
     """
     check_writable(output, json)
-    if stage not in ("project", *SWEEPS):
-        names = ", ".join(("project", *SWEEPS))
-        raise InputError(f"--stage '{stage}': unknown (there are {names})")
+    check_known("--stage", ("project", *SWEEPS), stage)
     if stage in SWEEPS and (width or machine):
         raise InputError(f"--stage {stage}: has formats of its own, without --width, --preset")
     chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
@@ -158,28 +141,22 @@ def error_of_points(
         if visible and not facts["visible"]:
             raise InputError(f"{name}: no Gaussian is visible from this camera")
         results[name] = facts
-        messages.print(line(name, facts), markup=False, soft_wrap=True)
+        pictures = [f"{machine} {decibels(found)}" for machine, found in facts["machines"].items()]
+        line = f"{name}: {', '.join(pictures)} dB; {facts['seconds']:.0f} s"
+        messages.print(line, markup=False, soft_wrap=True)
     results = {name: results[name] for name in views}
     largest = largest_errors(results)
     show(results, largest, machines)
     if output:
         write_error_plot(output, results, largest, machines)
-    facts = {config.name: describe(config) for config in machines}
-    seconds = round(time.perf_counter() - begin, 1)
-    write_json(
-        json,
-        {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
-        | {"seconds": seconds},
-    )
-
-
-def describe(config: Config) -> dict[str, str | int]:
-    """Fields by which machines differ in points."""
-    return {
-        "arithmetic": width_of(config),
-        "position": config.position,
-        "screen_exponent": config.screen_exponent,
+    names = ("position", "screen_exponent")
+    facts = {
+        config.name: {"arithmetic": width_of(config)}
+        | {name: getattr(config, name) for name in names}
+        for config in machines
     }
+    found = {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
+    write_json(json, found | {"seconds": round(time.perf_counter() - begin, 1)})
 
 
 def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
@@ -195,12 +172,6 @@ def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
                     known = [value for value in (old[key], size) if value is not None]
                     old[key] = max(known, default=None)
     return largest
-
-
-def line(name: str, facts: dict) -> str:
-    """A scene's pictures in a line."""
-    parts = [f"{machine} {decibels(result)}" for machine, result in facts["machines"].items()]
-    return f"{name}: {', '.join(parts)} dB; {facts['seconds']:.0f} s"
 
 
 def decibels(result: dict, key: str = "psnr_db") -> str:
@@ -229,8 +200,9 @@ def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Con
 
 
 def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
-    """PSNR of every scene's picture by machine."""
-    other = [config.name for config in machines if packs_otherwise(config)]
+    """PSNR of every scene's picture by machine; with packing where models differ from DEFAULT's."""
+    packing = attrgetter("position", "colour_index", "sh_index")
+    other = [config.name for config in machines if packing(config) != packing(DEFAULT)]
     headings = [*map(heading, machines), *(f"{name} and\npacking" for name in other)]
     table = new_table("scene", headings)
     for name, facts in results.items():
@@ -238,12 +210,6 @@ def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Tab
         cells += [decibels(facts["machines"][name], "psnr_db_default_model") for name in other]
         table.add_row(name, *cells)
     return table
-
-
-def packs_otherwise(config: Config) -> bool:
-    """True if a machine's models differ from DEFAULT's."""
-    names = ("position", "colour_index", "sh_index")
-    return any(getattr(config, name) != getattr(DEFAULT, name) for name in names)
 
 
 def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table:
@@ -275,9 +241,6 @@ def total_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table
     """Counts over all scenes by machine."""
     table = new_table("Gaussians", [*map(heading, machines)])
     for key, name in COUNTS.items():
-        sums = (
-            sum(facts["machines"][config.name][key] for facts in results.values())
-            for config in machines
-        )
-        table.add_row(name, *(f"{count:,}" for count in sums))
+        counts = [[facts["machines"][c.name][key] for facts in results.values()] for c in machines]
+        table.add_row(name, *(f"{sum(each):,}" for each in counts))
     return table

@@ -4,21 +4,20 @@ import math
 import re
 import time
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.sim.bench.scenes import FRAMES, Expected, judge
-from splatcore.sim.cli.options import CameraOption, JsonOption, SizeOption, SourceArgument, app
+from splatcore.sim.cli import options
+from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import check_writable, console, messages, progress_bar
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.scenes import camera_beside
 from splatcore.sim.common.source import open_source, packed_model
-from splatcore.sim.common.table import print_whole
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.fit.formats import decibels
 from splatcore.sim.fit.gates import part_gates
 from splatcore.sim.fit.preset_file import write_preset
@@ -37,28 +36,26 @@ PSNR_MAX = 200.0
 """More than 8 bits can show is impossible, more than this a slip."""
 
 
-@app.command("fit")
+OutputOption = option(Path, "PRESET.toml", "What to write.", "-o")
+FpsOption = option(float, "F", "Frames a second at 800 MHz.")
+PsnrOption = option(float | None, "P", "dB against the reference. Default: DEFAULT's formats.")
+CamerasOption = option(str | None, "FILE[:ID,ID,…]", "All cameras of a file, or some of them.")
+GatesOption = option(bool, None, "Synthesise all parts, this machine's and DEFAULT's.", "--gates")
+ConfirmOption = option(bool, None, "Simulate the slowest view in RTL: takes minutes.", "--confirm")
+
+
+@options.app.command("fit")
 def fit_command(
-    scene: SourceArgument,
-    output: Annotated[Path, typer.Option("-o", metavar="PRESET.toml", help="What to write.")],
-    fps: Annotated[float, typer.Option(metavar="F", help="Frames a second at 800 MHz.")],
-    psnr: Annotated[
-        float | None,
-        typer.Option(metavar="P", help="dB against the reference. Default: DEFAULT's formats."),
-    ] = None,
-    camera: CameraOption = None,
-    cameras: Annotated[
-        str | None,
-        typer.Option(metavar="FILE[:ID,ID,…]", help="All cameras of a file, or some of them."),
-    ] = None,
-    size: SizeOption = None,
-    gates: Annotated[
-        bool, typer.Option("--gates", help="Synthesise all parts, this machine's and DEFAULT's.")
-    ] = False,
-    confirm: Annotated[
-        bool, typer.Option("--confirm", help="Simulate the slowest view in RTL: takes minutes.")
-    ] = False,
-    json: JsonOption = None,
+    scene: options.SourceArgument,
+    output: OutputOption,
+    fps: FpsOption,
+    psnr: PsnrOption = None,
+    camera: options.CameraOption = None,
+    cameras: CamerasOption = None,
+    size: options.SizeOption = None,
+    gates: GatesOption = False,
+    confirm: ConfirmOption = False,
+    json: options.JsonOption = None,
 ):
     """Choose the smallest machine that renders a scene fast enough and well enough.
 
@@ -140,15 +137,12 @@ def _gates(config: Config) -> dict[str, tuple[float, float]]:
 
 def _show(found: Fit, rows: list[Knob], sizes: dict, title: str):
     """Print all tables."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
-    for heading in ("field", "DEFAULT", "chosen", "what binds it"):
-        table.add_column(heading, justify="right" if heading in ("DEFAULT", "chosen") else "left")
+    table = new_table("field", ("DEFAULT", "chosen"), title, ("what binds it",))
     for row in rows:
         table.add_row(row.name.replace("_", " "), str(row.before), str(row.value), row.reason)
     print_whole(table)
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in ("view", "preprocessing", "rendering", "frame", "FPS", "PSNR, dB", "max error"):
-        table.add_column(heading, justify="left" if heading == "view" else "right")
+    headings = ("preprocessing", "rendering", "frame", "FPS", "PSNR, dB", "max error")
+    table = new_table("view", headings)
     for view, (square, largest) in found.errors.items():
         cycles = found.cycles(view)
         halves = (f"{n:,}" for n in (cycles.preprocessing, cycles.rendering, cycles.frame))
@@ -163,10 +157,8 @@ def _show(found: Fit, rows: list[Knob], sizes: dict, title: str):
 
 def _gate_table(sizes: dict[str, tuple[float, float]]) -> Table:
     """Gates of the parts."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="thousands of NAND2, all of a name")
-    for heading in ("part", "DEFAULT", "chosen"):
-        table.add_column(heading, justify="left" if heading == "part" else "right")
-
+    title = "thousands of NAND2, all of a name"
+    table = new_table("part", ("DEFAULT", "chosen"), title)
     all_parts = map(sum, zip(*sizes.values(), strict=True))
     for name, pair in (sizes | {"all of these": tuple(all_parts)}).items():
         table.add_row(name, *(f"{value / 1000:,.1f}" for value in pair))

@@ -3,10 +3,7 @@
 from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.sim.common.output import progress_bar
-from splatcore.sim.common.source import (
-    Source,
-    packed_model,
-)
+from splatcore.sim.common.source import Source, packed_model
 from splatcore.sim.machine.engines import background_codes
 from splatcore.sim.machine.path import check_fits
 from splatcore.spec.camera import Camera

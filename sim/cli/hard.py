@@ -1,7 +1,6 @@
 """The command `hard`: every hard case through an engine, and whether it meets its bound."""
 
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
@@ -12,24 +11,21 @@ from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.bench.hard_cases import PSNR_MIN, SEED, SHEET, Outcome, camera_of, measure
-from splatcore.sim.cli.options import JsonOption, PresetOption, SizeOption, app
+from splatcore.sim.cli import options
 from splatcore.sim.cli.render_rtl import TimingOption
 from splatcore.sim.common.metric import LEVELS, channel_error
 from splatcore.sim.common.output import check_folder, check_writable, console, progress_bar
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
 from splatcore.sim.common.result import write_json
-from splatcore.sim.common.source import ENGINES, check_engine, parse_size
+from splatcore.sim.common.source import ENGINES, check_known, parse_size
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.machine.path import build, check_fits, find_timing
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-SHEET_COLUMNS = 4
-"""Cases side by side, each with its picture and its map of errors."""
-
-INCHES = (3.8, 1.9)
-"""Of a case on the sheet."""
+SHEET_COLUMNS, INCHES = 4, (3.8, 1.9)
+"""Cases side by side, each with its picture and its map of errors; the size of each."""
 
 CAUSES = {
     "not_finite": "NaN or Inf",
@@ -40,7 +36,11 @@ CAUSES = {
 """Why a Gaussian is left out, in the table's words."""
 
 
-@app.command(
+NameArgument = options.argument(str | None, "NAME", "Which case. Default: all of them.")
+OutputOption = options.option(Path | None, "DIR", f"Folder for pictures and {SHEET}.", "-o")
+
+
+@options.app.command(
     "hard",
     help="Run the hard cases through an engine: small scenes on which renderers go wrong.\n\n"
     "For each of them a picture, its error against the float64 reference on the same packed model, "
@@ -50,27 +50,21 @@ CAUSES = {
     "\n\nNAME is one of: " + ", ".join(HARD) + ".",
 )
 def hard_command(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Which case. Default: all of them.")
-    ] = None,
-    engine: Annotated[str, typer.Option(help=f"{', '.join(ENGINES)}.")] = "golden",
-    preset: PresetOption = "DEFAULT",
-    size: SizeOption = None,
+    name: NameArgument = None,
+    engine: options.EngineOption = "golden",
+    preset: options.PresetOption = "DEFAULT",
+    size: options.SizeOption = None,
     timing: TimingOption = LPDDR4.name,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", metavar="DIR", help=f"Folder for pictures and {SHEET}."),
-    ] = None,
-    json: JsonOption = None,
+    output: OutputOption = None,
+    json: options.JsonOption = None,
 ):
-    if name is not None and name not in HARD:
-        raise InputError(f"hard case '{name}': unknown (there are {', '.join(HARD)})")
-    check_engine(engine)
+    names = [name] if name is not None else list(HARD)
+    check_known("hard case", HARD, *names)
+    check_known("--engine", ENGINES, engine)
     config, memory = find_preset(preset), find_timing(timing)
     if engine != "rtl" and memory is not LPDDR4:
         raise InputError("--timing: goes with --engine rtl")
     shape = parse_size(size) if size else None
-    names = [name] if name else list(HARD)
     if engine != "reference":
         for case in names:
             check_fits(config, camera_of(HARD[case](SEED), shape))
@@ -113,9 +107,7 @@ def pass_line(outcome: Outcome) -> str:
 def table(outcomes: list[Outcome], title: str) -> Table:
     """A row for each case."""
     numbers = ("PSNR, dB", "SSIM", "max error", "packing, dB", "cycles")
-    drawn = new_table("case", numbers, title)
-    for heading in ("left out", "bound", ""):
-        drawn.add_column(heading)
+    drawn = new_table("case", numbers, title, ("left out", "bound", ""))
     for outcome in outcomes:
         error, packing = outcome.error, outcome.packing
         drawn.add_row(

@@ -8,33 +8,10 @@ from splatcore.sim.common.output import messages
 from splatcore.spec.error import InputError
 
 COMMANDS = (
-    "scene",
-    "info",
-    "compress",
-    "pack",
-    "render",
-    "compare",
-    "error",
-    "hard",
-    "programs",
-    "verilog",
-    "registers",
-    "synth",
-    "fpga",
-    "memories",
-    "cycles",
-    "power",
-    "fit",
-    "report",
-    "bench_sort",
-    "bench_scenes",
-    "bench_sweep",
-    "bench_ablation",
-    "bench_work",
-    "bench_compression",
-    "bench_differentiable",
-)
-"""Files of this folder whose import registers a command (compress: train, too), in help's order."""
+    "scene compress pack render compare error hard programs verilog sizes cycles power fit "
+    "report bench_sort bench_views bench_compression bench_differentiable"
+).split()
+"""Files of this folder whose import registers commands, in help's order."""
 
 for name in COMMANDS:
     import_module(f"splatcore.sim.cli.{name}")

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from splatcore.sim.common.source import ENGINES
+
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
@@ -19,33 +21,35 @@ app = typer.Typer(
     """,
 )
 
-SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="Scene file or generated scene.")
-]
-SourceArgument = Annotated[
-    str, typer.Argument(metavar="SCENE|MODEL", help="Scene file, generated scene or packed model.")
-]
-CameraOption = Annotated[
+
+def argument(kind: type, metavar: str, help: str):
+    """A command's argument: type, what stands for it in the help, meaning."""
+    return Annotated[kind, typer.Argument(metavar=metavar, help=help)]
+
+
+def option(kind: type, metavar: str | None, help: str, *names: str, **limits):
+    """A command's option: type, what stands for its value in the help, meaning; its names, where
+    they are not the parameter's; `min` and `max`."""
+    return Annotated[kind, typer.Option(*names, metavar=metavar, help=help, **limits)]
+
+
+SceneArgument = argument(str, "SCENE", "Scene file or generated scene.")
+SourceArgument = argument(str, "SCENE|MODEL", "Scene file, generated scene or packed model.")
+CameraOption = option(
     str | None,
-    typer.Option(
-        "--camera",
-        metavar="FILE[:ID]",
-        help="INRIA cameras.json, transforms.json or COLMAP sparse/0; the first camera without "
-        "ID. Default: a sensible view of the scene.",
-    ),
-]
-SizeOption = Annotated[
-    str | None,
-    typer.Option("--size", metavar="WxH", help="Pixels; the camera's intrinsics are scaled."),
-]
-PresetOption = Annotated[
+    "FILE[:ID]",
+    "INRIA cameras.json, transforms.json or COLMAP sparse/0; the first "
+    "camera without ID. Default: a sensible view of the scene.",
+    "--camera",
+)
+SizeOption = option(str | None, "WxH", "Pixels; the camera's intrinsics are scaled.", "--size")
+PresetOption = option(
     str,
-    typer.Option(
-        "--preset",
-        metavar="NAME|FILE",
-        help="Machine: DEFAULT, PAPER, TINY or a preset file (TOML; `splatcore fit` writes some).",
-    ),
-]
-JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write results (see docs/json.md).")
-]
+    "NAME|FILE",
+    "Machine: DEFAULT, PAPER, TINY or a preset file (TOML; `splatcore fit` writes some).",
+    "--preset",
+)
+EngineOption = option(str, None, f"{', '.join(ENGINES)}.")
+FolderOption = option(Path, "DIR", "Folder to write into.", "-o")
+ModelOption = option(Path, "MODEL", "Where to write it.", "-o")
+JsonOption = option(Path | None, "FILE", "Write results (see docs/json.md).", "--json")

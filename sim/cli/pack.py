@@ -1,20 +1,8 @@
 """The command `pack`: a scene as the model that the machine reads."""
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
 from splatcore.model.pack.pack import STEPS, pack
+from splatcore.sim.cli import options
 from splatcore.sim.cli.frames import render_frame
-from splatcore.sim.cli.options import (
-    CameraOption,
-    JsonOption,
-    PresetOption,
-    SceneArgument,
-    SizeOption,
-    app,
-)
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import check_writable, console, progress_bar, write
@@ -24,18 +12,18 @@ from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
+ShDegreeOption = options.option(int | None, None, "Keep harmonics up to this degree.", min=0, max=1)
 
-@app.command("pack")
+
+@options.app.command("pack")
 def pack_command(
-    scene: SceneArgument,
-    output: Annotated[Path, typer.Option("-o", metavar="MODEL", help="Where to write it.")],
-    sh_degree: Annotated[
-        int | None, typer.Option(min=0, max=1, help="Keep harmonics up to this degree.")
-    ] = None,
-    preset: PresetOption = "DEFAULT",
-    camera: CameraOption = None,
-    size: SizeOption = None,
-    json: JsonOption = None,
+    scene: options.SceneArgument,
+    output: options.ModelOption,
+    sh_degree: ShDegreeOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    json: options.JsonOption = None,
 ):
     """Pack a scene into the model that the machine reads, and say what that loses.
 

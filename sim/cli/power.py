@@ -2,25 +2,16 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
-import typer
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.sim.cli.options import (
-    CameraOption,
-    JsonOption,
-    PresetOption,
-    SizeOption,
-    SourceArgument,
-    app,
-)
+from splatcore.sim.cli import options
+from splatcore.sim.cli.options import option
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
 from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import open_camera, open_source, packed_model
-from splatcore.sim.common.table import print_whole
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.path import check_fits
@@ -36,25 +27,28 @@ MILLI, MEGA = 1e-3, 1e6
 HEADINGS = ("NAND2 k", "activity", "gates", "clock", "mW", "paper", "fJ", "paper")
 """Columns of the table; fJ are those of a NAND2-equivalent and cycle."""
 
+NOTHING = [""] * 4
+"""In place of all columns before mW."""
 
-@app.command("power")
+
+FpsOption = option(float | None, "N", "Frames a second. Default: full speed, 800 MHz.", "--fps")
+SampleOption = option(
+    int | None,
+    "N",
+    f"Count in one of N windows of {SAMPLE_LENGTH} cycles; 1: in all. Default: about 32 windows.",
+    "--sample",
+)
+
+
+@options.app.command("power")
 def power_command(
-    scene: SourceArgument,
-    camera: CameraOption = None,
-    size: SizeOption = None,
-    preset: PresetOption = "DEFAULT",
-    fps: Annotated[
-        float | None,
-        typer.Option("--fps", metavar="N", help="Frames a second. Default: full speed, 800 MHz."),
-    ] = None,
-    sample: Annotated[
-        int | None,
-        typer.Option(
-            "--sample", metavar="N", help=f"Count in one of N windows of {SAMPLE_LENGTH} cycles; "
-            "1: in all. Default: about 32 windows.",
-        ),
-    ] = None,
-    json: JsonOption = None,
+    scene: options.SourceArgument,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    fps: FpsOption = None,
+    sample: SampleOption = None,
+    json: options.JsonOption = None,
 ):  # fmt: skip
     """ESTIMATE the power of a frame, first order, by stage, beside the paper's.
 
@@ -98,26 +92,20 @@ def power_command(
 
 def table(found: Estimate, fps: float, title: str) -> Table:
     """mW by stage, and of the memories of each."""
-    made = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
-    made.add_column("mW; fJ a NAND2 and cycle", no_wrap=True)
-    for heading in HEADINGS:
-        made.add_column(heading, justify="right")
+    made = new_table("mW; fJ a NAND2 and cycle", HEADINGS, title)
     for stage, logic in found.stages.items():
         made.add_row(stage, *_logic(logic, found.cycles, fps, *LOGIC.get(stage, (0, 0))))
     for stage, memory in found.stage_memories.items():
         name, paper = MEMORY_POWER.get(stage, ("", 0))
         made.add_row(
-            f"memories, {stage}" + (f"; paper: {name}" if name else ""), "", "", "", "",
-            _milli(memory.access * fps + memory.leakage), _milli(paper), "", "",
+            f"memories, {stage}" + (f"; paper: {name}" if name else ""), *NOTHING,
+            _milli(memory.access * fps + memory.leakage), _milli(paper),
         )  # fmt: skip
     nand2, paper = (sum(each) for each in zip(*LOGIC.values(), strict=True))
     every = sum_of(list(found.stages.values()))
     made.add_row("all logic", *_logic(every, found.cycles, fps, nand2, paper), style="bold")
-    made.add_row(
-        "all", "", "", "", "", _milli(found.power(fps)), _milli(POWER), "", "", style="bold"
-    )
-    dram = _milli(sum(found.dram.values()) * fps)
-    made.add_row("DRAM, apart", "", "", "", "", dram, "", "", "")
+    made.add_row("all", *NOTHING, _milli(found.power(fps)), _milli(POWER), style="bold")
+    made.add_row("DRAM, apart", *NOTHING, _milli(sum(found.dram.values()) * fps))
     return made
 
 

@@ -1,17 +1,12 @@
 """The command `programs`: the microprograms and their schedules."""
 
-from typing import Annotated
-
-import typer
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-
-from splatcore.sim.cli.options import JsonOption, PresetOption, app
+from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
 from splatcore.sim.common.output import check_writable, console
 from splatcore.sim.common.paper import OPERATIONS, PES_BUSY
 from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import check_known
+from splatcore.sim.common.table import new_table
 from splatcore.spec.config import Config
-from splatcore.spec.error import InputError
 from splatcore.spec.microprogram import Program, operation_counts, program
 from splatcore.spec.preset import find_preset
 from splatcore.spec.programs import TEXTS
@@ -27,32 +22,27 @@ PAPER_OPERATIONS = (
 ).format(OPERATIONS["without zeros"], OPERATIONS["with zeros"], 100 * PES_BUSY)
 
 
+ShowOption = option(str | None, "NAME", "Print this program's steps and their times.")
+
+
 @app.command("programs")
 def programs_command(
-    show: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Print this program's steps and their times.")
-    ] = None,
+    show: ShowOption = None,
     preset: PresetOption = "DEFAULT",
     json: JsonOption = None,
 ):
     """List the microprograms of stages 0 and 1: operations, cycles, how busy the PEs are."""
     check_writable(json)
     config = find_preset(preset)
-    if show is not None and show not in TEXTS:
-        raise InputError(f"--show '{show}': unknown (there are {', '.join(TEXTS)})")
     facts = {name: program_facts(config, program(name)) for name in TEXTS}
-    if show:
+    if show is not None:
+        check_known("--show", TEXTS, show)
         plan = schedule(config, program(show))
         for place in plan.places:
-            unit = (
-                f"{place.step.unit}{place.number}" if place.step.unit == "pe" else place.step.unit
-            )
+            unit = place.step.unit + (str(place.number) if place.step.unit == "pe" else "")
             console.print(f"{place.time:4}  {unit:10}  {place.step}", soft_wrap=True)
     else:
-        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        table.add_column("program", no_wrap=True)
-        for heading in HEADINGS:
-            table.add_column(heading, justify="right", no_wrap=True)
+        table = new_table("program", HEADINGS)
         for name, row in facts.items():
             table.add_row(name, *map(str, row.values()))
         console.print(table)

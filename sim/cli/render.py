@@ -3,77 +3,55 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from splatcore.golden.reference import Frame
+from splatcore.sim.cli import options
+from splatcore.sim.cli import render_rtl as rtl
 from splatcore.sim.cli.frames import render_frame, render_golden
-from splatcore.sim.cli.options import (
-    CameraOption,
-    JsonOption,
-    PresetOption,
-    SizeOption,
-    SourceArgument,
-    app,
-)
-from splatcore.sim.cli.render_rtl import (
-    ErrorMapOption,
-    FramesOption,
-    Request,
-    TileOption,
-    TimingOption,
-    WavesOption,
-    WindowOption,
-    render_rtl,
-)
+from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.picture import write_heat_map, write_png
 from splatcore.sim.common.result import Result, write_json
-from splatcore.sim.common.source import (
-    ENGINES,
-    check_engine,
-    open_camera,
-    open_source,
-)
+from splatcore.sim.common.source import ENGINES, check_known, open_camera, open_source
 from splatcore.spec.convention import ORIGINAL, SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
+OutputOption = option(Path, "OUT.png", "Where to write it.", "-o")
+OriginalOption = option(
+    bool, None, "3σ tile bounds, as the original renderer has them.", "--original"
+)
+BackgroundOption = option(str, "R,G,B", "Background colour, each 0 … 1.")
+HeatMapOption = option(Path | None, "FILE.png", "Draw the lengths of the tiles' lists.")
 
-@app.command("render")
+
+@options.app.command("render")
 def render_command(
-    scene: SourceArgument,
-    output: Annotated[Path, typer.Option("-o", metavar="OUT.png", help="Where to write it.")],
-    camera: CameraOption = None,
-    size: SizeOption = None,
-    engine: Annotated[str, typer.Option(help=f"{', '.join(ENGINES)}.")] = "reference",
-    preset: PresetOption = "DEFAULT",
-    original: Annotated[
-        bool, typer.Option("--original", help="3σ tile bounds, as the original renderer has them.")
-    ] = False,
-    background: Annotated[
-        str, typer.Option(metavar="R,G,B", help="Background colour, each 0 … 1.")
-    ] = "0,0,0",
-    heat_map: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the lengths of the tiles' lists.")
-    ] = None,
-    frames: FramesOption = 1,
-    timing: TimingOption = "lpddr4",
-    error_map: ErrorMapOption = None,
-    waves: WavesOption = None,
-    window: WindowOption = None,
-    tile: TileOption = None,
-    json: JsonOption = None,
+    scene: options.SourceArgument,
+    output: OutputOption,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    engine: options.EngineOption = "reference",
+    preset: options.PresetOption = "DEFAULT",
+    original: OriginalOption = False,
+    background: BackgroundOption = "0,0,0",
+    heat_map: HeatMapOption = None,
+    frames: rtl.FramesOption = 1,
+    timing: rtl.TimingOption = "lpddr4",
+    error_map: rtl.ErrorMapOption = None,
+    waves: rtl.WavesOption = None,
+    window: rtl.WindowOption = None,
+    tile: rtl.TileOption = None,
+    json: options.JsonOption = None,
 ):
     """Render one frame and count the work in it.
 
     --engine rtl simulates the hardware, compares with the golden model and with the reference on
     the packed model, and tells cycles; exit status 1 if a pixel is not the golden model's.
     """
-    check_engine(engine)
-    request = Request(frames, timing, error_map, waves, window, tile)
+    check_known("--engine", ENGINES, engine)
+    request = rtl.Request(frames, timing, error_map, waves, window, tile)
     request.check(engine, output)
     check_writable(output, heat_map, json)
     config = find_preset(preset)
@@ -86,7 +64,7 @@ def render_command(
         raise InputError(f"--engine {engine}: no --original, no --heat-map")
     if engine == "rtl":
         colour = convention.background
-        return render_rtl(source, view, camera, config, colour, request, output, json)
+        return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
     if engine == "golden":
         frame = render_golden(source, view, config, convention.background)
     else:

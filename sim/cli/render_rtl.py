@@ -3,25 +3,19 @@
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from splatcore.golden import pipeline
+from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Difference, difference
 from splatcore.sim.common.output import check_writable, console, progress_bar
 from splatcore.sim.common.picture import write_error_map, write_png
 from splatcore.sim.common.result import Result, write_json
 from splatcore.sim.common.source import Source, packed_model
+from splatcore.sim.machine import engines
 from splatcore.sim.machine.diagnosis import diagnose
-from splatcore.sim.machine.engines import (
-    background_codes,
-    cycles,
-    golden,
-    reference,
-    traffic_megabytes,
-)
 from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.path import build, check_fits, find_timing, orbit, simulate
 from splatcore.sim.machine.waves import Window, write_waves
@@ -30,26 +24,14 @@ from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 
-FramesOption = Annotated[
-    int, typer.Option(metavar="N", help="rtl: frames of a small orbit; numbered pictures.")
-]
-TimingOption = Annotated[
-    str, typer.Option(metavar="NAME", help="rtl: memory, 'ideal' or 'lpddr4' (64 bits of it).")
-]
-ErrorMapOption = Annotated[
-    Path | None, typer.Option(metavar="FILE.png", help="rtl: draw the error of the first frame.")
-]
-WavesOption = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE.vcd", help="rtl: waveforms of --window or --tile, and FILE.gtkw."),
-]
-WindowOption = Annotated[
-    str | None, typer.Option(metavar="FIRST:LAST", help="Cycles that --waves records.")
-]
-TileOption = Annotated[
-    str | None,
-    typer.Option(metavar="COLUMN,ROW", help="Tile whose group --waves records, in frame 0."),
-]
+FramesOption = option(int, "N", "rtl: frames of a small orbit; numbered pictures.")
+TimingOption = option(str, "NAME", "rtl: memory, 'ideal' or 'lpddr4' (64 bits of it).")
+ErrorMapOption = option(Path | None, "FILE.png", "rtl: draw the error of the first frame.")
+WavesOption = option(
+    Path | None, "FILE.vcd", "rtl: waveforms of --window or --tile, and FILE.gtkw."
+)
+WindowOption = option(str | None, "FIRST:LAST", "Cycles that --waves records.")
+TileOption = option(str | None, "COLUMN,ROW", "Tile whose group --waves records, in frame 0.")
 
 
 @dataclass(frozen=True)
@@ -100,9 +82,9 @@ def render_rtl(
     with progress_bar("packing"):
         model = packed_model(source, config)
     views = orbit(view, model.position, request.frames)
-    codes = background_codes(config, background)
+    codes = engines.background_codes(config, background)
     jobs = [Job(model, view, codes) for view in views]
-    expected = [golden(config, job) for job in jobs]
+    expected = [engines.golden(config, job) for job in jobs]
     window = Window.of(config, request.window, request.tile, expected[0]) if request.waves else None
     machine = build(config, trace=window is not None)
     label = f"simulating {source.name}"
@@ -120,7 +102,7 @@ def render_rtl(
     convention = replace(SPLATCORE, background=background)
     metrics = []
     for k, (frame, view) in enumerate(zip(run.frames, views, strict=True)):
-        exact = reference(model, view, convention).pixels
+        exact = engines.reference(model, view, convention).pixels
         metrics.append(difference(frame.pixels, exact, source.name))
         if k == 0 and request.error_map:
             title = f"{source.name}: hardware against the reference"
@@ -157,10 +139,10 @@ def report(
             f"against the reference {psnr}{ssim}, max error {metric.max_error:.4f}",
             soft_wrap=True,
         )
-    table = {f"cycles, {name}": value for name, value in cycles(run).items()}
+    table = {f"cycles, {name}": value for name, value in engines.cycles(run).items()}
     table["fps_at_800mhz"] = table.pop("cycles, fps_at_800mhz")
     table |= run.frames[-1].counters
-    console.print(describe.table(table | {"traffic, MB": traffic_megabytes(run)}))
+    console.print(describe.table(table | {"traffic, MB": engines.traffic_megabytes(run)}))
     return same
 
 
@@ -168,7 +150,7 @@ def facts(
     run: Run, result: Result, metrics: list[Difference], same: list[bool], timing: str
 ) -> dict:
     """Content of `--json` for a run."""
-    found = cycles(run)
+    found = engines.cycles(run)
     result.cycles, result.fps_at_800mhz = found["frame"], found["fps_at_800mhz"]
     result.traffic_bytes = run.frames[-1].traffic
     frames = [

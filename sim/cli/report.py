@@ -1,19 +1,26 @@
 """The command `report`: all results on one page."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from splatcore.model.formats.file import read_bytes
 from splatcore.model.generate.generate import GENERATORS
-from splatcore.sim.cli.options import app
-from splatcore.sim.common.output import check_writable, console, messages
-from splatcore.sim.common.source import parse_size
+from splatcore.sim.cli.options import app, option
+from splatcore.sim.common.output import console, make_folder, messages
+from splatcore.sim.common.source import check_known, parse_size
 from splatcore.sim.report.results import Options, Results
 from splatcore.sim.report.sections import SECTIONS, compose, write_report
-from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
+
+OutputOption = option(Path, "DIR", "Folder to write into.", "-o", "--out")
+ResultsOption = option(Path | None, "DIR", "Folder of results. Default: results in the other one.")
+SectionOption = option(list[str] | None, "NAME", "Only this section; repeatable.")
+SceneOption = option(
+    list[str] | None, "SCENE", "Only this scene; repeatable. Default: all measured."
+)
+SizeOption = option(str | None, "WxH", "Refuse results of another size.")
+PresetOption = option(str | None, "NAME|FILE", "Refuse results of another machine.")
 
 
 @app.command(
@@ -27,39 +34,22 @@ from splatcore.spec.preset import find_preset
     f"\n\nSections: {', '.join(SECTIONS)}. fit shows results/fit/*.json.",
 )
 def report_command(
-    output: Annotated[
-        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder to write into.")
-    ],
-    results: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder of results. Default: results in the other one."),
-    ] = None,
-    section: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Only this section; repeatable.")
-    ] = None,
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(metavar="SCENE", help="Only this scene; repeatable. Default: all measured."),
-    ] = None,
-    size: Annotated[
-        str | None, typer.Option(metavar="WxH", help="Refuse results of another size.")
-    ] = None,
-    preset: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE", help="Refuse results of another machine.")
-    ] = None,
+    output: OutputOption,
+    results: ResultsOption = None,
+    section: SectionOption = None,
+    scene: SceneOption = None,
+    size: SizeOption = None,
+    preset: PresetOption = None,
 ):  # fmt: skip
     names = list(dict.fromkeys(section or SECTIONS))
-    if unknown := [name for name in names if name not in SECTIONS]:
-        there = ", ".join(SECTIONS)
-        raise InputError(f"--section '{unknown[0]}': unknown (there are {there})")
+    check_known("--section", SECTIONS, *names)
     size = "x".join(map(str, parse_size(size))) if size else None
     if preset:
         find_preset(preset)
     for text in scene or ():
         if text not in GENERATORS or Path(text).exists():
             read_bytes(text, 1)
-    check_writable(output / "x" if output.is_dir() else output)
-    output.mkdir(exist_ok=True)
+    make_folder(output)
     place = output / "results" if results is None else results
     found = Results(place, Options(tuple(scene or ()), size, preset))
     parts = [compose(name, found) for name in names]

@@ -1,17 +1,21 @@
-"""The command `scene`: a generated scene, as a file."""
+"""The commands `scene` and `info`: a generated scene as a file; the contents of a file."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
-from splatcore.sim.cli.options import (
-    app,
-)
+from splatcore.sim.cli.options import JsonOption, SourceArgument, app, argument, option
+from splatcore.sim.common import describe
 from splatcore.sim.common.output import check_writable, console, progress_bar, whole_file, write
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import open_source
+
+NameArgument = argument(str, "NAME", "Which scene.")
+OutputOption = option(Path, "FILE.ply", "Where to write it.", "-o")
+CountOption = option(int | None, None, "Number of Gaussians.")
+SeedOption = option(int, None, "Same seed, same scene.")
+CamerasOption = option(Path | None, "FILE.json", "Write the scene's own view, too.")
 
 
 @app.command(
@@ -20,13 +24,11 @@ from splatcore.sim.common.output import check_writable, console, progress_bar, w
     "or one of the hard cases: " + ", ".join(name for name in GENERATORS if name != "garden") + ".",
 )
 def scene_command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Which scene.")],
-    output: Annotated[Path, typer.Option("-o", metavar="FILE.ply", help="Where to write it.")],
-    count: Annotated[int | None, typer.Option(help="Number of Gaussians.")] = None,
-    seed: Annotated[int, typer.Option(help="Same seed, same scene.")] = 0,
-    cameras: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="Write the scene's own view, too.")
-    ] = None,
+    name: NameArgument,
+    output: OutputOption,
+    count: CountOption = None,
+    seed: SeedOption = 0,
+    cameras: CamerasOption = None,
 ):
     check_writable(output, cameras)
     with progress_bar(f"generating {name}"):
@@ -36,3 +38,14 @@ def scene_command(
         if cameras:
             write(cameras, cameras_json([generated_camera(name)]).encode())
     console.print(f"{output}: {len(scene)} Gaussians, SH degree {scene.sh_degree}")
+
+
+@app.command("info")
+def info_command(scene: SourceArgument, json: JsonOption = None):
+    """Say what a scene or packed model holds: counts, extents, ranges, anything odd."""
+    check_writable(json)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+        facts = describe.describe(source)
+    console.print(describe.table(facts))
+    write_json(json, facts)

@@ -1,25 +1,20 @@
-"""The command `verilog`: the machine as Verilog files."""
+"""The commands `verilog` and `registers`: files for those who build the machine in."""
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from splatcore.sim.cli.options import PresetOption, app
+from splatcore.sim.cli.options import FolderOption, PresetOption, app, option
 from splatcore.sim.common.output import check_folder, console, progress_bar
+from splatcore.sim.common.source import check_known
 from splatcore.sim.eda import verilog
-from splatcore.spec.error import InputError
+from splatcore.sim.eda.register_files import write_register_files
 from splatcore.spec.preset import find_preset
+
+PartOption = option(list[str] | None, "NAME", f"{', '.join(verilog.WRITERS)}. Default: both.")
 
 
 @app.command("verilog")
 def verilog_command(
-    output: Annotated[Path, typer.Option("-o", metavar="DIR", help="Folder to write into.")],
-    part: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help=f"{', '.join(verilog.WRITERS)}. Default: both."),
-    ] = None,
-    preset: PresetOption = "DEFAULT",
+    output: FolderOption, part: PartOption = None, preset: PresetOption = "DEFAULT"
 ):
     """Write the machine as Verilog.
 
@@ -29,13 +24,23 @@ def verilog_command(
     check_folder(output)
     config = find_preset(preset)
     parts = part or list(verilog.WRITERS)
-    if unknown := [name for name in parts if name not in verilog.WRITERS]:
-        names = ", ".join(verilog.WRITERS)
-        raise InputError(f"--part '{unknown[0]}': unknown (there are {names})")
+    check_known("--part", verilog.WRITERS, *parts)
     paths: dict[Path, None] = {}
     with progress_bar("writing Verilog") as advance:
         for done, name in enumerate(parts):
             advance(done, len(parts), f"writing {name}")
             paths |= dict.fromkeys(verilog.WRITERS[name](config, output))
     for path in paths:
+        console.print(str(path), soft_wrap=True)
+
+
+@app.command("registers")
+def registers_command(output: FolderOption, preset: PresetOption = "DEFAULT"):
+    """Write the register map: registers.md, and the C header splatcore.h.
+
+    The header also has the layout of memory and the function that makes registers' numbers;
+    docs/example_frame.c renders a frame with it.
+    """
+    check_folder(output)
+    for path in write_register_files(find_preset(preset), output):
         console.print(str(path), soft_wrap=True)

@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -46,9 +46,23 @@ def kept_json(kind: str, made_from: Any, compute: Callable[[], T]) -> T:
     """The result of `compute`, now or in an earlier run, as it comes back from JSON."""
     path = cache_root() / kind / f"{digest(made_from)}.json"
     with _locked(path.with_suffix(".lock")):
-        if not path.exists():
-            write(path, json.dumps(compute()).encode())
+        return kept_in(path, compute)
+
+
+def kept_in(path: Path, compute: Callable[[], T]) -> T:
+    """The content of a JSON file: the result of `compute`, unless the file is there and whole."""
+    with suppress(OSError, ValueError):
+        return json.loads(path.read_text())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write(path, json.dumps(compute()).encode())
     return json.loads(path.read_text())
+
+
+def with_key(path: Path, key: str) -> dict | None:
+    """A JSON file's object if its "key" is this one; None if not, or if it cannot be read."""
+    with suppress(OSError, ValueError):
+        found = json.loads(path.read_text())
+        return found if isinstance(found, dict) and found.get("key") == key else None
 
 
 def digest(made_from: Any) -> str:

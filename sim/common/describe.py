@@ -9,11 +9,9 @@ from splatcore.spec.memory import chunk_count
 from splatcore.spec.scene import Scene
 
 PERCENTILES = (0, 1, 50, 99, 100)
-NEEDLE_RATIO = 1000.0
-"""Longest over second-longest axis above which a Gaussian is called a needle."""
-
-FLAKE_RATIO = 1000.0
-"""Second-longest over shortest axis above which a Gaussian is called a flake."""
+NEEDLE_RATIO, FLAKE_RATIO = 1000.0, 1000.0
+"""Longest over second-longest axis above which a Gaussian is called a needle; second-longest over
+shortest above which it is called a flake."""
 
 
 def describe(source: Source) -> dict:
@@ -51,8 +49,7 @@ def _ranges(scene: Scene) -> dict:
 
 def _describe_model(source: Source) -> dict:
     model = source.model
-    position, opacity = model.position, model.opacity
-    return {
+    facts = {
         "model": source.name,
         "gaussians": len(model),
         "chunks": chunk_count(len(model)),
@@ -61,12 +58,12 @@ def _describe_model(source: Source) -> dict:
         "bytes": len(model.image),
         "codebook_bytes": model.format.codebook_bytes,
         "bytes_per_gaussian": round(model.bytes_per_gaussian, 3),
-        "lowest_corner": _rounded(position.min(0, initial=np.inf)) if len(model) else None,
-        "highest_corner": _rounded(position.max(0, initial=-np.inf)) if len(model) else None,
-        "opacity_percentiles": _rounded(np.percentile(opacity, PERCENTILES))
-        if len(model)
-        else None,
-    }
+    } | dict.fromkeys(("lowest_corner", "highest_corner", "opacity_percentiles"))
+    if len(model):
+        facts["lowest_corner"] = _rounded(model.position.min(0))
+        facts["highest_corner"] = _rounded(model.position.max(0))
+        facts["opacity_percentiles"] = _rounded(np.percentile(model.opacity, PERCENTILES))
+    return facts
 
 
 def _rounded(values: np.ndarray) -> list[float]:

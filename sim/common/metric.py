@@ -72,16 +72,11 @@ def flip(image: np.ndarray, reference: np.ndarray, name: str = "image") -> float
     Andersson et al. 2020, at the 67 pixels a degree that the authors propose. InputError if the
     sizes differ, or without the package `flip-evaluator`.
     """
-    return float(_flip(image, reference, name).mean(dtype=np.float64))
+    return float(flip_map(image, reference, name).mean(dtype=np.float64))
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray, name: str = "image") -> np.ndarray:
     """FLIP of each pixel, [H, W] 0 … 1."""
-    return _flip(image, reference, name)[..., 0]
-
-
-def _flip(image: np.ndarray, reference: np.ndarray, name: str) -> np.ndarray:
-    """FLIP of each pixel, [H, W, 1]."""
     _same_size(image, reference, name)
     try:
         from flip_evaluator import evaluate
@@ -90,7 +85,7 @@ def _flip(image: np.ndarray, reference: np.ndarray, name: str) -> np.ndarray:
             "FLIP: needs flip-evaluator; install it by pip install 'splatcore[compress]'"
         ) from None
     test, truth = (pixels.astype(np.float32) / LEVELS for pixels in (image, reference))
-    return evaluate(truth, test, "LDR", applyMagma=False, computeMeanError=False)[0]
+    return evaluate(truth, test, "LDR", applyMagma=False, computeMeanError=False)[0][..., 0]
 
 
 def lpips(image: np.ndarray, reference: np.ndarray, name: str = "image") -> float | None:

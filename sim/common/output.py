@@ -41,6 +41,12 @@ def check_folder(folder: Path | None):
     check_writable(folder / "file" if folder.is_dir() else folder)
 
 
+def make_folder(folder: Path):
+    """Make a folder to write into; InputError if that cannot be."""
+    check_folder(folder)
+    folder.mkdir(exist_ok=True)
+
+
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
     """A path to write to that becomes `path` at the end; a failure leaves what was there before."""

@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -85,7 +86,8 @@ def packed_model(source: Source, config: Config) -> PackedModel:
     return source.packed[packing]
 
 
-def check_engine(name: str):
-    """InputError unless there is such an engine."""
-    if name not in ENGINES:
-        raise InputError(f"--engine '{name}': unknown (there are {', '.join(ENGINES)})")
+def check_known(option: str, known: Collection[str], *names: str):
+    """InputError for the first of an option's names that is not known."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"{option} '{name}': unknown (there are {', '.join(known)})")

@@ -44,15 +44,11 @@ def closure(path: Path, root: Path = ROOT) -> set[Path]:
         found.add(path)
         waiting += imported(path, root)
         if path.is_relative_to(root):
-            found |= {file for file in path.parent.iterdir() if file.is_file() and is_data(file)}
+            files = (file for file in path.parent.glob("[!.]*") if file.is_file())
+            found |= {file for file in files if not file.suffix.startswith(".py")}
             between = path.relative_to(root).parents
             waiting += [init for part in between if (init := root / part / "__init__.py").is_file()]
     return found
-
-
-def is_data(path: Path) -> bool:
-    """True for a file that is no Python: C++, a template, a list of waivers."""
-    return not path.suffix.startswith(".py") and not path.name.startswith(".")
 
 
 def imported(path: Path, root: Path) -> Iterator[Path]:

@@ -1,6 +1,8 @@
-"""Tables on the terminal: names on the left, numbers on the right."""
+"""Tables on the terminal, names on the left, numbers on the right; and as CSV."""
 
-from collections.abc import Iterable
+import csv
+import io
+from collections.abc import Iterable, Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,12 +15,16 @@ WIDEST = 1000
 """More columns than a table has."""
 
 
-def new_table(first: str, headings: Iterable[str], title: str | None = None) -> Table:
-    """A table whose first column is text and whose others are numbers."""
+def new_table(
+    first: str, headings: Iterable[str], title: str | None = None, texts: Iterable[str] = ()
+) -> Table:
+    """A table of a column of names, columns of numbers and, behind them, columns of text."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     table.add_column(first, no_wrap=True)
     for text in headings:
         table.add_column(text, justify="right", no_wrap=True)
+    for text in texts:
+        table.add_column(text)
     return table
 
 
@@ -26,3 +32,12 @@ def print_whole(table: Table):
     """Print a table as wide as it is, on any terminal."""
     room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
     Console(width=room).print(table)
+
+
+def comma_separated(rows: Sequence[dict]) -> str:
+    """Rows as CSV: a column for each key that occurs, empty where a row lacks it or has None."""
+    text, names = io.StringIO(), dict.fromkeys(name for row in rows for name in row)
+    writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -4,8 +4,6 @@ A measurement is a file under a key that stands for all that decides on it: the 
 rendered, and the code of all that this file imports.
 """
 
-import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -16,12 +14,14 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import render
 from splatcore.model.compress.checkpoint import Step
+from splatcore.model.formats.photographs import Target
 from splatcore.model.pack.pack import pack
+from splatcore.sim.common.cache import digest, kept_in
 from splatcore.sim.common.metric import difference, flip, lpips
-from splatcore.sim.common.output import progress_bar, write
+from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.compression.run import Run
-from splatcore.sim.compression.subjects import Subject, View
+from splatcore.sim.compression.subjects import Subject
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.packed import PackedModel
@@ -30,16 +30,8 @@ from splatcore.spec.scene import Gaussians, Scene
 
 def kept(folder: Path, about: list, make: Callable[[], dict]) -> dict:
     """The result of `make`, made only if it is not in the folder. about: all that decides on it
-    (JSON)."""
-    key = hashlib.sha256(json.dumps([code_key(kept), about]).encode()).hexdigest()
-    path = folder / f"{key[:24]}.json"
-    try:
-        return json.loads(path.read_text())["result"]
-    except (OSError, ValueError, KeyError, TypeError):
-        result = make()  # not there, cut off, or none of ours
-    folder.mkdir(parents=True, exist_ok=True)
-    write(path, json.dumps({"about": about, "result": result}, indent=1).encode())
-    return result
+    (see `digest`)."""
+    return kept_in(folder / f"{digest([code_key(kept), about])[:24]}.json", make)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +86,7 @@ class Measurer:
         """`psnr_db` (None: equal), `ssim`, `flip`, `lpips`, `max_error` of the reference's 8-bit
         picture against the truth."""
 
-        def one(view: View) -> dict:
+        def one(view: Target) -> dict:
             truth = self.subject.truth(view)
             if version.name == "original" and not self.subject.photographed:
                 return compared(truth, truth)
@@ -105,7 +97,7 @@ class Measurer:
     def work(self, version: Version) -> dict:
         """The work that the machine has with it: counts of the golden engine, cycles by model."""
 
-        def one(view: View) -> dict:
+        def one(view: Target) -> dict:
             frame = pipeline.render(self.config, version.model, view.camera)
             cycles = frame_cycles(self.config, frame)
             halves = {"preprocessing": cycles.preprocessing, "rendering": cycles.rendering}
@@ -119,7 +111,7 @@ class Measurer:
         """Errors of a packed model: `model` (its exact picture against the truth), `machine` (the
         golden engine's against the exact one), `both` (the golden engine's against the truth)."""
 
-        def one(view: View) -> dict:
+        def one(view: Target) -> dict:
             truth, model = self.subject.truth(view), version.model
             exact = render(model.gaussians(), view.camera).pixels
             machine = pipeline.render(self.config, model, view.camera).pixels
@@ -128,13 +120,13 @@ class Measurer:
 
         return self._mean("budget", version, one)
 
-    def _mean(self, kind: str, version: Version, one: Callable[[View], dict]) -> dict:
+    def _mean(self, kind: str, version: Version, one: Callable[[Target], dict]) -> dict:
         """The mean over the views of the results of `one`."""
         rows = []
         for view in self.subject.views:
-            about = [kind, self.subject.key, view.about, repr(self.config), version.about]
+            about = [kind, self.subject.key, view.name, view.camera, repr(self.config)]
             with progress_bar(f"{self.subject.name}: {kind} of {version.name}, view {view.name}"):
-                rows.append(kept(self.folder, about, lambda view=view: one(view)))
+                rows.append(kept(self.folder, [*about, version.about], lambda view=view: one(view)))
         return mean(rows)
 
 

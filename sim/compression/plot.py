@@ -1,22 +1,21 @@
 """Pictures of `splatcore bench compression`: the curve of ratio against loss, contact sheets."""
 
-import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from splatcore.golden.reference import render
+from splatcore.model.formats.photographs import Target
 from splatcore.sim.common.metric import flip_map
-from splatcore.sim.common.output import write
+from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.plot import COLOURS, GREY, MARKERS, STYLE
 from splatcore.sim.compression.measure import Version
-from splatcore.sim.compression.subjects import Subject, View
+from splatcore.sim.compression.subjects import Subject
 
 DOTS_PER_INCH = 120
 
@@ -56,11 +55,9 @@ def write_curve(path: Path, scenes: dict[str, dict]):
 def figure_at(path: Path, width: float, height: float) -> Iterator[Figure]:
     """A figure of so many inches to draw on, written to `path` as PNG at the end."""
     with matplotlib.rc_context(STYLE):
-        figure, buffer = Figure((width, height), DOTS_PER_INCH, layout="constrained"), io.BytesIO()
-        FigureCanvasAgg(figure)
+        figure = Figure((width, height), DOTS_PER_INCH, layout="constrained")
         yield figure
-        figure.savefig(buffer, format="png", facecolor="white")
-    write(path, buffer.getvalue())
+        write_figure(path, figure, facecolor="white")
 
 
 def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]]):
@@ -87,7 +84,7 @@ def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]]):
     axes.legend(loc="best")
 
 
-def write_sheet(path: Path, subject: Subject, view: View, version: Version, row: dict):
+def write_sheet(path: Path, subject: Subject, view: Target, version: Version, row: dict):
     """Truth, compressed model and FLIP between them, beside each other. row: of `version`."""
     truth = subject.truth(view)
     picture = render(version.gaussians, view.camera).pixels

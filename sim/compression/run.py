@@ -1,6 +1,5 @@
 """Training and compression for commands: progress bars, and PyTorch imported when it is needed."""
 
-import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -12,6 +11,7 @@ from splatcore.model.compress.checkpoint import Checkpoints, Step
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.colmap import read_points
 from splatcore.model.formats.photographs import held_out, read_photographs
+from splatcore.sim.common.cache import digest
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
@@ -102,9 +102,8 @@ class Run:
     def __init__(self, folder: Path, subject, recipe: Recipe, config: Config):
         self.subject, self.recipe, self.config = subject, recipe, config
         self.key = f"{subject.key} {recipe!r} {config!r}"
-        digest = hashlib.sha256(self.key.encode()).hexdigest()[:12]
         self.folder = folder
-        self.checkpoints = Checkpoints(folder / f"{subject.name}-{digest}", self.key)
+        self.checkpoints = Checkpoints(folder / f"{subject.name}-{digest(self.key)[:12]}", self.key)
 
     def finish(self) -> Step:
         """The last step, "quantize"."""

@@ -5,8 +5,6 @@ it is its own teacher, on the path of the cameras beside it or all round, and ju
 from views that compression never sees: those cameras themselves, or others all round.
 """
 
-import hashlib
-import json
 import os
 import time
 from dataclasses import dataclass, replace
@@ -21,8 +19,10 @@ from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.packed import is_packed
+from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import GENERATORS
-from splatcore.sim.common.scenes import FOLDER, VARIABLE, camera_beside
+from splatcore.sim.common.cache import digest
+from splatcore.sim.common.scenes import VARIABLE, camera_beside, scene_folder
 from splatcore.sim.common.source import open_source
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera
@@ -68,22 +68,6 @@ class Protocol:
         return replace(recipe, steps=self.steps, **other)
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A held-out view; `photograph` is uint8 [H, W, 3], None where the original is the truth."""
-
-    name: str
-    camera: Camera
-    photograph: np.ndarray | None = None
-
-    @property
-    def about(self) -> list:
-        """Stands for the camera."""
-        camera = self.camera
-        numbers = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
-        return [self.name, *numbers, camera.rotation.tolist(), camera.translation.tolist()]
-
-
 class Subject:
     """A scene file or a folder of photographs; everything is made when it is asked for.
 
@@ -93,7 +77,7 @@ class Subject:
     def __init__(self, path: str, protocol: Protocol, folder: Path):
         self.path, self.protocol, self.folder = path, protocol, folder
         self.name = Path(path).resolve().name
-        self.photographed = is_photographs(path)
+        self.photographed = os.path.isdir(path) or path.endswith(".json")  # transforms.json
         self.pictures: dict[str, np.ndarray] = {}
 
     @cached_property
@@ -104,26 +88,20 @@ class Subject:
     @cached_property
     def key(self) -> str:
         """Stands for all that the original, the targets and the views come from."""
-        text, protocol = hashlib.sha256(), self.protocol
+        protocol = self.protocol
         if self.photographed:
-            options = [protocol.train_steps, protocol.seed, HELD_OUT]
-            for target in (*self.photographs[0], *self.photographs[1]):
-                text.update(json.dumps(View(target.name, target.camera).about).encode())
-                text.update(target.image.tobytes())
+            made_from = [protocol.train_steps, protocol.seed, HELD_OUT, self.photographs]
         else:
-            options = [protocol.views, protocol.view_size, protocol.seed]
-            options += [View("", camera).about for camera in self.path_cameras]
-            for name in ARRAYS:
-                text.update(getattr(self.scene, name).tobytes())
-        text.update(json.dumps(options).encode())
-        return f"{self.name} {text.hexdigest()}"
+            made_from = [protocol.views, protocol.view_size, protocol.seed, self.path_cameras]
+            made_from += [getattr(self.scene, name) for name in ARRAYS]
+        return f"{self.name} {digest(made_from)}"
 
     @cached_property
     def scene(self) -> Scene:
         """The original: what the file holds, or the baseline, trained once and kept."""
         if not self.photographed:
             return open_source(self.path).scene
-        place = self.folder / f"{self.name}-{hashlib.sha256(self.key.encode()).hexdigest()[:12]}"
+        place = self.folder / f"{self.name}-{digest(self.key)[:12]}"
         kept = Checkpoints(place, self.key)
         if not kept.last:
             protocol, begin = self.protocol, time.perf_counter()
@@ -158,10 +136,11 @@ class Subject:
         return read_cameras(beside) if beside else []
 
     @cached_property
-    def views(self) -> tuple[View, ...]:
-        """Held-out views, by which compression is judged."""
+    def views(self) -> tuple[Target, ...]:
+        """Held-out views, by which compression is judged; their image is None where the original
+        is the truth."""
         if self.photographed:
-            return tuple(View(t.name, t.camera, t.image) for t in self.photographs[1])
+            return self.photographs[1]
         source = open_source(self.path)
         if self.path_cameras:
             cameras = self.path_cameras
@@ -171,20 +150,15 @@ class Subject:
             seed = self.protocol.seed + OWN_SEED
             cameras = surrounding_views(source.gaussians, OWN_VIEWS, *self.protocol.size, seed)
         sized = [camera.resized(*self.protocol.size) for camera in cameras]
-        return tuple(View(camera.name or str(k), camera) for k, camera in enumerate(sized))
+        return tuple(Target(camera, None, camera.name or str(k)) for k, camera in enumerate(sized))
 
-    def truth(self, view: View) -> np.ndarray:
+    def truth(self, view: Target) -> np.ndarray:
         """The picture [H, W, 3] that a view should show: the photograph, or the original's."""
-        if view.photograph is not None:
-            return view.photograph
+        if view.image is not None:
+            return view.image
         if view.name not in self.pictures:
             self.pictures[view.name] = render(self.scene.gaussians(), view.camera).pixels
         return self.pictures[view.name]
-
-
-def is_photographs(path: str) -> bool:
-    """True for a folder or a transforms.json, False for a scene file."""
-    return os.path.isdir(path) or path.endswith(".json")
 
 
 def find(names: list[str]) -> list[str]:
@@ -192,7 +166,7 @@ def find(names: list[str]) -> list[str]:
 
     A name is a path, a generated scene, or a file of the folder SPLATCORE_SCENES.
     """
-    place = Path(os.environ.get(VARIABLE, FOLDER))
+    place = scene_folder()
     if not names and not place.is_dir():
         raise InputError(f"{place}: there is no such folder; name a SCENE or set {VARIABLE}")
     found = []

@@ -1,7 +1,5 @@
 """Tables of `splatcore bench compression`: on the terminal and as CSV."""
 
-import csv
-import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,6 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.sim.common.output import write
+from splatcore.sim.common.table import comma_separated
 from splatcore.sim.compression.bench import PARTS
 
 MEGABYTE = 1e6
@@ -135,10 +134,6 @@ def write_csv(folder: Path, facts: dict):
             for row in rows_of(scene, part):
                 text = {"schedule": schedule_text(row)} if part == "schedule" else {}
                 rows.append({"scene": name} | row | text)
+                rows[-1].pop("work", None)
         if rows:
-            text, names = io.StringIO(), dict.fromkeys(name for row in rows for name in row)
-            names.pop("work", None)
-            writer = csv.DictWriter(text, names, "", extrasaction="ignore", lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-            write(folder / f"{part}.csv", text.getvalue().encode())
+            write(folder / f"{part}.csv", comma_separated(rows).encode())

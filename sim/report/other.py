@@ -1,11 +1,149 @@
-"""The report's sections of FPGA and of machines made to measure."""
+"""The report's sections of hard cases, of power, of FPGA and of machines made to measure."""
 
+import base64
+import io
 import shlex
 from collections.abc import Iterator
 
-from splatcore.sim.report.page import MILLION, Column, Item, Table, Text
+from PIL import Image, UnidentifiedImageError
+
+from splatcore.sim.bench.hard_cases import SHEET
+from splatcore.sim.common.metric import LEVELS
+from splatcore.sim.common.paper import FPS, MEMORY_POWER
+from splatcore.sim.report.page import MILLION, THOUSAND, Card, Column, Figure, Item, Table, Text
 from splatcore.sim.report.results import Facts, Results, read
 from splatcore.spec.error import InputError
+
+HARD_SOURCES = ("hard", "hard-rtl", "hard-paper")
+
+SHEET_BYTES, SHRINK = 1_000_000, 0.85
+"""A picture within the page is no larger; its sides shrink by this until it is small enough."""
+
+
+def cases(results: Results) -> Iterator[Item]:
+    """A line for each case, and for each machine PSNR and whether the bound is met."""
+    found = {
+        f"{facts['preset']}, {facts['engine']}": facts
+        for facts in results.each(HARD_SOURCES)
+        if facts["cases"]
+    }
+    if not found:
+        return
+    columns = [Column("case"), Column("what is hard", wide=True)]
+    for machine, facts in found.items():
+        bounds = dict.fromkeys(case["bound"] for case in facts["cases"].values())
+        columns += [
+            Column(machine, "PSNR, dB", 2), Column("max error", f"of {LEVELS}", 0),
+            Column("bound met", "; ".join(bounds)),
+        ]  # fmt: skip
+    yield Table(
+        "hard",
+        "The hard cases, PSNR of the 8-bit picture against the float64 reference on the same "
+        "packed model; none: equal pictures, or a case that the machine does not take. In RTL the "
+        "picture must also be the golden model's, every bit of it. Largest errors are those of "
+        "the 8-bit pictures.",
+        columns, list(hard_rows(found)), HARD_SOURCES,
+    )  # fmt: skip
+    for machine, facts in found.items():
+        passed = sum(case["passed"] for case in facts["cases"].values())
+        if not machine.startswith("PAPER"):
+            yield Card(
+                "How exact", f"{passed} of {len(facts['cases'])}",
+                f"hard cases meet their bound ({machine})",
+            )  # fmt: skip
+
+
+def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
+    """Cells of all cases that any of the machines was given."""
+    names = dict.fromkeys(name for facts in found.values() for name in facts["cases"])
+    for name in names:
+        all = [facts["cases"].get(name) for facts in found.values()]
+        first = next(case for case in all if case)
+        row = [name.replace("_", " "), first["about"]]
+        for case in all:
+            if case is None:
+                row += [None] * 3
+            else:
+                error = case["max_error"]
+                row += [case["psnr_db"], None if error is None else error * LEVELS, case["passed"]]
+        yield row
+
+
+def sheet(results: Results) -> Iterator[Item]:
+    """All cases' pictures with their errors."""
+    path = results.path("hard").parent / SHEET
+    try:
+        with Image.open(path) as image:
+            data = shrunk(image.convert("RGB"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: is not there") from None
+    except (UnidentifiedImageError, OSError) as error:
+        raise InputError(f"{path}: is no picture ({error})") from None
+    yield Figure(
+        "hard-cases",
+        "Each case as the golden model renders it, with the map of its errors on the right.",
+        "Contact sheet of the hard cases.",
+        uri="data:image/png;base64," + base64.b64encode(data).decode(),
+        sources=("hard",),
+    )
+
+
+def shrunk(image: Image.Image) -> bytes:
+    """A picture as PNG, made smaller until the page can take it."""
+    while True:
+        buffer = io.BytesIO()
+        image.save(buffer, "PNG", optimize=True)
+        if buffer.tell() <= SHEET_BYTES:
+            return buffer.getvalue()
+        image = image.resize([max(1, int(side * SHRINK)) for side in image.size], Image.LANCZOS)
+
+
+MILLI = 1e-3
+
+
+def power(results: Results) -> Iterator[Item]:
+    """mW by stage and of memories, as `splatcore power` has estimated them."""
+    facts = results.facts("power")
+    fps, paper = facts["fps"], facts["paper"]
+    rows = []
+    for stage, logic in facts["stages"].items():
+        watts = (logic["switching"] + logic["clock"]) * fps + logic["leakage"]
+        rows.append([
+            stage, logic["nand2"] / THOUSAND, 100 * logic["activity"], watts / MILLI,
+            milli(paper["logic_w"].get(stage)),
+        ])  # fmt: skip
+    for stage, memory in facts["stage_memories"].items():
+        watts = memory["access"] * fps + memory["leakage"]
+        name, _ = MEMORY_POWER.get(stage, (None, None))
+        text = f"memories of {stage}" + (f"; the paper's: {name}" if name else "")
+        rows.append([text, None, None, watts / MILLI, milli(paper["memory_w"].get(name))])
+    rows.append(["all, estimate", None, None, facts["power_w"] / MILLI, milli(paper["power_w"])])
+    strong = {len(rows) - 1}
+    rows.append(["DRAM, estimate, apart", None, None, facts["dram_w"] / MILLI, None])
+    size = "×".join(map(str, facts["size"]))
+    what = f"{facts['scene']} at {size}, {fps:.1f} frames a second, preset {facts['preset']}"
+    yield Table(
+        "power",
+        f"Estimated power of {what}; the paper's is of its own scenes at {FPS} frames a "
+        f"second, by gate-level simulation. Ours: {facts['power_w'] / fps / MILLI:.3f} mJ a frame, "
+        f"{facts['pixels_per_j'] / MILLION:,.0f} Mpixels/J (an estimate) without DRAM.",
+        [
+            Column("of"), Column("gates", "k NAND2", 1, none=""),
+            Column("activity", "%", 2, none=""),
+            Column("estimate", "mW", 2), Column("the paper", "mW", 2),
+        ],
+        rows, ("power",), frozenset(strong),
+    )  # fmt: skip
+    yield Card(
+        "How large",
+        f"≈ {facts['power_w'] / MILLI:,.0f} mW",
+        f"an estimate, first order: {what}; the paper: {milli(paper['power_w']):.0f} mW at {FPS}",
+    )
+
+
+def milli(watts: float | None) -> float | None:
+    """W in mW."""
+    return None if watts is None else watts / MILLI
 
 
 def placed(results: Results) -> Iterator[Item]:
@@ -99,6 +237,4 @@ def fitted(results: Results) -> Iterator[Item]:
     )  # fmt: skip
 
 
-FPGA = (placed,)
-
-FIT = (fitted,)
+HARD, POWER, FPGA, FIT = (cases, sheet), (power,), (placed,), (fitted,)

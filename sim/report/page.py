@@ -4,10 +4,8 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from jinja2 import Environment, PackageLoader
-from markupsafe import Markup
 from matplotlib.figure import Figure as Canvas
 
 from splatcore.sim.common.plot import plot
@@ -100,7 +98,8 @@ class Table:
 
 @dataclass
 class Figure:
-    """A plot (SVG) or a picture (data URI). about: describes it for those who do not see it."""
+    """A plot (SVG, which the page takes as it is) or a picture (data URI). about: describes it for
+    those who do not see it."""
 
     key: str
     caption: str
@@ -109,11 +108,6 @@ class Figure:
     uri: str = ""
     sources: Sequence[str] = ()
     commands: list[str] = field(default_factory=list)
-
-    @property
-    def markup(self) -> Markup:
-        """The plot, which `sim.common.plot` has made: it needs no escaping."""
-        return Markup(self.svg)
 
 
 def plotted(
@@ -207,13 +201,4 @@ def facts(parts: list[Part]) -> dict:
             }
             for part in parts
         }
-    }
-
-
-def tables(parts: list[Part]) -> dict[Path, str]:
-    """CSV files by name."""
-    return {
-        Path(f"{table.key}.csv"): table.comma_separated()
-        for part in parts
-        for table in part.shown("table")
     }

@@ -6,15 +6,7 @@ from dataclasses import replace
 
 from matplotlib.figure import Figure as Canvas
 
-from splatcore.sim.common.paper import (
-    GATES,
-    GATES_ALL,
-    MEMORIES,
-    OPERATIONS,
-    PES,
-    PES_BUSY,
-    PES_DENSE,
-)
+from splatcore.sim.common import paper
 from splatcore.sim.common.plot import legend_below, side_by_side
 from splatcore.sim.eda.synth import DEPTH_MAX
 from splatcore.sim.report.page import THOUSAND, Card, Column, Item, Table, plotted
@@ -31,7 +23,10 @@ def operations(results: Results) -> Iterator[Item]:
     """Operation counts of stage 1 with and without products with zeros."""
     rows = [
         paper_row(what, pes, busy)
-        for what, pes, busy in (("with zeros", PES_DENSE, None), ("without zeros", PES, PES_BUSY))
+        for what, pes, busy in (
+            ("with zeros", paper.PES_DENSE, None),
+            ("without zeros", paper.PES, paper.PES_BUSY),
+        )
     ]
     for facts in results.each(("programs", "programs-paper")):
         rows += [
@@ -67,7 +62,7 @@ def operations(results: Results) -> Iterator[Item]:
 
 def paper_row(what: str, pes: int, busy: float | None) -> list:
     """The paper's counts; it prints no clamps and no cycles."""
-    counts = OPERATIONS[what]
+    counts = paper.OPERATIONS[what]
     return [
         "the paper", what, counts["operations"], counts["multiply"],
         counts["add"] + counts["subtract"], counts["divide"], None, pes, None,
@@ -92,18 +87,18 @@ def gates(results: Results) -> Iterator[Item]:
     top, stages = facts["top"], Counter()
     for part in top["parts"].values():
         stages[part["stage"]] += part["nand2"]
-    ratio = top["nand2"] / GATES_ALL
+    ratio = top["nand2"] / paper.GATES_ALL
     yield Card(
         "How large", f"{top['nand2'] / THOUSAND:,.0f} k",
         f"NAND2-equivalents without memories, {ratio:.0%} of the paper's "
-        f"{GATES_ALL / THOUSAND:,.0f} k",
+        f"{paper.GATES_ALL / THOUSAND:,.0f} k",
     )  # fmt: skip
 
     def draw(figure: Canvas):
         axes = figure.subplots()
         kilo = {
             facts["preset"]: [nand2 / THOUSAND for nand2 in stages.values()],
-            "the paper": [GATES.get(s, float("nan")) / THOUSAND for s in stages],
+            "the paper": [paper.GATES.get(s, float("nan")) / THOUSAND for s in stages],
         }
         side_by_side(axes, list(stages), kilo)
         axes.set_xlabel("thousands of NAND2-equivalents")
@@ -118,9 +113,9 @@ def gates(results: Results) -> Iterator[Item]:
     )  # fmt: skip
     rows, strong = [], set()
     for stage, nand2 in stages.items():
-        paper = GATES.get(stage)
+        theirs = paper.GATES.get(stage)
         strong.add(len(rows))
-        rows.append([stage, None, nand2 / THOUSAND, None, None, paper and paper / THOUSAND])
+        rows.append([stage, None, nand2 / THOUSAND, None, None, theirs and theirs / THOUSAND])
         rows += [
             [
                 f"{stage}: {name.replace('_', ' ')}", part["count"], part["nand2"] / THOUSAND,
@@ -132,7 +127,7 @@ def gates(results: Results) -> Iterator[Item]:
     strong.add(len(rows))
     rows.append(
         ["all", None, top["nand2"] / THOUSAND, top["speed_nand2"] / THOUSAND, None,
-         GATES_ALL / THOUSAND]
+         paper.GATES_ALL / THOUSAND]
     )  # fmt: skip
     yield Table(
         "gates",
@@ -157,13 +152,13 @@ def memories(results: Results) -> Iterator[Item]:
     }
     yield Card(
         "How large", f"{facts['kilobytes']:.1f} KB",
-        f"of on-chip memory; the paper: {sum(MEMORIES.values())}",
+        f"of on-chip memory; the paper: {sum(paper.MEMORIES.values())}",
     )  # fmt: skip
     rows = [[facts["preset"], stage, size] for stage, size in sizes.items()]
     rows.append([facts["preset"], "all", facts["kilobytes"]])
     strong = {len(rows) - 1}
-    rows += [["the paper", name, size] for name, size in MEMORIES.items()]
-    rows.append(["the paper", "all", sum(MEMORIES.values())])
+    rows += [["the paper", name, size] for name, size in paper.MEMORIES.items()]
+    rows.append(["the paper", "all", sum(paper.MEMORIES.values())])
     strong.add(len(rows) - 1)
     yield Table(
         "memories",

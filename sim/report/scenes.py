@@ -26,10 +26,8 @@ CAUSES = {
 }
 """Causes of traffic, taken together for the plot."""
 
-BAR = 0.27
-"""Inches of a plot for each bar or pair of bars; AROUND: for its axis and legend."""
-
-AROUND = 1.15
+BAR, AROUND = 0.27, 1.15
+"""Inches of a plot for each bar or pair of bars; for its axis and legend."""
 
 VIEW = (Column("scene"), Column("camera"))
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatcore.sim.common.output import write
-from splatcore.sim.report import ablation, hard, other, paper_tables, power, scenes, sweep, work
-from splatcore.sim.report.page import Item, Part, facts, html, tables
+from splatcore.sim.report import campaigns, other, paper_tables, scenes, sweep
+from splatcore.sim.report.page import Item, Part, facts, html
 from splatcore.sim.report.results import Results
 from splatcore.spec.error import InputError
 
@@ -38,25 +38,25 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
     "ablation": (
         "What each idea buys",
         "The same scenes with the machine's savings switched on one after the other.",
-        ablation.BLOCKS,
+        campaigns.ABLATION,
     ),
     "work": (
         "How much work a frame is",
         "Rates of culling and of early termination, how busy the processing elements are, and "
         "how many splats reach each tile.",
-        work.BLOCKS,
+        campaigns.WORK,
     ),
     "power": (
         "Power: an estimate",
         "First order: changes of nets in RTL simulation, times gates, times an energy for each. "
         "Nothing is laid out; a factor of two either way is within what this is good for.",
-        power.BLOCKS,
+        other.POWER,
     ),
     "hard": (
         "Hard cases",
         "Small scenes on which renderers go wrong, each against the float64 reference on the same "
         "packed model.",
-        hard.BLOCKS,
+        other.HARD,
     ),
     "fpga": (
         "On an FPGA",
@@ -110,7 +110,8 @@ def write_report(folder: Path, parts: list[Part]) -> list[Path]:
         place.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{place}: {error.strerror}") from None
-    files |= {place / name: text for name, text in tables(parts).items()}
+    for table in (table for part in parts for table in part.shown("table")):
+        files[place / f"{table.key}.csv"] = table.comma_separated()
     for path, text in files.items():
         write(path, text.encode())
     return list(files)

@@ -3,16 +3,7 @@
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from splatcore.sim.common.plot import (
-    COLOURS,
-    GREY,
-    INK,
-    MARKERS,
-    legend_below,
-    name_points,
-    plain_ticks,
-    plot,
-)
+from splatcore.sim.common import plot
 from splatcore.sim.report.page import MILLION, THOUSAND
 from splatcore.sim.report.page import Figure as Item
 from splatcore.sim.report.results import Facts
@@ -27,13 +18,8 @@ LABELS = {
     "fps": "frames a second at 800 MHz, slowest scene",
 }
 
-PLANE_HEIGHT = 3.7
-"""Inches of a plot of one number over another."""
-
-ROW = 0.17
-"""Inches of a value in the plots of knobs; BETWEEN: between two knobs."""
-
-BETWEEN = 0.36
+PLANE_HEIGHT, ROW, BETWEEN = 3.7, 0.17, 0.36
+"""Inches of a plot of one number over another; of a value in the plots of knobs, between two."""
 
 
 def values(points: Facts, what: str) -> dict[str, float]:
@@ -64,7 +50,7 @@ def scatter(axes: Axes, points: Facts, across: str, up: str) -> dict[str, tuple[
     x, y = values(points, across), values(points, up)
     places = {name: (x[name], y[name]) for name in points if name in x and name in y}
     for number, knob in enumerate(dict.fromkeys(point["knob"] for point in points.values())):
-        label, colour = knob, COLOURS[number % len(COLOURS)]
+        label, colour = knob, plot.COLOURS[number % len(plot.COLOURS)]
         for front in (True, False):
             found = [
                 places[name] for name in places
@@ -73,12 +59,12 @@ def scatter(axes: Axes, points: Facts, across: str, up: str) -> dict[str, tuple[
             if found:
                 axes.plot(
                     *zip(*found, strict=True), label=label, color=colour, linestyle="", zorder=3,
-                    marker=MARKERS[number % len(MARKERS)],
+                    marker=plot.MARKERS[number % len(plot.MARKERS)],
                     markerfacecolor=colour if front else "white",
                 )  # fmt: skip
                 label = None
     steps = [places[name] for name in beaten_by_none(places)]
-    line = {"color": GREY, "linestyle": ":", "drawstyle": "steps-post", "zorder": 1}
+    line = {"color": plot.GREY, "linestyle": ":", "drawstyle": "steps-post", "zorder": 1}
     axes.plot([place[0] for place in steps], [place[1] for place in steps], **line)
     named = [name for name in places if points[name]["front"] or points[name]["knob"] == "preset"]
     return {name: places[name] for name in named}
@@ -89,7 +75,7 @@ def whiskers(axes: Axes, points: Facts, across: str):
     x, mean, lowest = (values(points, what) for what in (across, "psnr", "lowest"))
     for name in x:
         if name in mean and name in lowest:
-            axes.plot([x[name]] * 2, [lowest[name], mean[name]], color=GREY, lw=0.9, zorder=2)
+            axes.plot([x[name]] * 2, [lowest[name], mean[name]], color=plot.GREY, lw=0.9, zorder=2)
 
 
 def plane(key: str, caption: str, points: Facts, across: str, up: str, **lines: float) -> Item:
@@ -98,24 +84,24 @@ def plane(key: str, caption: str, points: Facts, across: str, up: str, **lines: 
     def draw(figure: Figure):
         axes = figure.subplots()
         axes.set_xscale("log")
-        plain_ticks(axes.xaxis, STEPS)
+        plot.plain_ticks(axes.xaxis, STEPS)
         if up != "psnr":
             axes.set_yscale("log")
-            plain_ticks(axes.yaxis, STEPS)
+            plot.plain_ticks(axes.yaxis, STEPS)
         if across == "gates" and up == "psnr":
             whiskers(axes, points, across)
         named = scatter(axes, points, across, up)
         for what, value in lines.items():
-            style = {"color": INK, "linestyle": "--", "linewidth": 0.9, "zorder": 1}
+            style = {"color": plot.INK, "linestyle": "--", "linewidth": 0.9, "zorder": 1}
             (axes.axvline if what == across else axes.axhline)(value, **style)
         axes.margins(0.1)
         axes.set_xlabel(LABELS[across])
         axes.set_ylabel(LABELS[up])
-        legend_below(figure, axes, 4)
-        name_points(figure, axes, named)
+        plot.legend_below(figure, axes, 4)
+        plot.name_points(figure, axes, named)
 
     about = f"Scatter plot of {len(points)} machines."
-    return Item(key, caption, about, plot(key, PLANE_HEIGHT, draw), sources=("sweep",))
+    return Item(key, caption, about, plot.plot(key, PLANE_HEIGHT, draw), sources=("sweep",))
 
 
 def knobs(key: str, points: Facts) -> str:
@@ -140,7 +126,7 @@ def knobs(key: str, points: Facts) -> str:
         for axes, label in zip(grid[-1], ("M cycles", "PSNR, dB", "k NAND2"), strict=True):
             axes.set_xlabel(label)
 
-    return plot(key, sum(heights) + 0.4, draw)
+    return plot.plot(key, sum(heights) + 0.4, draw)
 
 
 def dots(axes: Axes, points: Facts, names: list[str], what: str):
@@ -150,10 +136,10 @@ def dots(axes: Axes, points: Facts, names: list[str], what: str):
         if name not in found:
             continue
         if what == "psnr" and name in lowest:
-            axes.plot([lowest[name], found[name]], [place] * 2, color=GREY, linewidth=1)
-        axes.plot(found[name], place, "o", color=COLOURS[0])
+            axes.plot([lowest[name], found[name]], [place] * 2, color=plot.GREY, linewidth=1)
+        axes.plot(found[name], place, "o", color=plot.COLOURS[0])
     if "DEFAULT" in found:
-        axes.axvline(found["DEFAULT"], color=INK, linestyle="--", linewidth=0.8, zorder=1)
+        axes.axvline(found["DEFAULT"], color=plot.INK, linestyle="--", linewidth=0.8, zorder=1)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
     axes.margins(x=0.1)

@@ -1,15 +1,16 @@
-"""`splatcore bench`: what it measures, writes and refuses."""
-
-import json
+"""`splatcore bench sort` and `differentiable`: what they measure, write and refuse."""
 
 import pytest
 
+from splatcore.golden.reference import render
+from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.bench.sort import BOUND
 from splatcore.sim.bench.sort_rows import KEYS
 from splatcore.sim.common.picture import read_png
+from splatcore.sim.compression import run as compression_run
 from splatcore.sim.cycles.sort import cycles
 from splatcore.spec.config import TINY
-from tb.helpers.command import ROOT, run
+from tb.helpers.command import check_documented, check_refused, load, run
 
 LENGTHS = [1, 16, 65, 300]
 
@@ -17,9 +18,9 @@ LENGTHS = [1, 16, 65, 300]
 @pytest.mark.slow
 def test_bench_sort(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert run("bench", "sort", "--preset", "tiny", "--lengths", "1,16,65,300", "-o", "out",
-               "--json", "sort.json") == 0  # fmt: skip
-    found = json.loads((tmp_path / "sort.json").read_text())
+    options = "--preset tiny --lengths 1,16,65,300 -o out --json sort.json"
+    assert run(f"bench sort {options}") == 0
+    found = load(tmp_path / "sort.json")
     assert found["preset"] == "TINY" and found["lengths"] == LENGTHS
     assert list(found["cycles"]) == list(KEYS)
     assert found["model"] == [cycles(TINY, [length]) for length in LENGTHS]
@@ -29,27 +30,64 @@ def test_bench_sort(tmp_path, monkeypatch, capsys):
     assert read_png("out/sort.png").std() > 5
     printed = capsys.readouterr().out
     assert f"{BOUND * 16:.0f}" in printed and "out/sort.png" in printed and "…" not in printed
-    text = (ROOT / "docs" / "json.md").read_text()
-    documented = text.partition("## `splatcore bench sort`")[2].partition("\n## ")[0]
-    assert all(f"`{key}`" in documented for key in found)
+    check_documented("## `splatcore bench sort`", found)
+
+
+@pytest.mark.compress
+def test_bench_differentiable(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("torch")
+    monkeypatch.chdir(tmp_path)
+    arguments = "--gaussians 300 --size 70x40 --repeat 3 --json a.json"
+    assert run(f"bench differentiable {arguments}") == 0
+    found = load(tmp_path / "a.json")
+    camera = generated_camera("garden", 70, 40)
+    counts = render(generate("garden", 300).gaussians(), camera).counts
+    assert found["gaussians"] == 300 and found["size"] == [70, 40] and found["repeat"] == 3
+    assert found["visible"] == counts["visible"] and found["pairs"] == counts["pairs"]
+    assert found["threads"] >= 1
+    assert found["forward_seconds"] > 0 and found["backward_seconds"] > 0
+    printed = capsys.readouterr().out
+    for text in ("300 Gaussians at 70×40", f"{found['forward_seconds']:.3f} s", "bound: 1.5 s",
+                 f"{found['backward_seconds']:.3f} s", f"{counts['pairs']:,} pairs"):  # fmt: skip
+        assert text in printed
+
+
+@pytest.mark.compress
+def test_times_are_medians_without_the_first(monkeypatch):
+    pytest.importorskip("torch")
+    from splatcore.sim.cli import bench_differentiable  # not earlier: `main` has the order
+
+    ticks = iter([0, 100, 300, 0, 1, 11, 0, 3, 33, 0, 2, 22])  # start, middle, end of each run
+    monkeypatch.setattr(bench_differentiable, "perf_counter", lambda: next(ticks))
+    camera = generated_camera("garden", 16, 16)
+    found = bench_differentiable.measure(generate("garden", 20).gaussians(), camera, 3)
+    assert found["forward_seconds"] == 2 and found["backward_seconds"] == 20
 
 
 @pytest.mark.parametrize(
     "arguments, message",
     {
-        "-o out --lengths 1,two": "--lengths '1,two': are not numbers",
-        "-o out --lengths 0,4": "--lengths '0,4': are not all in 1",
-        "-o out --preset HUGE": "HUGE",
-        "-o none/out": "none/out",
-        "-o out --json none/a.json": "none/a.json",
+        "sort -o out --lengths 1,two": "--lengths '1,two': are not numbers",
+        "sort -o out --lengths 0,4": "--lengths '0,4': are not all in 1",
+        "sort -o out --preset HUGE": "HUGE",
+        "sort -o none/out": "none/out",
+        "sort -o out --json none/a.json": "none/a.json",
+        "differentiable --gaussians 0": "--gaussians: count: 0 is not in 1",
+        "differentiable --size 0x5": "--size 0x5: width 0",
+        "differentiable --repeat 0": "--repeat 0: is not at least 1",
+        "differentiable --json none/a.json": "none/a.json",
     }.items(),
 )
 def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert run("bench", "sort", *arguments.split()) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith("error: ") and message in printed.err and not printed.out
+    check_refused(capsys, f"bench {arguments}", message)
     assert not list(tmp_path.iterdir())
+
+
+def test_without_torch(monkeypatch, capsys):
+    monkeypatch.setattr(compression_run, "find_spec", lambda name: None)
+    message = r"pip install 'splatcore\[compress\]'"
+    check_refused(capsys, "bench differentiable --gaussians 20", message)
 
 
 def test_help(capsys):

@@ -1,7 +1,6 @@
 """The command line as a user meets it: results on disk, one-line errors, exit status."""
 
 import json
-import re
 import subprocess
 import sys
 
@@ -19,7 +18,7 @@ from splatcore.sim.cli.options import app
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.common.result import Result
 from tb.helpers.clouds import cloud
-from tb.helpers.command import KEYS, load, run
+from tb.helpers.command import KEYS, ROOT, check_refused, load, run
 
 
 @pytest.fixture
@@ -37,8 +36,8 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_render(folder, capsys):
-    assert run("render", "scene.ply", "--camera", "cameras.json:7", "-o", "a.png",
-               "--json", "a.json", "--heat-map", "tiles.png") == 0  # fmt: skip
+    files = "-o a.png --json a.json --heat-map tiles.png"
+    assert run(f"render scene.ply --camera cameras.json:7 {files}") == 0
     result = load(folder / "a.json")
     assert list(result) == KEYS
     assert result["engine"] == "reference" and result["preset"] == "DEFAULT"
@@ -62,8 +61,7 @@ def test_size_scales_the_intrinsics(folder):
 def test_options_reach_the_renderer(folder):
     run("render", "scene.ply", "--camera", "cameras.json", "-o", "a.png")
     run("render", "scene.ply", "--camera", "cameras.json", "-o", "b.png", "--background", "0,0,1")
-    run("render", "scene.ply", "--camera", "cameras.json", "-o", "c.png", "--original",
-        "--json", "c.json")  # fmt: skip
+    run("render scene.ply --camera cameras.json -o c.png --original --json c.json")
     a, b = read_png("a.png").astype(int), read_png("b.png").astype(int)
     assert (b - a)[..., 2].max() > 100 and (a[..., :2] == b[..., :2]).all()
     counts = load(folder / "c.json")["counts"]
@@ -92,21 +90,19 @@ def test_without_a_camera_there_is_something_to_see(folder):
 
 
 def test_pack_render_compare(folder, capsys):
-    assert run("pack", "scene.ply", "-o", "scene.splatcore", "--json", "pack.json",
-               "--camera", "cameras.json") == 0  # fmt: skip
+    assert run("pack scene.ply -o scene.splatcore --json pack.json --camera cameras.json") == 0
     report = load(folder / "pack.json")
     assert report["packed"] + report["transparent"] == 200 and report["psnr_db"] > 30
     assert len(read_model("scene.splatcore")) == report["packed"]
     for name in ("scene.ply", "scene.splatcore"):
         run("render", name, "--camera", "cameras.json", "-o", name + ".png")
-    assert run("compare", "scene.ply.png", "scene.splatcore.png", "-o", "map.png",
-               "--json", "c.json") == 0  # fmt: skip
+    assert run("compare scene.ply.png scene.splatcore.png -o map.png --json c.json") == 0
     result = load(folder / "c.json")
     assert list(result) == KEYS
     assert result["psnr_db"] == pytest.approx(report["psnr_db"]) and not result["identical"]
     assert read_png("map.png").size > 0
-    run("compare", "scene.ply.png", "reference", "scene.ply.png", "--scene", "scene.ply",
-        "--camera", "cameras.json", "--json", "three.json")  # fmt: skip
+    options = "--scene scene.ply --camera cameras.json --json three.json"
+    run(f"compare scene.ply.png reference scene.ply.png {options}")
     images = load(folder / "three.json")["images"]
     assert [image["identical"] for image in images] == [True, True]
     assert "identical" in capsys.readouterr().out
@@ -186,13 +182,7 @@ def test_bad_input(folder, capsys, case):
     (folder / "cut.ply").write_bytes(data[:5000])
     (folder / "less.ply").write_bytes(data.replace(b"property float rot_3\n", b"", 1))
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    capsys.readouterr()
-    arguments, message = BAD[case]
-    assert run(*arguments.split()) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert re.fullmatch(r"error: [^\n]+\n", printed.err), printed.err
-    assert re.search(message, printed.err), printed.err
+    check_refused(capsys, *BAD[case])
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -243,10 +233,13 @@ COMMANDS = "scene info pack render compare error programs verilog synth memories
 
 
 def test_commands_are_in_the_order_of_their_files():
-    """Those with a file of their own; `compress` has `train`, too."""
-    names = [command.name for command in app.registered_commands if command.name != "train"]
-    names += [f"bench_{command.name}" for command in bench.registered_commands]
-    assert tuple(names) == FILES
+    found = [*app.registered_commands, *bench.registered_commands]
+    names = """scene info train compress pack render compare error hard programs verilog registers
+        synth fpga memories cycles power fit report
+        sort scenes sweep ablation work compression differentiable"""
+    assert [command.name for command in found] == names.split()
+    files = dict.fromkeys(command.callback.__module__.split(".")[-1] for command in found)
+    assert list(files) == FILES
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
@@ -267,8 +260,7 @@ def test_usage_errors_exit_with_2(capsys):
 def test_result_has_the_documented_keys():
     assert list(vars(Result("reference", "DEFAULT"))) == KEYS
     others = "psnr_db_all_harmonics bytes_per_gaussian middle_98_percent pes_busy nand2".split()
-    with open("docs/json.md") as file:
-        documented = file.read()
+    documented = (ROOT / "docs" / "json.md").read_text()
     assert all(f"`{key}`" in documented for key in (*KEYS, *others))
 
 

@@ -18,7 +18,7 @@ from splatcore.sim.machine.path import STEP, orbit
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import TINY
-from tb.helpers.command import KEYS, ROOT, run
+from tb.helpers.command import KEYS, check_documented, load, run
 
 RTL = ("--engine", "rtl", "--preset", "tiny", "--size", "64x48")
 
@@ -45,10 +45,10 @@ def changed(frame, **arrays):
 
 @pytest.mark.slow
 def test_render(tmp_path, capsys):
-    picture, map_, file = (str(tmp_path / name) for name in ("a.png", "e.png", "a.json"))
-    assert run("render", "needles", *RTL, "--frames", "3", "--timing", "ideal", "-o", picture,
-               "--error-map", map_, "--json", file) == 0  # fmt: skip
-    result = json.loads((tmp_path / "a.json").read_text())
+    picture, map_, file = (tmp_path / name for name in ("a.png", "e.png", "a.json"))
+    options = "--frames", "3", "--timing", "ideal", "--error-map", map_, "--json", file
+    assert run("render", "needles", *RTL, *options, "-o", picture) == 0
+    result = load(file)
     assert list(result) == KEYS + MORE_KEYS and result["timing"] == "ideal"
     assert result["identical"] and result["psnr_db"] > 45 and len(result["frames"]) == 3
     slower = max(result["halves"].values())
@@ -60,9 +60,7 @@ def test_render(tmp_path, capsys):
     np.testing.assert_array_equal(read_png(picture), pictures[0])
     assert read_png(map_).std() > 0
     assert capsys.readouterr().out.count("identical to the golden model") == 3
-    text = (ROOT / "docs" / "json.md").read_text()
-    documented = text.partition("### `--engine rtl`")[2].partition("\n## ")[0]
-    assert all(f"`{key}`" in documented for key in (*MORE_KEYS, *result["frames"][0]))
+    check_documented("### `--engine rtl`", (*MORE_KEYS, *result["frames"][0]))
 
 
 @pytest.mark.slow
@@ -133,7 +131,7 @@ def test_orbit():
 
 
 @pytest.mark.slow
-def test_bench_scenes(tmp_path, monkeypatch, capsys):
+def test_bench_scenes(golden, tmp_path, monkeypatch, capsys):
     """Results are files that stand until the machine is another one."""
     arguments = ("bench", "scenes", "--out", tmp_path, "needles", *RTL[2:])
     assert run(*arguments) == 0
@@ -141,12 +139,10 @@ def test_bench_scenes(tmp_path, monkeypatch, capsys):
     assert [file.name for file in files] == [
         "needles-64x48-ideal.json", "needles-64x48-lpddr4.json",
     ]  # fmt: skip
-    ideal, slow = (json.loads(file.read_text()) for file in files)
+    ideal, slow = map(load, files)
     assert ideal["identical"] and ideal["psnr_db"] > 45
     assert ideal["cycles"]["frame"] < slow["cycles"]["frame"]
-    model, _ = pack(generate("needles"), TINY)
-    golden = render(TINY, model, generated_camera("needles").resized(64, 48))
-    assert ideal["model_cycles"]["raster"] == frame_cycles(TINY, golden).raster
+    assert ideal["model_cycles"]["raster"] == frame_cycles(TINY, golden[1]).raster
     table = (tmp_path / "scenes.md").read_text()
     assert table.count("| needles ") == 6 and table in capsys.readouterr().out
     assert len((tmp_path / "scenes.csv").read_text().splitlines()) == 3

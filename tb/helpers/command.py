@@ -1,6 +1,8 @@
 """The command line as tests run it, and the repository's folder."""
 
 import json
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -16,11 +18,27 @@ KEYS = [
 """Keys of the object that `--json` writes."""
 
 
-def run(*arguments: str) -> int:
-    """Exit status of `splatcore ARGUMENTS`."""
+def run(*arguments: object) -> int:
+    """Exit status of `splatcore ARGUMENTS`; a single argument is split into words."""
+    words = arguments[0].split() if len(arguments) == 1 else map(str, arguments)
     with pytest.raises(SystemExit) as stop:
-        main([str(argument) for argument in arguments])
+        main(list(words))
     return stop.value.code or 0
+
+
+def check_refused(capsys, arguments: str, message: str):
+    """A command is refused by one line of error that `message`, a pattern, is found in."""
+    capsys.readouterr()
+    assert run(arguments) == 2
+    printed = capsys.readouterr()
+    assert not printed.out and re.fullmatch(r"error: [^\n]+\n", printed.err), printed.err
+    assert re.search(message, printed.err), printed.err
+
+
+def check_documented(heading: str, keys: Iterable[str]):
+    """docs/json.md has every key in the section of a heading."""
+    section = (ROOT / "docs" / "json.md").read_text().partition(heading)[2].partition("\n## ")[0]
+    assert not [key for key in keys if f"`{key}`" not in section]
 
 
 def load(path) -> dict:

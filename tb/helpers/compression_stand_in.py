@@ -23,7 +23,7 @@ from splatcore.spec.scene import Scene
 from tb.helpers.command import load, run
 from tb.helpers.compression_scene import garden_with_harmonics
 
-SIZE = "96x64"
+BENCH = "bench compression --out out --size 96x64"
 COUNT = 600
 
 
@@ -106,7 +106,7 @@ def installed(tmp_path, monkeypatch) -> StandIn:
 
 def bench(*arguments: str) -> int:
     """The exit status of the command."""
-    return run("bench", "compression", "--out", "out", "--size", SIZE, *arguments)
+    return run(*BENCH.split(), *arguments)
 
 
 def scenes() -> dict:

@@ -34,14 +34,12 @@ class Page(HTMLParser):
         assert not self.open
 
     def handle_starttag(self, tag, attributes):
-        self.note(tag, dict(attributes))
+        self.handle_startendtag(tag, attributes)
         if tag not in VOID:
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attributes):
-        self.note(tag, dict(attributes))
-
-    def note(self, tag, attributes):
+        attributes = dict(attributes)
         if "id" in attributes:
             self.ids.append(attributes["id"])
         self.links += [attributes[k] for k in ("href", "xlink:href", "src") if k in attributes]

@@ -59,7 +59,7 @@ def scenes(folder: Path):
             "model_cycles": halves(frame * 99 // 100),
             "traffic_bytes": {"read_model": 1_000_000, "write_pixels": 3_000_000},
         })  # fmt: skip
-    (folder / "scenes" / "scenes.csv").write_text("scene\n")
+    (folder / "scenes/scenes.csv").write_text("scene\n")
 
 
 def sweep(folder: Path):
@@ -81,10 +81,8 @@ def sweep(folder: Path):
         "scene": "vase.ply", "camera": "0", "size": SIZE, "cycles": 5_050_000,
         "model_cycles": 5_000_000, "identical": True,
     }  # fmt: skip
-    write(
-        folder / "sweep" / "sweep.json",
-        {"size": SIZE, "points": points, "rows": rows, "failed": []},
-    )
+    facts = {"size": SIZE, "points": points, "rows": rows, "failed": []}
+    write(folder / "sweep/sweep.json", facts)
 
 
 def machine(folder: Path):
@@ -109,9 +107,8 @@ def machine(folder: Path):
     top = {"nand2": nand2, "speed_nand2": nand2, "paper_nand2": GATES_ALL, "parts": parts}
     write(folder / "synth.json", {"preset": "DEFAULT", "top": top})
     stages = {"sort": [{"words": 1024, "bits": 16, "count": 2}]}
-    write(
-        folder / "memories.json", {"preset": "DEFAULT", "kilobytes": 4.0, "stages": stages}
-    )  # fmt: skip
+    facts = {"preset": "DEFAULT", "kilobytes": 4.0, "stages": stages}
+    write(folder / "memories.json", facts)
 
 
 def campaigns(folder: Path):
@@ -131,15 +128,10 @@ def campaigns(folder: Path):
         tiles = np.arange(12).reshape(3, 4) * DENSITY[camera]
         density[f"{scene} {camera}"] = tiles.tolist()
     told = [{"name": step, "fields": {}, "paper_fps": ABLATION.get(step)} for step in steps]
-    write(
-        folder / "ablation" / "ablation.json",
-        {"preset": "DEFAULT", "size": SIZE, "steps": told, "rows": rows, "failed": []},
-    )
-    write(
-        folder / "work" / "work.json",
-        {"preset": "DEFAULT", "size": SIZE, "rows": work, "density": density, "operations": {},
-         "failed": []},
-    )  # fmt: skip
+    facts = {"preset": "DEFAULT", "size": SIZE, "failed": []}
+    write(folder / "ablation/ablation.json", facts | {"steps": told, "rows": rows})
+    facts |= {"rows": work, "density": density, "operations": {}}
+    write(folder / "work/work.json", facts)
 
 
 def others(folder: Path):
@@ -164,10 +156,8 @@ def others(folder: Path):
     ):  # fmt: skip
         case = {"about": "thin & <long>", "bound": "≥ 52 dB", "psnr_db": 56.78,
                 "max_error": 2 / 255, "passed": preset != "PAPER"}  # fmt: skip
-        write(
-            folder / name / "hard.json",
-            {"preset": preset, "engine": engine, "cases": {"needles": case}},
-        )
+        facts = {"preset": preset, "engine": engine, "cases": {"needles": case}}
+        write(folder / name / "hard.json", facts)
     noise = np.random.default_rng(0).integers(0, 256, (600, 800, 3), np.uint8)
     write_png(folder / "hard" / "hard-cases.png", noise)
     for name, preset in (("fpga-tiny", "TINY"), ("fpga", "DEFAULT")):
@@ -175,13 +165,11 @@ def others(folder: Path):
             "luts": 1234, "flip_flops": 55, "multipliers": 2, "block_rams": 0, "fmax_mhz": 98.7,
             "begin": "a", "end": "b", "logic": 1.0, "routing": 2.0,
         }  # fmt: skip
-        write(
-            folder / f"{name}.json",
-            {"preset": preset, "device": "85k", "parts": {"array": part}, "failed": {}},
-        )
+        facts = {"preset": preset, "device": "85k", "parts": {"array": part}, "failed": {}}
+        write(folder / f"{name}.json", facts)
     view = halves(1_000_000) | {"fps": 800.0, "psnr_db": None, "max_error": 0.0}
     field = {"default": 4, "chosen": 1, "reason": "there is no less"}
-    write(folder / "fit" / "small.json", {
+    write(folder / "fit/small.json", {
         "scene": "vase.ply", "fps": 60.0, "psnr_db": 50.0, "fields": {"rasterizers": field},
         "views": {"vase.ply:0": view},
     })  # fmt: skip

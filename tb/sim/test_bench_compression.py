@@ -1,6 +1,7 @@
 """`splatcore bench compression`: steps by hand, resuming, failures, bad input."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -21,8 +22,9 @@ from splatcore.sim.compression.measure import compared, mean
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
-from tb.helpers.command import ROOT, load
+from tb.helpers.command import check_documented, check_refused, load
 from tb.helpers.compression_stand_in import (
+    BENCH,
     COUNT,
     Interrupt,
     bench,
@@ -212,9 +214,7 @@ def test_equal_pictures():
 )
 def test_bad_input(arguments, message, fake, tmp_path, capsys):
     pack(small(20), DEFAULT)[0].image.tofile("a.splatcore")
-    assert bench(*arguments.split()) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith("error: ") and message in printed.err and not printed.out
+    check_refused(capsys, f"{BENCH} {arguments}", re.escape(message))
     assert not (tmp_path / "out").exists()
 
 
@@ -226,8 +226,6 @@ def test_without_pytorch(fake, monkeypatch, capsys):
 
 def test_json_is_documented(fake, tmp_path):
     assert bench("a.ply", "--ratios", "12", "--steps", "5") == 0
-    text = (ROOT / "docs" / "json.md").read_text()
-    documented = text.partition("## `splatcore bench compression`")[2].partition("\n## ")[0]
 
     def keys(value: object):
         if isinstance(value, list):
@@ -242,7 +240,6 @@ def test_json_is_documented(fake, tmp_path):
     facts["scenes"] = list(facts["scenes"].values())
     for scene in facts["scenes"]:
         scene["steps"].pop("recipe"), scene["curve"].pop("recipe")
-    missing = {key for key in keys(facts) if f"`{key}`" not in documented}
-    assert not missing
+    check_documented("## `splatcore bench compression`", set(keys(facts)))
     assert bench_compression.PARTS == ("steps", "schedule", "curve", "budget")
     json.dumps(facts, allow_nan=False)

@@ -1,31 +1,28 @@
 """Campaigns: results are kept, failures named, lost workers lose nothing; sweep, ablation, work."""
 
-import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from distributed import LocalCluster
-from typer.testing import CliRunner
 
-import splatcore.sim.cli.main  # noqa: F401  (registers the commands)
 from splatcore.golden.pipeline import render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.bench.ablation import machines
 from splatcore.sim.bench.campaign import Failure, Task, results
-from splatcore.sim.bench.confirm import confirmed
+from splatcore.sim.bench.campaigns import ablation_machines, confirmed, front, summary
 from splatcore.sim.bench.sweep import SPEED, picture_of
-from splatcore.sim.bench.sweep_campaign import front, summary
 from splatcore.sim.bench.sweep_points import Point, points
 from splatcore.sim.bench.workload import every_camera, tile_density, view_work
-from splatcore.sim.cli.options import app
 from splatcore.sim.common.scenes import View
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
 from tb.helpers.campaign_tasks import die, double
+from tb.helpers.command import load
+from tb.helpers.command import run as command
 from tb.helpers.scenes import needs_scenes, scene_path
 
 SIZE = "96x80"
@@ -118,14 +115,11 @@ def test_summary_of_a_point():
 @pytest.mark.slow
 def test_ablation(tmp_path):
     """Each step is a machine without what comes later; the last one is DEFAULT, and the fastest."""
-    steps = list(machines(DEFAULT).values())
+    steps = list(ablation_machines(DEFAULT).values())
     assert replace(steps[-1], name="DEFAULT") == DEFAULT
     assert steps[0].culling == "none" and not steps[0].skip_zeros and not steps[0].early_termination
-    done = CliRunner().invoke(
-        app, ["bench", "ablation", "-o", str(tmp_path / "out"), "garden", "--size", SIZE]
-    )
-    assert done.exit_code == 0, done.output
-    facts = json.loads((tmp_path / "out" / "ablation.json").read_text())
+    assert command(f"bench ablation -o {tmp_path}/out garden --size {SIZE}") == 0
+    facts = load(tmp_path / "out" / "ablation.json")
     rows = facts["rows"]
     assert [row["step"] for row in rows] == [step["name"] for step in facts["steps"]]
     work = [row["counts"] for row in rows]
@@ -173,38 +167,38 @@ def test_every_camera_once():
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["sweep", "-o", "X", "--point", "best"], "--point 'best': unknown"),
-        (["sweep", "-o", "X", "garden", "--size", "0x5"], "--size 0x5: width 0 is not in"),
-        (["ablation", "-o", "nowhere/X", "garden"], "nowhere/X: there is no folder"),
+        ("sweep -o X --point best", "--point 'best': unknown"),
+        ("sweep -o X garden --size 0x5", "--size 0x5: width 0 is not in"),
+        ("ablation -o nowhere/X garden", "nowhere/X: there is no folder"),
         pytest.param(
-            ["work", "-o", "X", "garden", "--scheduler", "tcp://127.0.0.1:9"],
-            "--scheduler",
-            marks=pytest.mark.slow,
+            "work -o X garden --scheduler tcp://127.0.0.1:9", "--scheduler", marks=pytest.mark.slow
         ),
     ],
 )
-def test_bad_input(arguments, message, tmp_path, monkeypatch):
+def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, ["bench", *arguments])
-    assert done.exit_code and message in str(done.exception)
+    assert command(f"bench {arguments}") and message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    "answer, why",
+    "identical, why",
     [
-        ({"identical": True}, None),
-        ({"identical": False}, "the picture is not the golden model's"),
-        (InputError("the machine hangs"), "the machine hangs"),
+        (True, None),
+        (False, "the picture is not the golden model's"),
+        (None, "the machine hangs"),
     ],
 )
-def test_confirmation_that_fails_is_told(answer, why, monkeypatch, tmp_path):
-    def in_rtl(*_):
-        if isinstance(answer, InputError):
-            raise answer
-        return answer
+def test_confirmation_that_fails_is_told(identical, why, monkeypatch, tmp_path):
+    view = {"scene": "garden", "camera": "0", "size": SIZE, "identical": identical}
 
-    monkeypatch.setattr("splatcore.sim.bench.confirm.in_rtl", in_rtl)
+    def row(*_):
+        if identical is None:
+            raise InputError("the machine hangs")
+        return view | {"cycles": {"frame": 5}, "model_cycles": {"frame": 4}}
+
+    simulator = SimpleNamespace(row=row)
+    monkeypatch.setattr("splatcore.sim.bench.campaigns.Simulator", lambda config: simulator)
     failed = []
-    row = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
-    assert row == (answer if isinstance(answer, dict) else None)
+    found = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
+    assert found == (None if identical is None else view | {"cycles": 5, "model_cycles": 4})
     assert [failure["why"] for failure in failed] == ([why] if why else [])

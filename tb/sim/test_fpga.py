@@ -157,7 +157,7 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     monkeypatch.setattr(fpga, "place", place)
-    monkeypatch.setattr("splatcore.sim.cli.fpga.PARTS", {"wide": lambda c: Small(), "add": Add})
+    monkeypatch.setattr("splatcore.sim.eda.fpga.PARTS", {"wide": lambda c: Small(), "add": Add})
     out = tmp_path / "f.json"
     for _ in range(2):
         assert run("fpga", "--stage", "wide", "--stage", "add", "--device", "25K",

@@ -5,7 +5,6 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from splatcore.sim.common import metric
 from splatcore.sim.common.metric import difference, flip, flip_map, lpips
@@ -147,8 +146,7 @@ def test_without_lpips(monkeypatch):
 
 def bright_columns(path, is_bright) -> np.ndarray:
     """Columns, as parts of the width, of bright pixels in the upper 85 % (no colour bar there)."""
-    with Image.open(path) as image:
-        picture = np.asarray(image.convert("RGB")).astype(int)
+    picture = read_png(path).astype(int)
     picture = picture[: int(0.85 * len(picture))]
     return np.flatnonzero(is_bright(picture).any(axis=0)) / picture.shape[1]
 

@@ -1,6 +1,7 @@
 """`splatcore report` names what is missing; `make report` measures that and nothing else."""
 
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import pytest
 
 from splatcore.sim.report.results import SOURCES, Options, Results
 from splatcore.sim.report.sections import SECTIONS
-from tb.helpers.command import ROOT, run
+from tb.helpers.command import ROOT, check_refused, run
 from tb.helpers.report_page import Page, Report, report
 from tb.helpers.report_samples import SIZE, VIEWS, everything, write
 
@@ -35,14 +36,11 @@ def test_equal_results_make_equal_pages(results, capsys):
 
 def broken(path: Path, what: str):
     """Spoil a result."""
+    texts = {"no JSON": "{", "NaN": '{"parts": NaN}', "no object": "[1]"}
     if what == "missing":
         path.unlink()
-    elif what == "no JSON":
-        path.write_text("{")
-    elif what == "NaN":
-        path.write_text('{"parts": NaN}')
-    elif what == "no object":
-        path.write_text("[1]")
+    elif what in texts:
+        path.write_text(texts[what])
     else:
         value = json.loads(path.read_text())
         if what == "no key":
@@ -266,9 +264,7 @@ def test_the_command_is_that_of_the_result(results):
 )
 def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert run("report", *arguments.split()) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith("error: ") and message in printed.err and not printed.out
+    check_refused(capsys, f"report {arguments}", re.escape(message))
     assert not list(tmp_path.iterdir())
 
 

