@@ -14,8 +14,7 @@ import numpy as np
 
 from splatcore.spec.number import Fixed, Float
 
-FLOAT64 = 53
-"""Bits of float64's significand."""
+FLOAT64 = 53  # bits of float64's significand
 
 
 class Parts(NamedTuple):

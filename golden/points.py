@@ -18,8 +18,7 @@ from splatcore.spec.microprogram import culling, program
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import CORNERS
 
-SHARED = ("margin_x", "margin_y", "chunk_reach")
-"""Values of a chunk that its points share."""
+SHARED = ("margin_x", "margin_y", "chunk_reach")  # values of a chunk that its points share
 
 
 @dataclass(frozen=True, eq=False)

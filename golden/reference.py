@@ -21,8 +21,7 @@ C2 = np.sqrt(np.array([15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))
 C3 = np.sqrt(np.array([35 / 8, 105, 21 / 8, 7 / 4, 21 / 8, 105 / 4, 35 / 8]) / (4 * np.pi))
 """Constants of the harmonics of degree 0 … 3."""
 
-Progress = Callable[[int, int], None]
-"""Called with (tiles done, tiles in all)."""
+Progress = Callable[[int, int], None]  # called with (tiles done, tiles in all)
 
 
 @dataclass(frozen=True, eq=False)

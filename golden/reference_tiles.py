@@ -11,8 +11,7 @@ from numba import njit, prange
 
 from splatcore.spec.convention import BLOCK, TILE
 
-SLACK = 1e-9
-"""Relative widening of a box or a reach before the exact comparison decides."""
+SLACK = 1e-9  # relative widening of a box or a reach before the exact comparison decides
 
 
 @dataclass(frozen=True, eq=False)

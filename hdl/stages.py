@@ -72,8 +72,7 @@ WHOLE: dict[str, tuple[Build, ...]] = {
 } | {"control": tuple(CONTROL.values())}
 """Blocks and control: together all of the machine."""
 
-LARGE = ("sort", "raster")
-"""Stages that take minutes to synthesise; `PRIMITIVES` has their parts."""
+LARGE = ("sort", "raster")  # stages that take minutes to synthesise; `PRIMITIVES` has their parts
 
 PRIMITIVES: dict[str, Build] = {
     "position": Position,

@@ -22,8 +22,7 @@ MAY_IMPORT = {
     "tb": set(ROOMS),
 }
 
-SPEC_MAY_USE = {"numpy"}
-"""Libraries that `spec` may import besides the standard one."""
+SPEC_MAY_USE = {"numpy"}  # libraries that `spec` may import besides the standard one
 
 FILE_LINES = 320
 FUNCTION_LINES = 60

@@ -13,8 +13,7 @@ from splatcore.hdl.lib.latency import Pipeline, Registers
 from splatcore.hdl.lib.shift import leading_zeros, shift_right_sticky, sticky
 from splatcore.spec.number import Float
 
-FLAGS = ("infinity", "nan")
-"""Fields of a number in a format with such values."""
+FLAGS = ("infinity", "nan")  # fields of a number in a format with such values
 
 
 class Unpacked(data.StructLayout):

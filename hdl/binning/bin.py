@@ -29,8 +29,7 @@ from splatcore.spec.raster import COLOURS
 
 COUNTED = tuple(counters.BIN)
 
-SPLATS_INSIDE = 32
-"""Splats whose features wait until it is known whether they touch a tile."""
+SPLATS_INSIDE = 32  # splats whose features wait until it is known whether they touch a tile
 
 
 class Bin(wiring.Component):

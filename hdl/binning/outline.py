@@ -22,16 +22,14 @@ from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.point import splat_record
 
-PHASES = 3
-"""Cycles for a splat."""
+PHASES = 3  # cycles for a splat
 
 NUMBERS = ("half_width", "half_height", "u", "v", "lean", "shear", "slope")
 SHIFTERS = (("half_width", "u", "slope"), ("half_height", "v", "shear"), (None, "lean", None))
 """Numbers that make an outline; of them those that each shifter shifts, phase by phase."""
 
 SQUARE_NUMBERS = ("radius", "u", "v")
-SQUARE_SHIFTERS = (("radius", "u", None), (None, "v", None))
-"""The same of a square."""
+SQUARE_SHIFTERS = (("radius", "u", None), (None, "v", None))  # the same of a square
 
 SHIFTED_BITS = (LENGTH_BITS, None, FACTOR_FRACTION + 1)
 """Bits of what is shifted in each phase; of a centre's `position_bits`."""

@@ -7,22 +7,14 @@ from amaranth.lib.wiring import In, Out
 from splatcore.spec.binning import FACTOR_FRACTION, GUARD, HALF_BITS, lean_margin, outward
 from splatcore.spec.config import Config
 
-ROOT_BITS = 3
-"""Bits of the square root that are found in a cycle."""
+ROOT_BITS = 3  # bits of the square root that are found in a cycle
 
 ROOT_CYCLES = -(-HALF_BITS // ROOT_BITS)
 
-SLOPE_AT = 3 + ROOT_CYCLES
-"""Cycles after a band at which its slope is needed."""
-
-WIDTH_AT = SLOPE_AT + 2
-"""Cycles after a band at which its half width is needed."""
-
-LATENCY = WIDTH_AT + 1
-"""Cycles after a band at which its end is valid."""
-
-END_BITS = HALF_BITS + 5
-"""Bits of an end with its sign."""
+SLOPE_AT = 3 + ROOT_CYCLES  # cycles after a band at which its slope is needed
+WIDTH_AT = SLOPE_AT + 2  # cycles after a band at which its half width is needed
+LATENCY = WIDTH_AT + 1  # cycles after a band at which its end is valid
+END_BITS = HALF_BITS + 5  # bits of an end with its sign
 
 
 class RowEnd(wiring.Component):

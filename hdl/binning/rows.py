@@ -13,17 +13,10 @@ from splatcore.spec.binning import HALF_BITS, TILE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 
-BAND_AT = 2
-"""Cycles from a row's start to its band."""
-
-LATENCY = BAND_AT + END_LATENCY + 2
-"""Cycles from a row's start to its columns."""
-
-ROWS_WAITING = 32
-"""Rows that may be on their way or wait to be taken."""
-
-SQUARE_LATENCY = 3
-"""The same of a square, whose ends are known."""
+BAND_AT = 2  # cycles from a row's start to its band
+LATENCY = BAND_AT + END_LATENCY + 2  # cycles from a row's start to its columns
+ROWS_WAITING = 32  # rows that may be on their way or wait to be taken
+SQUARE_LATENCY = 3  # the same of a square, whose ends are known
 
 OUTLINES = 8
 """Outlines that may have rows on their way: one comes every third cycle at most, and less than

@@ -5,8 +5,7 @@ from itertools import combinations
 
 from amaranth.hdl import Module, Signal, ValueLike
 
-Registers = Mapping[str, int]
-"""Number of registers at each named cut of a path."""
+Registers = Mapping[str, int]  # number of registers at each named cut of a path
 
 
 def spread(latency: int | Registers, cuts: Mapping[str, int]) -> Registers:

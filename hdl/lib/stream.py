@@ -16,8 +16,7 @@ from amaranth.lib.wiring import In, Out
 MEMORY_DEPTH_MIN = 3
 """Least depth of a queue in a synchronous memory: an item takes two cycles to pass it."""
 
-HANDSHAKE = wiring.Signature({"valid": Out(1), "ready": In(1)})
-"""A stream without its payload."""
+HANDSHAKE = wiring.Signature({"valid": Out(1), "ready": In(1)})  # a stream without its payload
 
 
 def passes(stream: stream.Interface) -> Value:

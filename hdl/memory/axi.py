@@ -16,8 +16,7 @@ HALVES = (spec.PREPROCESSING, spec.RENDERING)
 OUTSTANDING_BITS = 8
 """Width of the count of bursts of a half's readers, or of a writer, that are not yet answered."""
 
-ERROR = 1
-"""The bit of a response that signals an error."""
+ERROR = 1  # the bit of a response that signals an error
 
 CLIENT_ERROR = data.StructLayout({"valid": 1, "client": spec.ID_BITS})
 """A beat or burst of a client has been answered by an error."""

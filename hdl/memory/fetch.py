@@ -11,8 +11,7 @@ from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, LENGTH_BITS, read_record
 from splatcore.spec.group import ENTRY_BITS
 
-RANGES_WAITING = 8
-"""Ranges of slots whose beats may be on their way."""
+RANGES_WAITING = 8  # ranges of slots whose beats may be on their way
 
 
 class Fetch(wiring.Component):

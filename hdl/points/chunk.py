@@ -15,8 +15,7 @@ from splatcore.spec.point import AWAY, EXPONENT, GAUSSIAN_BITS, NUMBER_BITS, chu
 
 AXES = "xyz"
 
-CONVERT_LATENCY = 4
-"""Cycles from grid steps to a float."""
+CONVERT_LATENCY = 4  # cycles from grid steps to a float
 
 
 class Chunk(wiring.Component):

@@ -25,8 +25,7 @@ from splatcore.spec.memory import (
 from splatcore.spec.number import Fixed
 from splatcore.spec.programs import COLOURS, SLOPES
 
-LANES = len(COLOURS)
-"""Numbers that are converted at a time: the colour, or a row of G."""
+LANES = len(COLOURS)  # numbers that are converted at a time: the colour, or a row of G
 
 ROWS = len(SLOPES) // LANES
 
@@ -36,8 +35,7 @@ LANE_BITS = exact_log2(CODEBOOK_WORD // COLOUR_ENTRY.size)
 FIRST_WORD = 2
 """Cycles from an item's start to its first word: one to take its indices, one to read."""
 
-CONVERT = 1
-"""Cycles of the converters."""
+CONVERT = 1  # cycles of the converters
 
 
 def sum_of(entry: Fixed, stages: int) -> Fixed:

@@ -13,8 +13,7 @@ from splatcore.spec.registers import CODE_BITS, ErrorCode
 
 EXPONENTS = ("position_exponent", "colour_exponent", "sh_exponent")
 
-RANGE_BITS = 10
-"""Width of the number of beats of a read: a header, or all codebooks."""
+RANGE_BITS = 10  # width of the number of beats of a read: a header, or all codebooks
 
 
 class Load(wiring.Component):

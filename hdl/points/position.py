@@ -15,14 +15,9 @@ from splatcore.spec.frame import CAMERA
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import AWAY, EXPONENT, PLACE_BITS, culling_record
 
-BEAT = memory.ATTRIBUTE_BITS
-"""Bits of a memory beat."""
-
-WORD = 16
-"""Bits by which a beat is shifted into the gearbox."""
-
-CONVERT_LATENCY = 4
-"""Cycles from grid steps to a float."""
+BEAT = memory.ATTRIBUTE_BITS  # bits of a memory beat
+WORD = 16  # bits by which a beat is shifted into the gearbox
+CONVERT_LATENCY = 4  # cycles from grid steps to a float
 
 AXES = ("ray_x", "ray_y", "ray_z")
 

@@ -20,8 +20,7 @@ from splatcore.spec.schedule import schedule
 
 FACTOR = ("l00", "l10", "l11", "l20", "l21", "l22", "attenuation")
 
-SPARE = 2
-"""Rows of the output queue beyond what the array can hold: what passing through it takes."""
+SPARE = 2  # rows of the output queue beyond what the array can hold: what passing through it takes
 
 
 class Project(wiring.Component):

@@ -48,8 +48,7 @@ class Blend(wiring.Component):
     """
 
     BUSY = 3
-    LATENCY = 3
-    """Cycles from a block to its colours at `o`."""
+    LATENCY = 3  # cycles from a block to its colours at `o`
 
     def __init__(self, config: Config, blocks: int, pixels: int = PIXELS):
         self.config, self.blocks, self.pixels = config, blocks, pixels

@@ -21,8 +21,7 @@ from splatcore.spec.raster import (
     quadratic_record,
 )
 
-CUTS = ("multiples", "block", "lines", "exponents")
-"""Registers stand behind what these names say."""
+CUTS = ("multiples", "block", "lines", "exponents")  # registers stand behind what these names say
 
 
 def log2_alpha_layout(config: Config) -> data.StructLayout:

@@ -9,8 +9,7 @@ from splatcore.hdl.lib.record import layout
 from splatcore.spec.config import Config
 from splatcore.spec.raster import COLOURS, STEPS, around_record, mark_min, marked_record
 
-CUTS = ("lines", "planes", "marked")
-"""Registers stand behind what these names say."""
+CUTS = ("lines", "planes", "marked")  # registers stand behind what these names say
 
 CARRIED = ("quadratic", "tile", "end", *COLOURS)
 

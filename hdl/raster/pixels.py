@@ -23,8 +23,7 @@ from splatcore.spec.record import Record
 from splatcore.spec.registers import WORD
 from splatcore.spec.work import PIXEL, STRIDE_BITS
 
-ROW_BITS = BLOCK * PIXEL * 8
-"""Bits of a row of a block."""
+ROW_BITS = BLOCK * PIXEL * 8  # bits of a row of a block
 
 
 class Pixels(wiring.Component):

@@ -18,8 +18,7 @@ from splatcore.spec.record import Record
 PAIRS_WAITING = 32
 """Pairs that may wait before a rasterizer: others may have more to do with the same splats."""
 
-OUTPUT_SPARE = 16
-"""Blocks on their way when the queue of finished ones may no longer be added to."""
+OUTPUT_SPARE = 16  # blocks on their way when the queue of finished ones may no longer be added to
 
 
 class Rasterizer(wiring.Component):

@@ -20,8 +20,7 @@ from splatcore.spec.raster import colours
 from splatcore.spec.registers import ErrorCode
 
 READING = ("groups", "lists", "scratch", "features")
-WRITING = ("scratch", "pixels")
-"""Names of its readers and writers in `spec.axi`, in that order."""
+WRITING = ("scratch", "pixels")  # names of its readers and writers in `spec.axi`, in that order
 
 
 def job_layout(config: Config) -> data.StructLayout:

@@ -14,8 +14,7 @@ from splatcore.spec.group import COUNT_BITS, entry_record
 from splatcore.spec.sort import AREAS, read_entries, spill_record, wanted_record
 from splatcore.spec.work import SLOT
 
-BEATS_WAITING = 2 * BURST_BEATS
-"""Beats that may wait on their way back."""
+BEATS_WAITING = 2 * BURST_BEATS  # beats that may wait on their way back
 
 
 class Scratch(wiring.Component):

@@ -17,8 +17,7 @@ from splatcore.spec.group import COUNT_BITS, entry_record, sorted_record
 
 COUNTED = tuple(SORT)
 
-OUT_WAITING = 2
-"""Entries that may wait at the end, the one that is being looked up included."""
+OUT_WAITING = 2  # entries that may wait at the end, the one that is being looked up included
 
 
 class Sort(wiring.Component):

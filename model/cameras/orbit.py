@@ -9,14 +9,9 @@ from scipy.spatial.transform import Rotation
 from splatcore.model.formats.file import input_error
 from splatcore.spec.camera import Camera
 
-GAP = np.radians(3.5)
-"""No view looks within this of the direction in which a given camera looks."""
-
-TRIES = 8
-"""Views that are tried for each that is wanted; those that lie farthest apart are taken."""
-
-UPRIGHT = 1e-3
-"""Weight of −y as up beside the cameras' own up; it decides for one camera."""
+GAP = np.radians(3.5)  # no view looks within this of the direction in which a given camera looks
+TRIES = 8  # views that are tried for each that is wanted; those that lie farthest apart are taken
+UPRIGHT = 1e-3  # weight of −y as up beside the cameras' own up; it decides for one camera
 
 NEAR_MIDDLE = 1e-4
 """Weight of the middle beside the point that the cameras look at; it decides for one camera."""

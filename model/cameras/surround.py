@@ -21,15 +21,13 @@ DISTANCE = (0.35, 1.2)
 FIELD_OF_VIEW = np.radians((40.0, 75.0))
 """Angles across the longer side of the image: from a standard lens to a wide one."""
 
-AIM = 0.5
-"""Share of the core's half sides about its centre within which a view's target lies."""
+AIM = 0.5  # share of the core's half sides about its centre within which a view's target lies
 
 WITHIN = 3
 """Every so many-th view that is tried stands within the core and looks across it: from the
 distances above one looks into a room, not round in it."""
 
-TILT = np.radians(25.0)
-"""Angle up or down to which a view from within looks."""
+TILT = np.radians(25.0)  # angle up or down to which a view from within looks
 
 ABOUT = 1.25
 """Core's half sides within which matter is part of what one looks at: the core leaves out 8 % at
@@ -39,20 +37,17 @@ OPEN = 10
 """Percentile of how hidden the core's inside is that stands for an open direction: 0 for a room
 with an open side, whose walls count then; 1 for an object, whose own front hides its inside."""
 
-TRIES = 8
-"""Views that are tried for each that is wanted; where fewer pass, the least bad make up."""
+TRIES = 8  # views that are tried for each that is wanted; where fewer pass, the least bad make up
 
 CELLS = 80
 """Cells along a side of the grid in which one walks; a wall is seldom thinner than a cell."""
 
-SPREAD = 8
-"""Points that stand for a Gaussian in that grid; a large one covers many cells."""
+SPREAD = 8  # points that stand for a Gaussian in that grid; a large one covers many cells
 
 HALF = np.log(2)
 """Area of matter over area of a cell, or of a view, from which more light stops than passes."""
 
-PROBE = 30_000
-"""Gaussians that decide whether a view sees little or is blocked, evenly picked."""
+PROBE = 30_000  # Gaussians that decide whether a view sees little or is blocked, evenly picked
 
 
 def surrounding_views(

@@ -8,35 +8,22 @@ from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.scene import Gaussians
 
-FIELD_OF_VIEW = np.radians(55.0)
-"""Angle across the longer side of the image."""
-
-ELEVATION = np.radians(17.0)
-"""Angle at which the camera looks down on its target."""
+FIELD_OF_VIEW = np.radians(55.0)  # angle across the longer side of the image
+ELEVATION = np.radians(17.0)  # angle at which the camera looks down on its target
 
 OPAQUE = 0.3
 """Opacity from which a Gaussian counts as something to look at, if a tenth of them reach it."""
 
-SHELL_RATIO = 4.0
-"""Gaussians beyond this many median distances from the middle are sky or floaters."""
-
-ROUNDS = 10
-"""Most times that middle and median distance are taken again from the rest."""
-
-CORE = (8.0, 92.0)
-"""Percentiles along x and z that bound the core of a scene."""
+SHELL_RATIO = 4.0  # Gaussians beyond this many median distances from the middle are sky or floaters
+ROUNDS = 10  # most times that middle and median distance are taken again from the rest
+CORE = (8.0, 92.0)  # percentiles along x and z that bound the core of a scene
 
 CORE_TALL = (2.0, 98.0)
 """Percentiles along y: what stands on a wide ground has few of the Gaussians."""
 
-FILL = 0.85
-"""Share of the image's half sides that the core takes up."""
-
-NEAREST = 3 * NEAR_PLANE
-"""Least distance of the camera from its target, scene units."""
-
-DIRECTIONS = 24
-"""Compass directions that are tried."""
+FILL = 0.85  # share of the image's half sides that the core takes up
+NEAREST = 3 * NEAR_PLANE  # least distance of the camera from its target, scene units
+DIRECTIONS = 24  # compass directions that are tried
 
 CLOSER = {1.0: 0.0, 0.7: 0.35, 0.5: 0.55}
 """Shares of the distance that are tried, each with its handicap against an open view."""
@@ -45,8 +32,7 @@ EDGEWISE = 0.5
 """Handicap, times what is missing from the greatest breadth, of directions that see a narrow
 side."""
 
-DETOUR = 0.1
-"""Handicap of seeing the scene from half a turn away from −z."""
+DETOUR = 0.1  # handicap of seeing the scene from half a turn away from −z
 
 INSIDE = 0.75
 """Share of the core's sides within which matter is what one came to see; a room's walls are
@@ -55,8 +41,7 @@ outside."""
 WALLS = 0.25
 """Handicap of a direction in which matter before the inside hides it, seen from full distance."""
 
-SAMPLE = 100_000
-"""Gaussians that are looked at, evenly picked; more would not change the view."""
+SAMPLE = 100_000  # Gaussians that are looked at, evenly picked; more would not change the view
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,24 +29,19 @@ from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
-LOOKED_AT = 16
-"""Views that decide whether harmonics are worth having."""
+LOOKED_AT = 16  # views that decide whether harmonics are worth having
 
 WORTH = 1.02
 """Harmonics are left out where the mean error without them is at most this times that with them:
 as many bytes then go into finer colours, and stage 1 has less to do."""
 
-WEIGHED_BY = 48
-"""Views that decide about significance, where there are more to learn from."""
-
-ASIDE = 7
-"""One view of so many is kept aside when a loss is to be kept (`max_drop`)."""
+WEIGHED_BY = 48  # views that decide about significance, where there are more to learn from
+ASIDE = 7  # one view of so many is kept aside when a loss is to be kept (`max_drop`)
 
 PRUNING_SHARE = 0.6
 """Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
 
-RATE_MIN = 0.05
-"""Pruning rates below are not tried."""
+RATE_MIN = 0.05  # pruning rates below are not tried
 
 
 def compress(

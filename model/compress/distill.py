@@ -17,20 +17,11 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import Scene, sh_count
 
-PERTURBED = 0.5
-"""Share of the steps on views beside the training views."""
-
-MOVE = 0.1
-"""Largest distance of these from their training view: share of the extent of the cameras."""
-
-TURN = np.radians(5.0)
-"""Largest angle between the two, radians."""
-
-SHARE = 0.2
-"""Of fine-tuning's learning rates: least squares leave less to mend than pruning does."""
-
-PULL = 0.1
-"""Weight of the coefficients as they were in the least squares, over that of all cameras."""
+PERTURBED = 0.5  # share of the steps on views beside the training views
+MOVE = 0.1  # largest distance of these from their training view: share of the extent of the cameras
+TURN = np.radians(5.0)  # largest angle between the two, radians
+SHARE = 0.2  # of fine-tuning's learning rates: least squares leave less to mend than pruning does
+PULL = 0.1  # weight of the coefficients as they were in the least squares, over that of all cameras
 
 
 def distill(

@@ -16,8 +16,7 @@ from splatcore.spec.memory import ModelFormat
 from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import Scene
 
-NEIGHBOURS = 8
-"""Nearest Gaussians among which a Gaussian may be merged with one."""
+NEIGHBOURS = 8  # nearest Gaussians among which a Gaussian may be merged with one
 
 COLOUR = 3.0
 """Cost of a squared difference of colours (0 … 1), over that of a squared distance in sizes."""
@@ -26,8 +25,7 @@ ALWAYS = 0.01
 """Least cost of a merger, in squared distances: two of the same place and colour are not for
 nothing."""
 
-ROUND = 0.15
-"""Share of the Gaussians that may go before all costs are taken anew."""
+ROUND = 0.15  # share of the Gaussians that may go before all costs are taken anew
 
 
 def prune(scene: Scene, significance: np.ndarray, rate: float) -> Scene:

@@ -22,8 +22,7 @@ from splatcore.spec.number import Fixed, Float
 from splatcore.spec.packed import SH_C0, SH_C1, grid_points, offsets
 from splatcore.spec.scene import Scene
 
-REFRESH = 50
-"""Steps after which the chunks' grids and L's unit are taken anew: they move little."""
+REFRESH = 50  # steps after which the chunks' grids and L's unit are taken anew: they move little
 
 CODEBOOK_RATE = RATES["sh0"] * SH_C0
 """Learning rate of the codebooks' entries, which are colours: that of sh0 in units of colour."""

@@ -12,11 +12,8 @@ from splatcore.model.gradients.differentiable import blending_weights
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
-VOLUME_PERCENTILE = 90.0
-"""Percentile of the volumes from which on a larger one counts no more."""
-
-VOLUME_POWER = 0.1
-"""Exponent of the volume."""
+VOLUME_PERCENTILE = 90.0  # percentile of the volumes from which on a larger one counts no more
+VOLUME_POWER = 0.1  # exponent of the volume
 
 
 def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:

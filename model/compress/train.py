@@ -24,25 +24,17 @@ from splatcore.spec.error import InputError
 from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import Scene, sh_count
 
-OPACITY = 0.1
-"""Of every Gaussian at the start."""
-
-NEIGHBOURS = 3
-"""Points whose mean distance is a Gaussian's standard deviation at the start."""
+OPACITY = 0.1  # of every Gaussian at the start
+NEIGHBOURS = 3  # points whose mean distance is a Gaussian's standard deviation at the start
 
 REFINE_START, REFINE_EVERY = 500, 100
 REFINE_STOP = 0.5
 """Step from which on Gaussians are split, cloned and removed, how often, and the share of the steps
 after which they are not."""
 
-DEGREE_STEPS = 1 / 30
-"""Share of the steps after which the next degree of harmonics joins in."""
-
-DECAY = 0.01
-"""Share of the positions' learning rate that is left in the end."""
-
-KEEP_EVERY = 500
-"""Steps between two states that are kept."""
+DEGREE_STEPS = 1 / 30  # share of the steps after which the next degree of harmonics joins in
+DECAY = 0.01  # share of the positions' learning rate that is left in the end
+KEEP_EVERY = 500  # steps between two states that are kept
 
 STATE = "training.pt"
 

@@ -28,14 +28,12 @@ PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
 POINT = struct.Struct("<Q3d3BdQ")
 """A point: id, x, y, z, r, g, b, error, images that show it; 8 bytes for each of these follow."""
 
-SHOWN = 8
-"""Bytes for each image that shows a point."""
+SHOWN = 8  # bytes for each image that shows a point
 
 Points = tuple[np.ndarray, np.ndarray]
 """Positions [N, 3] (float64, scene units) and colours [N, 3] (uint8)."""
 
-Intrinsics = tuple[int, int, float, float, float, float]
-"""width, height, fx, fy, cx, cy in pixels."""
+Intrinsics = tuple[int, int, float, float, float, float]  # width, height, fx, fy, cx, cy in pixels
 
 
 def colmap_folder(path: str | os.PathLike) -> Path:

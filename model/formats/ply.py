@@ -14,8 +14,7 @@ from splatcore.model.formats import file
 from splatcore.model.formats.file import file_size, input_error
 from splatcore.spec.scene import Scene, sh_count
 
-HEADER_MAX = 1 << 16
-"""Bytes within which a header must end."""
+HEADER_MAX = 1 << 16  # bytes within which a header must end
 
 SCALE_MIN = float(np.finfo(np.float32).tiny)
 """Scales below are written as this: its logarithm is finite."""
@@ -23,8 +22,7 @@ SCALE_MIN = float(np.finfo(np.float32).tiny)
 OPACITY_MARGIN = 2.0**-24
 """Opacities are written at least this far from 0 and 1: the logit is finite."""
 
-CHUNK = 256
-"""Gaussians that share bounds in a compressed PLY."""
+CHUNK = 256  # Gaussians that share bounds in a compressed PLY
 
 REST_DEGREE = {3 * (sh_count(degree) - 1): degree for degree in range(4)}
 """Number of f_rest properties → SH degree."""

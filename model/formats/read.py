@@ -18,8 +18,7 @@ their name in lower case. `read(path)`: the `Scene` of such a file; an InputErro
 and field, for a malformed one. NaN and Inf may stay, numpy's warnings about them are silenced.
 """
 
-NORM_RANGE = (1e-3, 1e3)
-"""Norms of quaternions that need no note: training does not normalise them."""
+NORM_RANGE = (1e-3, 1e3)  # norms of quaternions that need no note: training does not normalise them
 
 
 def read_scene(path: str | os.PathLike) -> Scene:

@@ -16,16 +16,14 @@ from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error
 from splatcore.spec.scene import Scene
 
-PALETTE_ROW = 64
-"""SH vectors side by side in a row of the centroids image."""
+PALETTE_ROW = 64  # SH vectors side by side in a row of the centroids image
 
 QUATERNION_TAG = 252
 """The alpha of a quaternion's pixel is this plus the index of its largest component."""
 
 CODEBOOK_MAX = 256
 
-_COEFFICIENTS = {1: 3, 2: 8, 3: 15}
-"""SH degree → coefficients per channel beyond the constant one."""
+_COEFFICIENTS = {1: 3, 2: 8, 3: 15}  # SH degree → coefficients per channel beyond the constant one
 
 
 @dataclass(frozen=True)

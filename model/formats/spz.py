@@ -26,14 +26,12 @@ GZIP_MAGIC = b"\x1f\x8b\x08"
 SPZ_MAGIC = b"NGSP"
 """Starts a header: inside the gzip stream, or a file of version 4 (one zstd stream a section)."""
 
-FRACTION_MAX = 24
-"""Most fractional bits of a position, which has 24 bits."""
+FRACTION_MAX = 24  # most fractional bits of a position, which has 24 bits
 
 ANTIALIASED = 1
 """Flag of a scene trained with a renderer that makes up in opacity for the covariance's blur."""
 
-EXTENSION_MAX = 1 << 20
-"""Bytes that may follow the sections of a gzip stream."""
+EXTENSION_MAX = 1 << 20  # bytes that may follow the sections of a gzip stream
 
 SH_SIGN = np.array(
     [

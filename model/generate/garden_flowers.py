@@ -27,8 +27,7 @@ FLOWER_KINDS = np.array(
 )
 LAVENDER = 2
 FLOWERS_MOST = 1_500
-FLOWER_ROLES = 9
-"""Splats of one flower: six petals, centre, stem, one leaf."""
+FLOWER_ROLES = 9  # splats of one flower: six petals, centre, stem, one leaf
 
 
 def flowers(rng: np.random.Generator, count: int) -> Part:

@@ -10,23 +10,12 @@ from splatcore.spec.packed import SH_C0, SH_C1
 SUN = unit(np.array([-0.70, -0.62, -0.36]))
 """Direction towards the sun (y down): from the left, a little behind the viewer."""
 
-SUN_LIGHT = np.array([3.6, 2.95, 2.05])
-"""Linear RGB that a white surface facing the sun sends back."""
-
-SKY_LIGHT = np.array([0.46, 0.60, 0.82])
-"""The same for the whole sky."""
-
-BOUNCE_LIGHT = np.array([0.22, 0.24, 0.12])
-"""Light from the ground on what faces down."""
-
-HAZE = np.array([0.66, 0.76, 0.88])
-"""Linear RGB of the air near the horizon."""
-
-HAZE_DISTANCE = 90.0
-"""Scene units over which 1 − 1/e of a colour is lost to haze."""
-
-SHADOW_REACH = 14.0
-"""Scene units around the origin within which shadows are computed."""
+SUN_LIGHT = np.array([3.6, 2.95, 2.05])  # linear RGB that a white surface facing the sun sends back
+SKY_LIGHT = np.array([0.46, 0.60, 0.82])  # the same for the whole sky
+BOUNCE_LIGHT = np.array([0.22, 0.24, 0.12])  # light from the ground on what faces down
+HAZE = np.array([0.66, 0.76, 0.88])  # linear RGB of the air near the horizon
+HAZE_DISTANCE = 90.0  # scene units over which 1 − 1/e of a colour is lost to haze
+SHADOW_REACH = 14.0  # scene units around the origin within which shadows are computed
 
 EXPOSURE = 0.85
 GAMMA = 2.2

@@ -8,8 +8,7 @@ from splatcore.model.generate.garden_splats import Part, deal, join, refine, sha
 from splatcore.model.generate.spreading import sunflower
 
 GRASS_RADIUS = 18.0
-BLADES_MOST = 120_000
-"""Grass blades beyond which more Gaussians make blades finer instead of more."""
+BLADES_MOST = 120_000  # grass blades beyond which more Gaussians make blades finer instead of more
 
 TREE_PLACE = np.array([-2.35, 0, 1.25])
 LEAVES_MOST = 40_000
@@ -18,8 +17,7 @@ FAR_TREES = 52
 FORKS = ((6, 1.15, 0.58), (4, 0.9, 0.5), (4, 1.0, 0.42), (3, 1.1, 0.4))
 """Per level of the tree: branches of a fork, how far they spread, their thickness at the end."""
 
-FIRST_TWIG = 3 + 6 + 24
-"""Segments of the tree before those that bear leaves."""
+FIRST_TWIG = 3 + 6 + 24  # segments of the tree before those that bear leaves
 
 BUSHES = np.array(
     [  # x, z, radius, height over radius

@@ -19,14 +19,9 @@ from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
 
-GARDEN_COUNT = 20_000
-"""Gaussians of the garden if no count is given."""
-
-COUNT_MAX = 20_000_000
-"""Most Gaussians of a generated scene."""
-
-GENERATORS = ("garden", *HARD)
-"""Names of the generated scenes."""
+GARDEN_COUNT = 20_000  # Gaussians of the garden if no count is given
+COUNT_MAX = 20_000_000  # most Gaussians of a generated scene
+GENERATORS = ("garden", *HARD)  # names of the generated scenes
 
 PARTS = {
     "grass": (grass, 0.20),

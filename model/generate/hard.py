@@ -37,14 +37,12 @@ FAR_PLACE = np.array([1e4, -0.8e4, 1.2e4])
 FAR_EYE = FAR_PLACE + np.array([2.4, -1.1, -3.3])
 FAR_CAMERA = look_at(FAR_EYE, FAR_PLACE, WIDTH, HEIGHT, FOCAL, name="far")
 
-GRID = 4
-"""Pixels between neighbours of a grid of pixel centres."""
+GRID = 4  # pixels between neighbours of a grid of pixel centres
 
 TINY = 1e-9
 """Standard deviation, scene units, that the blur swamps: alpha at the centre is the opacity."""
 
-LAYER_ALPHA = 0.9
-"""Opacity of each of the three layers that bring T to about 1e-3."""
+LAYER_ALPHA = 0.9  # opacity of each of the three layers that bring T to about 1e-3
 
 
 @hard_case("axis ratio 1e5 along one axis: the 2D covariance is singular but for the blur")

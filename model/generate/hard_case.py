@@ -13,14 +13,9 @@ from splatcore.spec.scene import Scene
 WIDTH, HEIGHT = 64, 48
 """Pixels of a hard case unless its size is the point: few tiles, so that RTL runs in minutes."""
 
-FOCAL = 64.0
-"""Pixels. A power of two, so that pixel centres have exact world coordinates."""
-
-DEPTH = 4.0
-"""Depth of what has no reason to lie elsewhere, scene units."""
-
-TILE_CORNER = 16
-"""The cases about one tile fill the one whose first pixel is (16, 16)."""
+FOCAL = 64.0  # pixels. A power of two, so that pixel centres have exact world coordinates.
+DEPTH = 4.0  # depth of what has no reason to lie elsewhere, scene units
+TILE_CORNER = 16  # the cases about one tile fill the one whose first pixel is (16, 16)
 
 
 @dataclass(frozen=True, eq=False)

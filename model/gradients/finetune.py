@@ -16,14 +16,12 @@ Tell = Callable[[str, int, int, float | None], None]
 DECAY = 0.1
 """Share of the learning rates left at the end of a phase; they fall by the same share a step."""
 
-DECAY_MEANS = 0.01
-"""The same of the positions' (3DGS: from 1.6e-4 to 1.6e-6)."""
+DECAY_MEANS = 0.01  # the same of the positions' (3DGS: from 1.6e-4 to 1.6e-6)
 
 WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
 
-SMOOTHING = 0.95
-"""Weight of the past in the moving average of the loss."""
+SMOOTHING = 0.95  # weight of the past in the moving average of the loss
 
 
 def views_in_turn(targets: Sequence, seed: int) -> Iterator:

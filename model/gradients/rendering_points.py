@@ -21,8 +21,7 @@ U, V, A, B, C, OPACITY, RED, GREEN, BLUE, REACH, WIDE, HIGH = range(12)
 """Columns of a splat: centre (pixels), conic (1/pixel²), opacity, colour, the largest quadratic
 form with alpha ≥ alpha_min, and the half sides (pixels) of the box around it."""
 
-GRADIENTS = 9
-"""The first columns, those that the picture depends on smoothly."""
+GRADIENTS = 9  # the first columns, those that the picture depends on smoothly
 
 
 def view_numbers(camera: Camera, convention: Convention) -> np.ndarray:

@@ -36,8 +36,7 @@ MIDDLE = REACH_MAX / 64
 TERMS = np.array([np.exp(-MIDDLE) / float(np.prod(np.arange(1.0, k + 1))) for k in range(8)])
 """Taylor terms of exp(MIDDLE − x) for x = q/32; to the 16th power it is exp(−q/2) within 4e-10."""
 
-PATIENCE = 8
-"""Splats between two looks at whether any pixel of the tile is still live."""
+PATIENCE = 8  # splats between two looks at whether any pixel of the tile is still live
 
 
 @njit(cache=True)

@@ -4,12 +4,10 @@ import numpy as np
 import torch
 from numba import njit, prange
 
-SSIM_SHARE = 0.2
-"""Of the loss on photographs; the rest is L1 (Kerbl et al. 2023)."""
+SSIM_SHARE = 0.2  # of the loss on photographs; the rest is L1 (Kerbl et al. 2023).
 
 SIGMA, RADIUS = 1.5, 5
-C1, C2 = 0.01**2, 0.03**2
-"""Of Wang et al. 2004, for values 0 … 1."""
+C1, C2 = 0.01**2, 0.03**2  # of Wang et al. 2004, for values 0 … 1.
 
 WINDOW = np.exp(-(np.arange(-RADIUS, RADIUS + 1) ** 2) / (2 * SIGMA**2))
 WINDOW /= WINDOW.sum()

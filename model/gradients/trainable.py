@@ -32,8 +32,7 @@ REFINING = {
 far to go, places hardly any way. What 3DGS trains with moves the places too much: it spoils a scene
 before it mends it."""
 
-EPSILON = 1e-15
-"""Adam's, as 3DGS has it."""
+EPSILON = 1e-15  # Adam's, as 3DGS has it
 
 Tensors = dict[str, torch.Tensor]
 Optimizers = dict[str, torch.optim.Adam]

@@ -12,8 +12,7 @@ from splatcore.spec import memory
 GRID_BITS = memory.ORIGIN_BITS - 2
 """Bits of a coordinate's magnitude on the grid: sums of two coordinates keep clear of the sign."""
 
-MORTON_BITS = 21
-"""Bits of each axis that one 64-bit Morton code interleaves."""
+MORTON_BITS = 21  # bits of each axis that one 64-bit Morton code interleaves
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,8 @@ from splatcore.spec.packed import SH_C0, PackedModel, slopes_from_sh
 from splatcore.spec.scene import Scene
 
 STEPS = ("order", "colour", "harmonics", "layout")
-Progress = Callable[[str], None]
-"""Called with the name of each of `STEPS` as it begins."""
-
-Codebooks = tuple[Codebook, Codebook]
-"""Of colours, and of harmonics as slopes."""
+Progress = Callable[[str], None]  # called with the name of each of `STEPS` as it begins
+Codebooks = tuple[Codebook, Codebook]  # of colours, and of harmonics as slopes
 
 
 @dataclass(frozen=True)

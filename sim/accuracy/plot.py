@@ -12,11 +12,8 @@ from splatcore.spec.config import Config
 INCHES = (15.5, 7.2)
 DOTS_PER_INCH = 150
 
-MARKERS = "osD^vP*X<>hp"
-"""Markers of scenes and of machines, in turn."""
-
-THIN = (":", "--", "-.")
-"""Lines of hard cases, in turn."""
+MARKERS = "osD^vP*X<>hp"  # markers of scenes and of machines, in turn
+THIN = (":", "--", "-.")  # lines of hard cases, in turn
 
 
 def write_error_plot(

@@ -35,8 +35,7 @@ conic_c in 1/pixel², shear, red, green, blue."""
 
 CHANNELS = ("red", "green", "blue")
 
-Tell = Callable[[str], None]
-"""Called with the name of the step that begins."""
+Tell = Callable[[str], None]  # called with the name of the step that begins
 
 
 def with_width(text: str, config: Config = DEFAULT) -> Config:

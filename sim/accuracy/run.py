@@ -18,8 +18,7 @@ from splatcore.sim.common.source import parse_size
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
-PROCESSES = 2
-"""Scenes that are measured at a time; one of half a million Gaussians takes 2 GB."""
+PROCESSES = 2  # scenes that are measured at a time; one of half a million Gaussians takes 2 GB
 
 NOT_POINTS = ("transmittance_edge", "unnormalised_quaternions", "not_finite", "empty")
 """Hard cases of which stages 0 and 1 see nothing: they are over in packing or begin in blending."""

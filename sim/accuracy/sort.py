@@ -19,14 +19,9 @@ from splatcore.sim.common.scenes import View
 from splatcore.sim.common.table import new_table
 from splatcore.spec.config import DEFAULT
 
-FRACTIONS = (10, 12, 14, 16, 18, 20)
-"""Fraction bits of depths whose whole codes are keys."""
-
-REBASED = (15, 18)
-"""Bits of keys that begin with the nearest entry of each group."""
-
-FRAME_BITS = 15
-"""Bits of keys that begin with the nearest splat of the frame."""
+FRACTIONS = (10, 12, 14, 16, 18, 20)  # fraction bits of depths whose whole codes are keys
+REBASED = (15, 18)  # bits of keys that begin with the nearest entry of each group
+FRAME_BITS = 15  # bits of keys that begin with the nearest splat of the frame
 
 Keys = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Keys [N] of entries from depths [M] of all splats, the entries' splats [N] and groups [N]."""

@@ -20,8 +20,7 @@ from splatcore.sim.common.pool import as_done, processes
 from splatcore.sim.common.sources import code_key
 from splatcore.spec.error import InputError
 
-TRIES = 2
-"""Workers that a task may lose before it is given up."""
+TRIES = 2  # workers that a task may lose before it is given up
 
 
 @dataclass(frozen=True)

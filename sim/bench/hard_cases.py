@@ -20,14 +20,12 @@ from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 
-SEED = 0
-"""Of all cases."""
+SEED = 0  # of all cases
 
 PSNR_MIN = 52.0
 """dB of a machine's 8-bit picture against the reference on the same packed model, at least."""
 
-SHEET = "hard-cases.png"
-"""The contact sheet in the folder of pictures."""
+SHEET = "hard-cases.png"  # the contact sheet in the folder of pictures
 
 BOUNDS = {
     "reference": "finite; left out: NaN and Inf only",

@@ -6,8 +6,7 @@ from dataclasses import dataclass, fields, replace
 from splatcore.sim.accuracy.points import width_of, with_width
 from splatcore.spec.config import DEFAULT, FORMATS, PAPER, Config
 
-LANES = 16
-"""Of a rasterizer: the pixels of a block."""
+LANES = 16  # of a rasterizer: the pixels of a block
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from splatcore.spec.preset import find_preset
 DEFAULTS = Protocol(DEFAULT)
 
 ALL_PARTS, ALL_RATIOS = ",".join(PARTS), ",".join(f"{ratio:g}" for ratio in RATIOS)
-VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))
-"""Defaults as the command line takes them."""
+VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))  # defaults as the command line takes them
 
 
 ScenesArgument = argument(

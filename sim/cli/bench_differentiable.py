@@ -18,8 +18,7 @@ from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Gaussians
 
-COUNT, SIZE = 100_000, "960x540"
-"""The garden and the picture that the bound is about."""
+COUNT, SIZE = 100_000, "960x540"  # the garden and the picture that the bound is about
 
 BOUND = 1.5
 """Seconds of forward and backward together that COUNT Gaussians at SIZE may take on two cores."""

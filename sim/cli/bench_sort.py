@@ -11,8 +11,7 @@ from splatcore.sim.cycles.sort import cycles
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-LENGTH_MAX = 1_000_000
-"""Longest list that can be asked for: more than a frame has in a group."""
+LENGTH_MAX = 1_000_000  # longest list that can be asked for: more than a frame has in a group
 
 
 OutputOption = option(Path, "DIR", "Folder for sort.png.", "-o")

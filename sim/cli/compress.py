@@ -27,8 +27,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
 from splatcore.spec.scene import Gaussians, Scene
 
-LOOKED_AT = 4
-"""Views on which the loss is measured where there are no photographs."""
+LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
 
 FolderArgument = argument(Path, "DIR", "COLMAP model with its photographs in images/.")
 OutputOption = option(Path, "SCENE.ply", "Where to write it.", "-o")

@@ -29,11 +29,8 @@ from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
 
-ROOM = {"fps": 1e-3, "psnr": 1.0}
-"""Least figures that can be asked for."""
-
-PSNR_MAX = 200.0
-"""More than 8 bits can show is impossible, more than this a slip."""
+ROOM = {"fps": 1e-3, "psnr": 1.0}  # least figures that can be asked for
+PSNR_MAX = 200.0  # more than 8 bits can show is impossible, more than this a slip
 
 
 OutputOption = option(Path, "PRESET.toml", "What to write.", "-o")

@@ -27,8 +27,7 @@ MILLI, MEGA = 1e-3, 1e6
 HEADINGS = ("NAND2 k", "activity", "gates", "clock", "mW", "paper", "fJ", "paper")
 """Columns of the table; fJ are those of a NAND2-equivalent and cycle."""
 
-NOTHING = [""] * 4
-"""In place of all columns before mW."""
+NOTHING = [""] * 4  # in place of all columns before mW
 
 
 FpsOption = option(float | None, "N", "Frames a second. Default: full speed, 800 MHz.", "--fps")

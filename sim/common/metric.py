@@ -11,11 +11,8 @@ from skimage.metrics import structural_similarity
 from splatcore.spec.error import InputError
 from splatcore.spec.metric import psnr_of_square
 
-LEVELS = 255
-"""Largest value of an 8-bit channel; errors are fractions of it."""
-
-SSIM_WINDOW = 11
-"""Pixels along the side of the Gaussian window (σ = 1.5) of Wang et al. 2004."""
+LEVELS = 255  # largest value of an 8-bit channel; errors are fractions of it
+SSIM_WINDOW = 11  # pixels along the side of the Gaussian window (σ = 1.5) of Wang et al. 2004.
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from splatcore.spec.error import InputError
 
-console = Console(highlight=False)
-"""Results, on standard output."""
-
-messages = Console(stderr=True, highlight=False)
-"""Progress, on standard error."""
+console = Console(highlight=False)  # results, on standard output
+messages = Console(stderr=True, highlight=False)  # progress, on standard error
 
 
 def check_writable(*paths: Path | None):

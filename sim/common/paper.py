@@ -2,8 +2,7 @@
 Gaussian Splatting", IEEE TVCG. `docs/paper.md` holds them against each other.
 """
 
-FPS = 129
-"""Frames a second, the average of its scene set B, at 1920×1080 and 800 MHz."""
+FPS = 129  # frames a second, the average of its scene set B, at 1920×1080 and 800 MHz
 
 PIXELS_PER_JOULE = 1219e6
 
@@ -21,8 +20,7 @@ GATES = {stage: gates for stage, (gates, _) in LOGIC.items()}
 STAGE_OF = {"cull": "stage 0", "project": "stage 1", "sort": "stage 2", "raster": "stage 3"}
 """The stage that a module of ours stands beside."""
 
-GATES_ALL = 1_143_800
-"""NAND2-equivalents of all of it, as printed: 100 more than the sum."""
+GATES_ALL = 1_143_800  # NAND2-equivalents of all of it, as printed: 100 more than the sum
 
 MEMORIES = {"sort": 56, "feature": 32, "view": 12, "process": 12, "codebook": 8}
 """Kilobytes; `sort` is four key and four value buffers of 4 KB each, and 12 + 12 KB shared."""
@@ -36,8 +34,7 @@ MEMORY_POWER = {
 """Memories and W by the stage whose are most like them; it does not say whose the view and process
 memories are."""
 
-POWER = 219.41e-3
-"""W of all of it, as its text says; the table's lines sum up to 0.01 mW more."""
+POWER = 219.41e-3  # W of all of it, as its text says; the table's lines sum up to 0.01 mW more
 
 LIST, LIST_MAX = 1000, 5000
 """Gaussians of most tiles, and the most of a tile (its figure of tile density, bicycle)."""
@@ -53,8 +50,7 @@ OPERATIONS = {
 CULLED, CULLED_UNCOMPRESSED = 0.56, 0.60
 """Gaussians behind the near plane, of compressed and uncompressed models."""
 
-TERMINATED, TERMINATED_UNCOMPRESSED = 0.243, 0.50
-"""Gaussians that early termination leaves out."""
+TERMINATED, TERMINATED_UNCOMPRESSED = 0.243, 0.50  # Gaussians that early termination leaves out
 
 ABLATION = {
     "none": 20.4,

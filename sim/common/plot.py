@@ -18,8 +18,7 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import LogLocator, NullLocator
 from matplotlib.transforms import Bbox
 
-WIDTH = 7.2
-"""Inches of a plot: printable on A4 and on Letter."""
+WIDTH = 7.2  # inches of a plot: printable on A4 and on Letter
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#5f5f5f", "#7a4ea3")
 """Okabe and Ito's, told apart by all kinds of eyes; two of them darker, two more at the end."""
@@ -44,8 +43,7 @@ STYLE = {
 """Text becomes outlines: it looks the same everywhere, in print too."""
 
 
-ROOM = 3.5
-"""Points around a marker that a name keeps free."""
+ROOM = 3.5  # points around a marker that a name keeps free
 
 PLACES = [(7, 0), (-7, 0)] + [
     (right * far, up * far)

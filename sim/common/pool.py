@@ -12,14 +12,12 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 
-CONTEXT = get_context("spawn")
-"""A fork would inherit locks of the libraries' threads."""
+CONTEXT = get_context("spawn")  # a fork would inherit locks of the libraries' threads
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 """Environment of the processes: threads that wait for each other while others work take longer."""
 
-POLL = 0.2
-"""Seconds between looks at the messages of the processes."""
+POLL = 0.2  # seconds between looks at the messages of the processes
 
 
 @contextmanager

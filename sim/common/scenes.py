@@ -13,8 +13,7 @@ from splatcore.spec.error import InputError
 VARIABLE, FOLDER = "SPLATCORE_SCENES", "../shared/scenes"
 """The environment's variable that names the folder of scenes, and the folder without it."""
 
-SUFFIXES = (".ply", ".spz", ".splat", ".sog")
-"""Files of that folder that are scenes."""
+SUFFIXES = (".ply", ".spz", ".splat", ".sog")  # files of that folder that are scenes
 
 CAMERAS = ".cameras.json"
 

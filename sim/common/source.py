@@ -22,8 +22,7 @@ from splatcore.spec.scene import Gaussians, Scene
 ENGINES = ("reference", "golden", "rtl")
 """Float64 reference, bit-accurate golden model, simulated hardware."""
 
-VIEW_SIZE = (1920, 1080)
-"""Pixels of a view that no camera file defines."""
+VIEW_SIZE = (1920, 1080)  # pixels of a view that no camera file defines
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 PACKAGE = "splatcore"
-ROOT = Path(__file__).parents[2]
-"""The folder of the package's rooms."""
+ROOT = Path(__file__).parents[2]  # the folder of the package's rooms
 
 
 @cache

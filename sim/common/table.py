@@ -11,8 +11,7 @@ from rich.table import Table
 
 from splatcore.sim.common.output import console
 
-WIDEST = 1000
-"""More columns than a table has."""
+WIDEST = 1000  # more columns than a table has
 
 
 def new_table(

@@ -28,11 +28,8 @@ RESULT = "compression.json"
 
 RATIOS = (10, 15, 20, 30, 40, 51.6, 75, 100)
 
-ONE_STEP = 0.5
-"""A schedule of one pruning; its rate is what the ratio asks for."""
-
-SHORT_OF = 0.98
-"""Share of a target ratio from which it counts as reached."""
+ONE_STEP = 0.5  # a schedule of one pruning; its rate is what the ratio asks for
+SHORT_OF = 0.98  # share of a target ratio from which it counts as reached
 
 
 def left(schedule: Sequence[float]) -> float:

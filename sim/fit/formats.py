@@ -24,11 +24,8 @@ WIDER = 2
 """Bits that each format may have more than DEFAULT's if that is needed: behind 8-bit output even
 fewer show (docs/architecture.md)."""
 
-SEARCHED = 3
-"""Views on which formats are tried one by one: those of the largest errors."""
-
-PIXELS = 480 * 270
-"""Of these views meanwhile, if they have more: errors are the same, work is not."""
+SEARCHED = 3  # views on which formats are tried one by one: those of the largest errors
+PIXELS = 480 * 270  # of these views meanwhile, if they have more: errors are the same, work is not
 
 Tell = Callable[[str], None]
 
@@ -182,8 +179,7 @@ def smaller(view: View) -> View:
     return view.resized(*(max(round(side * scale), 1) for side in (width, height)))
 
 
-LEAST = 1e-3
-"""Decibels that any bit is taken to cost at least."""
+LEAST = 1e-3  # decibels that any bit is taken to cost at least
 
 
 def wider(config: Config) -> Config:

@@ -116,8 +116,7 @@ def bits_of(config: Config, field: str) -> int:
     return config.arithmetic.fraction if field == "arithmetic" else getattr(config, field)
 
 
-SLOPE_BITS = 2
-"""Bits fewer at which a format's slope is measured."""
+SLOPE_BITS = 2  # bits fewer at which a format's slope is measured
 
 
 @cache

@@ -28,17 +28,13 @@ MEMORY_MARGIN = 0.025
 """Share of a frame's time that memory may take beyond the cycle model: RTL with LPDDR4 was 0.1 to
 2.2 % slower than with ideal memory (docs/architecture.md)."""
 
-MODEL_MARGIN = 0.03
-"""The same for what the model is off from the RTL."""
-
-ARRAYS, PES = 4, 12
-"""Most arrays of PEs, and most PEs in one."""
+MODEL_MARGIN = 0.03  # the same for what the model is off from the RTL
+ARRAYS, PES = 4, 12  # most arrays of PEs, and most PEs in one
 
 RASTERIZERS = (1, 2, 4, 8, 16)
 SORTERS = (1, 2, 3, 4, 6, 8)
 ENTRIES = (16, 32, 64, 128, 256)
-WAYS = (2, 4, 8, 16)
-"""Values that are tried, the smallest first."""
+WAYS = (2, 4, 8, 16)  # values that are tried, the smallest first
 
 
 def budget(fps: float) -> int:

@@ -14,11 +14,8 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.sort import AREAS
 from splatcore.spec.work import aligned, page_bytes, scratch_bytes, stride, work
 
-BASE = 1 << 28
-"""Address of memory's first byte: what reads or writes at 0 by mistake is found out."""
-
-GAP = 1 << 12
-"""Bytes between areas that must not be accessed."""
+BASE = 1 << 28  # address of memory's first byte: what reads or writes at 0 by mistake is found out
+GAP = 1 << 12  # bytes between areas that must not be accessed
 
 WORK_AREAS = 2
 IMAGES = 2
@@ -26,8 +23,7 @@ IMAGES = 2
 ENTRIES_A_GAUSSIAN, PAGES_A_GROUP = 8, 32
 """List pages that are set apart before it is known how many a frame needs."""
 
-FILL = 1 << 20
-"""Bytes of noise that memory begins with, again and again."""
+FILL = 1 << 20  # bytes of noise that memory begins with, again and again
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from splatcore.spec.group import feature_record, group_grid
 from splatcore.spec.record import Record
 from splatcore.spec.work import FEATURE, SLOT, table_record
 
-SHOWN = 24
-"""Splats of a tile that are told."""
+SHOWN = 24  # splats of a tile that are told
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,7 @@ from splatcore.spec.work import PIXEL, stride
 FIRST_HALF = ("preprocessing", *BLOCKS["preprocessing"])
 """Stages whose counters belong to a frame until the next one is started."""
 
-SMALL = 1 << 14
-"""Pixels of the largest image of a machine that takes longer to compile than to run."""
+SMALL = 1 << 14  # pixels of the largest image of a machine that takes longer to compile than to run
 
 STATE = ("STATUS", "ERROR", "STARTED", "FINISHED", "NEEDED")
 """Registers that are read at the end of a run."""

@@ -12,8 +12,7 @@ from splatcore.spec.axi import BEAT, BEAT_BITS, BOUNDARY
 from splatcore.spec.registers import INTERRUPT_ERROR
 
 FOLDER = Path(__file__).parent
-TOGGLES = (FOLDER / "toggles.hpp").read_text()
-"""The C++ that counts how often nets change."""
+TOGGLES = (FOLDER / "toggles.hpp").read_text()  # the C++ that counts how often nets change
 
 CONFIG = f"""\
 #pragma once

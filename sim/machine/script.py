@@ -13,15 +13,13 @@ from splatcore.spec.axi import BEAT, READERS, WRITERS
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
 
-IDLE_MAX = 200_000
-"""Cycles without any movement on the bus after which a waiting host gives up."""
+IDLE_MAX = 200_000  # cycles without any movement on the bus after which a waiting host gives up
 
 CYCLES_MAX = 1 << 62
 
 RESET_CYCLES = 4
 
-MAPPED = "memory"
-"""File of a run's folder with the bytes that the machine sees."""
+MAPPED = "memory"  # file of a run's folder with the bytes that the machine sees
 
 REASONS = {
     "done": "the script was done",
@@ -62,8 +60,7 @@ class Timing:
         return lines + [f"write_error {number}" for number in self.write_errors]
 
 
-IDEAL = Timing("ideal", latency=4)
-"""As good as memory on the chip."""
+IDEAL = Timing("ideal", latency=4)  # as good as memory on the chip
 
 LPDDR4 = Timing("lpddr4", latency=80, bandwidth=32.0, granule=32)
 """64 bits of LPDDR4-3200 (JEDEC JESD209-4), seen at the paper's clock of 800 MHz.

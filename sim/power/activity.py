@@ -38,11 +38,8 @@ FRAMES = 2
 SAMPLE_LENGTH = 4096
 """Cycles of a window. What changed since the window before counts as one change of a net."""
 
-COUNTED = 1 << 17
-"""Cycles of a frame that are looked at, about, unless one says otherwise."""
-
-MACRO = "macro"
-"""Instance of a memory (`sim.eda.macros`); its nets are the memory's own business."""
+COUNTED = 1 << 17  # cycles of a frame that are looked at, about, unless one says otherwise
+MACRO = "macro"  # instance of a memory (`sim.eda.macros`); its nets are the memory's own business
 
 TOP_DEPTH = 2
 """Instances around the machine's own: Verilator's, which has its ports once more, and `top`."""

@@ -18,8 +18,7 @@ from splatcore.spec.error import InputError
 
 PAPER = "the paper"
 
-View = tuple[str, str]
-"""Scene and camera."""
+View = tuple[str, str]  # scene and camera
 
 
 def by_view(results: Results) -> tuple[Facts, dict[View, dict[str, Facts]]]:
@@ -137,8 +136,7 @@ ABLATION = (bars, speeds, simulated)
 
 MAPS_IN_A_ROW = 3
 
-MAP_HEIGHT = 1.62
-"""Inches of a row of maps with their titles."""
+MAP_HEIGHT = 1.62  # inches of a row of maps with their titles
 
 
 def percent(share: float | None) -> float | None:

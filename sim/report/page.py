@@ -12,11 +12,8 @@ from splatcore.sim.common.plot import plot
 
 TEMPLATE = "report.html.jinja"
 
-NONE = "–"
-"""In place of a number that there is not."""
-
-LONG_TABLE = 28
-"""Rows of a table that may be broken over pages in print."""
+NONE = "–"  # in place of a number that there is not
+LONG_TABLE = 28  # rows of a table that may be broken over pages in print
 
 QUESTIONS = ("How fast", "How exact", "How large", "What each idea buys")
 """Headings of the summary at the top of the page."""

@@ -15,8 +15,7 @@ from splatcore.spec.config import KB
 from splatcore.spec.microprogram import projection
 from splatcore.spec.preset import find_preset
 
-BITS = 8
-"""Of a byte."""
+BITS = 8  # of a byte
 
 
 def operations(results: Results) -> Iterator[Item]:

@@ -13,8 +13,7 @@ from splatcore.sim.report.results import Facts, Results
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
 
-CYCLES_MAX = CLOCK_HZ / FPS
-"""Of a frame at the paper's frame rate."""
+CYCLES_MAX = CLOCK_HZ / FPS  # of a frame at the paper's frame rate
 
 CAUSES = {
     "model": ("read_model", "read_positions", "read_attributes"),
@@ -26,8 +25,7 @@ CAUSES = {
 }
 """Causes of traffic, taken together for the plot."""
 
-BAR, AROUND = 0.27, 1.15
-"""Inches of a plot for each bar or pair of bars; for its axis and legend."""
+BAR, AROUND = 0.27, 1.15  # inches of a plot for each bar or pair of bars; for its axis and legend
 
 VIEW = (Column("scene"), Column("camera"))
 

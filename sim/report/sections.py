@@ -10,8 +10,7 @@ from splatcore.sim.report.page import Item, Part, facts, html
 from splatcore.sim.report.results import Results
 from splatcore.spec.error import InputError
 
-Block = Callable[[Results], Iterable[Item]]
-"""A part of a section that stands or falls as a whole."""
+Block = Callable[[Results], Iterable[Item]]  # a part of a section that stands or falls as a whole
 
 SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
     "scenes": (

@@ -10,8 +10,7 @@ from splatcore.sim.report.scenes import AGAINST_RTL, CYCLES_MAX, VIEW, against_r
 from splatcore.sim.report.sweep_plot import knobs, plane
 from splatcore.spec.error import InputError
 
-BASES = ("DEFAULT", "PAPER")
-"""Points whose scenes are listed one by one."""
+BASES = ("DEFAULT", "PAPER")  # points whose scenes are listed one by one
 
 EXACT = "exact"
 

@@ -8,8 +8,7 @@ from splatcore.sim.report.page import MILLION, THOUSAND
 from splatcore.sim.report.page import Figure as Item
 from splatcore.sim.report.results import Facts
 
-STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8)
-"""Numbers on a logarithmic axis, times powers of ten."""
+STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # numbers on a logarithmic axis, times powers of ten
 
 LABELS = {
     "cycles": "frame of the slowest scene, M cycles",

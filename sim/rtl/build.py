@@ -9,11 +9,8 @@ from pathlib import Path
 from splatcore.sim.common.cache import cache_root, digest, kept_folder
 from splatcore.sim.rtl.verilator import environment
 
-KIND = "streams"
-"""The folder of compiled simulations among what is kept."""
-
-CPP = Path(__file__).parent
-"""The folder of the C++."""
+KIND = "streams"  # the folder of compiled simulations among what is kept
+CPP = Path(__file__).parent  # the folder of the C++
 
 SPLIT = ["--output-split", "200000", "--output-split-cfuncs", "1000"]
 """Few files of short functions: each file costs the C++ compiler the headers, and a function more

@@ -24,8 +24,7 @@ from splatcore.sim.rtl.verilator import environment
 PARAMETERS = "SPLATCORE_TESTBENCH"
 """Environment variable that carries a testbench's parameters into the simulation, as JSON."""
 
-PROGRAM = {"verilator": "verilator", "icarus": "iverilog"}
-"""The compiler of each simulator."""
+PROGRAM = {"verilator": "verilator", "icarus": "iverilog"}  # the compiler of each simulator
 
 ARGS = {
     # Amaranth's output is full of width warnings; signals made public cost most of the speed.
@@ -33,8 +32,7 @@ ARGS = {
     "icarus": [],
 }
 
-LOG_LINES = 40
-"""Lines of the simulation's log that a failure shows."""
+LOG_LINES = 40  # lines of the simulation's log that a failure shows
 
 COMPLAINT = re.compile("WARNING|ERROR|%Error|error:")
 """Marks of cocotb, Verilator, Icarus and g++ on what went wrong; not Verilator's lint warnings."""

@@ -35,8 +35,7 @@ PROGRAMS = {
 }
 """Names of sby's parts, and of their programs in the wheel."""
 
-LOG_LINES = 30
-"""Lines of sby's log that are shown if it gives no answer."""
+LOG_LINES = 30  # lines of sby's log that are shown if it gives no answer
 
 
 FLAVOR = {"prove": "assert", "bmc": "assert", "cover": "cover"}

@@ -18,17 +18,13 @@ from amaranth.lib import stream, wiring
 
 from splatcore.sim.rtl.build import CPP, build
 
-IDLE_MAX = 20_000
-"""Cycles without any movement after which a run is given up."""
-
-TAIL = 64
-"""Cycles that a run goes on after its last row, in which nothing more may come."""
+IDLE_MAX = 20_000  # cycles without any movement after which a run is given up
+TAIL = 64  # cycles that a run goes on after its last row, in which nothing more may come
 
 CYCLES_MAX = 1 << 62  # nothing runs that long
 WORD = 64  # the widest port whose values are an array of numbers
 
-Rows = dict[str, np.ndarray]
-"""Packed payloads, uint8 [N, bytes], by the name of the stream."""
+Rows = dict[str, np.ndarray]  # packed payloads, uint8 [N, bytes], by the name of the stream
 
 
 class StreamRuleError(AssertionError):

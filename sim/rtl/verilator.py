@@ -8,8 +8,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-VERSION_MIN = (5, 36)
-"""First version that compiles what we ask of it."""
+VERSION_MIN = (5, 36)  # first version that compiles what we ask of it
 
 WHEEL_MAKEFLAGS = (
     " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_COROUTINES=-std=c++20 OPT_FAST=-O1 OPT_GLOBAL=-O2"

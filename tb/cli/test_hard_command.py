@@ -22,8 +22,7 @@ from splatcore.spec.error import InputError
 from tb.helpers.bounds import BOUND
 from tb.helpers.command import check_documented, check_refused, load, run
 
-QUICK = ("opacity_edge", "empty", "one", "one_pixel")
-"""Cases of less than a tenth of a second."""
+QUICK = ("opacity_edge", "empty", "one", "one_pixel")  # cases of less than a tenth of a second
 
 
 def measured(path, *arguments: str, status: int = 0) -> dict:

@@ -21,8 +21,7 @@ pytestmark = pytest.mark.compress
 EXACT = 1e-8
 """Float64, relatively: the kernels' exponential is within 4e-10; 2e-9 is the worst seen."""
 
-SINGLE = 1e-4
-"""Float32, relatively: needles reach 3.4e-5, the rest 1e-5."""
+SINGLE = 1e-4  # float32, relatively: needles reach 3.4e-5, the rest 1e-5
 
 BACKGROUND = (0.125, 0.25, 0.5)
 

@@ -12,8 +12,7 @@ from amaranth.lib.wiring import In
 
 from splatcore.hdl.lib.stream import Fork, Queue
 
-WIDTH = 3
-"""Bits of the payload in proofs."""
+WIDTH = 3  # bits of the payload in proofs
 
 
 class Followed(wiring.Component):

@@ -18,8 +18,7 @@ from tb.outside.stored import ATTRIBUTES, FOLDER, GSPLAT, VERSIONS, Stored, load
 ERROR_MAX = 1e-6
 """Largest difference of any pixel; 6e-8 is measured, which is how the files are rounded."""
 
-EFFECT_MIN = 1e-4
-"""The least effect of a slightly wrong convention on some pixel of some scene."""
+EFFECT_MIN = 1e-4  # the least effect of a slightly wrong convention on some pixel of some scene
 
 SLIGHTLY_WRONG = {
     "near_plane": 0.21,

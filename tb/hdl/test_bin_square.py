@@ -23,8 +23,7 @@ from tb.helpers.scene_frames import scene_frame, with_counts
 
 SQUARE = replace(DEFAULT, name="SQUARE", tile_test="3sigma")
 
-RADIUS_ERROR = 3
-"""Half steps of the arithmetic."""
+RADIUS_ERROR = 3  # half steps of the arithmetic
 
 RATIO_MAX = 1.05
 """Tiles for each one of the exact square at most: a splat of thousands of pixels has units of some

@@ -28,10 +28,8 @@ INTERVALS = {"DEFAULT": 4, "PAPER": 4, "PLAIN": 2, "MANY": 7}
 COUNT = 2000
 FEW = 500
 PORT = 64
-BEATS = memory.CODEBOOK_WORD * 8 // PORT
-"""Ports that carry one word."""
-EXPONENTS = (-9, -10)
-"""Of colours and slopes, where it does not matter which."""
+BEATS = memory.CODEBOOK_WORD * 8 // PORT  # ports that carry one word
+EXPONENTS = (-9, -10)  # of colours and slopes, where it does not matter which
 
 
 class Ports(wiring.Component):

@@ -6,8 +6,7 @@ import pytest
 from splatcore.hdl.lib.counters import SPARE, Counters
 from splatcore.sim.rtl.streams import Simulation
 
-BITS = 12
-"""Few, so that the end is reached."""
+BITS = 12  # few, so that the end is reached
 
 pytestmark = pytest.mark.slow
 

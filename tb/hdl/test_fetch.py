@@ -17,8 +17,7 @@ from tb.helpers.runs import compiled
 
 COUNT_BITS = 10
 RANGE = Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(COUNT_BITS)})
-UNDER_WAY = 8
-"""Bursts that the memory takes before it answers the first one."""
+UNDER_WAY = 8  # bursts that the memory takes before it answers the first one
 
 pytestmark = pytest.mark.slow
 

@@ -19,8 +19,7 @@ from splatcore.spec.number import FP16, FP24, Fixed, Float
 from tb.helpers.datapaths import Datapath, check, with_pauses
 from tb.helpers.float_pairs import every_pair, pairs
 
-pytestmark = pytest.mark.slow
-"""Every test compiles hardware."""
+pytestmark = pytest.mark.slow  # every test compiles hardware
 
 GRADUAL = Float(7, 16)
 EIGHT_BITS = [

@@ -16,8 +16,7 @@ from tb.planted.fault import planted
 
 pytestmark = pytest.mark.slow
 
-COVER_DEPTH = 8
-"""Cycles in which an item can go into and come out of each part below."""
+COVER_DEPTH = 8  # cycles in which an item can go into and come out of each part below
 
 
 def queue(depth: int, memory: bool = False) -> Followed:

@@ -9,8 +9,7 @@ from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.binning import FACTOR_FRACTION, HALF_BITS, lean_margin, outward
 from splatcore.spec.config import TINY
 
-SHEAR_AT = 2
-"""Cycles after a band at which its shear is wanted."""
+SHEAR_AT = 2  # cycles after a band at which its shear is wanted
 
 
 def bands(count: int) -> dict[str, np.ndarray]:

@@ -35,8 +35,7 @@ FLOATS = [
 ]
 
 NEAR = range(-40, 41)
-FAR = range(-(1 << 15), 1 << 15)
-"""As far as a header's exponent of 16 bits goes."""
+FAR = range(-(1 << 15), 1 << 15)  # as far as a header's exponent of 16 bits goes
 
 
 def exact(fixed: Fixed, format: Float, code: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -15,11 +15,8 @@ from cocotbext.axi import AxiBus, AxiRam, AxiResp, AxiSlaveRead, AxiSlaveWrite
 from splatcore.spec import axi
 from tb.helpers.streams import Stream, never, pause, start
 
-BURSTS = 40
-"""Bursts of each client in a test."""
-
-REGION = 2 * axi.BOUNDARY
-"""Bytes of a client's region; that of the readers is the last one."""
+BURSTS = 40  # bursts of each client in a test
+REGION = 2 * axi.BOUNDARY  # bytes of a client's region; that of the readers is the last one
 
 MEMORY = REGION * (len(axi.WRITERS) + 1)
 READ_BASE = REGION * len(axi.WRITERS)

@@ -37,16 +37,14 @@ SIZE_BITS = 13
 
 SAMPLES = ("room", "finishing", "bursts__valid")
 
-SETTLING = 2
-"""Cycles for which a frame's registers stand before it begins."""
+SETTLING = 2  # cycles for which a frame's registers stand before it begins
 
 
 SIZES = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
 FRAME = Record("frame", {name: Bits(bits) for name, bits in SIZES.items()})
 """The registers of a frame and how many splats it has."""
 
-REPORT = Record("report", {"needed": Bits(PAGE_BITS)})
-"""The report when a frame is done."""
+REPORT = Record("report", {"needed": Bits(PAGE_BITS)})  # the report when a frame is done
 
 
 class BinFrames(wiring.Component):

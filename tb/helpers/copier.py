@@ -14,15 +14,11 @@ FAULTS = ("none", "ar", "aw", "w", "last", "boundary", "size", "outside", "hang"
 """Errors of the device, chosen by FEATURES_MAX less `FAULT`."""
 
 FAULT = 1000
-BURST = 4
-"""Beats of the device's bursts."""
+BURST = 4  # beats of the device's bursts
 
 DEPTH = 64
-POINTS = 50
-"""Cycles of the device's first half."""
-
-PAGES = 9
-"""List pages that the device says it needs."""
+POINTS = 50  # cycles of the device's first half
+PAGES = 9  # list pages that the device says it needs
 
 
 class Copier(wiring.Component):

@@ -20,11 +20,8 @@ from splatcore.spec.registers import ErrorCode, addresses, frame_registers
 from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, stride
 from tb.helpers.machines import garden, machine, view
 
-QUIET = 4_000
-"""Cycles in which whatever was on its way comes to its end."""
-
-IDLE_MAX = 20_000
-"""Cycles without any movement after which a run counts as hung."""
+QUIET = 4_000  # cycles in which whatever was on its way comes to its end
+IDLE_MAX = 20_000  # cycles without any movement after which a run counts as hung
 
 GOOD, BAD = 0, 1
 """Models, and images, of the good frame and of the one that something goes wrong in."""

@@ -18,8 +18,7 @@ from splatcore.spec.point import EXPONENT, FETCH, chunk_record, point_record, sp
 from splatcore.spec.programs import CONSTANTS
 from splatcore.spec.record import Array, Record
 
-BEAT = ATTRIBUTE_BITS // 8
-"""Bytes of a memory beat."""
+BEAT = ATTRIBUTE_BITS // 8  # bytes of a memory beat
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from splatcore.spec.config import DEFAULT
 from tb.helpers.bin_frames import Frame
 from tb.helpers.scenes import GAUSSIANS, REAL, scene_path
 
-COUNT = 30_000
-"""About as many Gaussians of each real scene are taken, evenly."""
+COUNT = 30_000  # about as many Gaussians of each real scene are taken, evenly
 
 SCENES = ("flowers.spz", "skull.sog", "kitchen.spz")
 
@@ -27,8 +26,7 @@ POINT_SCENES = (
 """Real scenes with 20,000 Gaussians or more."""
 
 
-SLOW = (*REAL, pytest.mark.slow)
-"""Marks of a real scene."""
+SLOW = (*REAL, pytest.mark.slow)  # marks of a real scene
 
 
 def parameters(names: Sequence[str], first: int = 3) -> list:

@@ -14,8 +14,7 @@ FAR = 1e-3
 """No value of a scene is nearer to a threshold than this, relatively: steps of finite differences
 and rounding in float32 decide nothing anew."""
 
-Arrays = dict[str, np.ndarray]
-"""The parameters by name."""
+Arrays = dict[str, np.ndarray]  # the parameters by name
 
 
 def view(width: int = 37, height: int = 21, focal: float = 30.0) -> Camera:

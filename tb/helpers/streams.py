@@ -21,13 +21,11 @@ from cocotb.triggers import ClockCycles, RisingEdge
 
 from splatcore.spec.record import Codes, Record
 
-PERIOD = 10
-"""Clock period in ns; nothing depends on it."""
+PERIOD = 10  # clock period in ns; nothing depends on it
 
 RESET_CYCLES = 2
 
-BURST_MAX = 12
-"""Longest run of equal cycles in `bursts`: longer than any small queue is deep."""
+BURST_MAX = 12  # longest run of equal cycles in `bursts`: longer than any small queue is deep
 
 
 def never() -> Iterator[bool]:

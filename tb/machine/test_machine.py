@@ -23,8 +23,7 @@ from tb.helpers.machines import check, garden, long_needles, machine, view
 
 pytestmark = pytest.mark.slow
 
-NEAR = ("near_plane", "camera_inside")
-"""Hard cases with Gaussians at and behind the near plane."""
+NEAR = ("near_plane", "camera_inside")  # hard cases with Gaussians at and behind the near plane
 
 ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
 """Slow memory that idles at random."""
@@ -37,8 +36,7 @@ OTHER = replace(
 numbers; tiles by the original renderer's square; the ablation's machine, in which nothing is
 culled, zeros are multiplied and no pixel ends early; one of each unit."""
 
-FIRST, LAST = 300, 420
-"""Cycles whose waveforms are recorded."""
+FIRST, LAST = 300, 420  # cycles whose waveforms are recorded
 
 STREAMS = ("preprocess.points", "preprocess.bin", "render.sort", "render.raster", "axi")
 """Modules whose streams the view of waveforms must show."""

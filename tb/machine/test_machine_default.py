@@ -18,8 +18,7 @@ pytestmark = pytest.mark.slow
 
 SIZE = (480, 270)
 
-WITHIN = 0.05
-"""Relative error at most of a half's cycle model, whichever half is alone at work."""
+WITHIN = 0.05  # relative error at most of a half's cycle model, whichever half is alone at work
 
 
 def run(model, camera, frames: int = 1):

@@ -27,8 +27,7 @@ ROUNDS = 5000
 ODD_VALUES = (None, True, -1, 0, 1.5, 2**31, 2**64, 1e308, "", "x", [], {}, [[]], [0] * 300)
 ODD_NUMBERS = (b"0", b"-1", b"255", b"65536", b"4294967295", b"1099511627776", b"nan", b"1e999")
 
-Files = dict[str, bytes]
-"""Files for a reader: name → content; one file, or several in a folder."""
+Files = dict[str, bytes]  # files for a reader: name → content; one file, or several in a folder
 
 
 def _ply_files() -> dict[str, Files]:

@@ -12,8 +12,7 @@ from splatcore.spec.error import InputError
 CENTRE, RADIUS, HEIGHT = np.array([1.0, -2.0, 3.0]), 4.0, 1.5
 MIDDLE = np.array([9.0, 9.0, 9.0])
 UPRIGHT = np.eye(3)
-TILTED = np.array([[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]])
-"""A scene's frame need not be upright."""
+TILTED = np.array([[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]])  # a scene's frame need not be upright
 
 
 def ring(count: int, frame: np.ndarray = UPRIGHT) -> list:

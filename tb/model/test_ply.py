@@ -221,8 +221,7 @@ def test_bad_path(tmp_path):
         write_ply(tmp_path / "none" / "scene.ply", random_scene(1, 0))
 
 
-NOTES = {"kitchen.spz": ("trained with antialiasing: rendered without",)}
-"""Notes of the real files."""
+NOTES = {"kitchen.spz": ("trained with antialiasing: rendered without",)}  # notes of the real files
 
 
 @needs_scenes

@@ -13,8 +13,7 @@ OPERATORS = {
     ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
 }  # fmt: skip
 
-HANDSHAKES = ("valid", "ready", "enable", "en")
-"""Names of signals that let an item pass."""
+HANDSHAKES = ("valid", "ready", "enable", "en")  # names of signals that let an item pass
 
 KINDS = ("operator", "constant", "index", "condition", "handshake")
 

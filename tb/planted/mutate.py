@@ -71,8 +71,7 @@ JUDGES = {
 COUNT = 40
 PROCESSES = 2
 
-TIMEOUT = 900
-"""Seconds after which tests, compiling included, count as hung."""
+TIMEOUT = 900  # seconds after which tests, compiling included, count as hung
 
 PYTEST = "-x -q -p no:cacheprovider -p tb.planted.verdict -m 'not scenes'"
 PASSED = 0

@@ -17,8 +17,7 @@ pytestmark = pytest.mark.slow
 COUNT = 300
 STALLS = (0.0, 0.3, 0.6, 0.9)
 BITS = 5
-LOST = 100
-"""Payload of a faulty component, and the item with which it goes wrong."""
+LOST = 100  # payload of a faulty component, and the item with which it goes wrong
 
 
 class Faulty(wiring.Component):

@@ -19,8 +19,7 @@ from tb.helpers.machines import garden
 from tb.helpers.point_rows import point_rows
 from tb.helpers.runs import compiled
 
-WITHIN = 0.03
-"""The model's relative error at most."""
+WITHIN = 0.03  # the model's relative error at most
 
 GAUSSIANS = 20_000
 

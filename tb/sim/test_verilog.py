@@ -48,8 +48,7 @@ module unsound(input [3:0] i, output reg latch, output loop, output reg twice, o
 endmodule
 """
 
-SIZES = {name: getattr(TINY, name) for name in config.SIZES}
-"""Sizes of a small machine."""
+SIZES = {name: getattr(TINY, name) for name in config.SIZES}  # sizes of a small machine
 
 
 @pytest.mark.slow
@@ -208,8 +207,7 @@ def parts_but(names: tuple[str, ...], *parts: str) -> list:
     return [pytest.param(name, marks=marks) if name in names else name for name in parts]
 
 
-FLAT = [name for name in STAGES if name not in LARGE]
-"""Stages that are synthesised whole."""
+FLAT = [name for name in STAGES if name not in LARGE]  # stages that are synthesised whole
 
 
 @pytest.mark.slow

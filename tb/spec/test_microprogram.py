@@ -53,8 +53,7 @@ INPUTS = {
     "place": "ray_x ray_y ray_z z margin_x margin_y",
     "project": "x y z l00 l10 l11 l20 l21 l22 attenuation colour_red colour_green colour_blue",
 }
-INPUTS["square"] = INPUTS["project"]
-"""Fields of the programs: a misspelt operand would be one more."""
+INPUTS["square"] = INPUTS["project"]  # fields of the programs: a misspelt operand would be one more
 
 
 @pytest.mark.parametrize("name", TEXTS)

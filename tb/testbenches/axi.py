@@ -11,11 +11,8 @@ from tb.helpers.streams import PERIOD, at_random, bursts, mostly, never, timed_t
 
 PATTERNS = [never, at_random, mostly, bursts]
 
-ROUNDS, WAIT_MAX = 6, 60
-"""Failures of a half, and the cycles after which each comes at most."""
-
-TIMEOUT = 20_000 * PERIOD
-"""Time in ns in which every test ends."""
+ROUNDS, WAIT_MAX = 6, 60  # failures of a half, and the cycles after which each comes at most
+TIMEOUT = 20_000 * PERIOD  # time in ns in which every test ends
 
 logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memories tell of every burst
 

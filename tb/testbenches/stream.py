@@ -14,8 +14,7 @@ from tb.helpers import streams
 
 PARTS = parameters()["parts"]
 
-FEW = parameters()["few"]
-"""Fewer items and patterns, for a slow simulator."""
+FEW = parameters()["few"]  # fewer items and patterns, for a slow simulator
 
 COUNT = 30 if FEW else 40
 PATTERNS = [streams.at_random] if FEW else streams.STALLS
@@ -23,8 +22,7 @@ PATTERNS = [streams.at_random] if FEW else streams.STALLS
 TIMEOUT = 50 * COUNT * streams.PERIOD
 """Time in ns in which every test ends, unless it waits for an item that is lost."""
 
-AFTERMATH = 20
-"""Cycles after the last item in which another would show."""
+AFTERMATH = 20  # cycles after the last item in which another would show
 
 
 class Probe:
