@@ -3,7 +3,9 @@
 import os
 import shutil
 import subprocess
-from functools import partial
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from splatcore.sim.common.cache import cache_root, digest, kept_folder
@@ -26,6 +28,8 @@ QUICK, FAST = "-O1", "-O2"
 """Levels of the C++ compiler: compiled in two thirds of the time, or a tenth faster afterwards."""
 
 LOG_LINES = 40
+
+LATER = 3600  # seconds; more than any program takes to compile
 
 
 def build(
@@ -54,32 +58,43 @@ def build(
 
 
 def _compile(folder: Path, main: str, args: list[str], level: str) -> None:
-    """Run Verilator and the C++ compiler in a folder; RuntimeError with the end of their log.
-
-    Most of the time would go into Verilator's own library, the same for all: it is compiled once.
-    """
+    """Run Verilator and the C++ compiler in a folder; RuntimeError with the end of their log."""
     variables = environment()
-    run = partial(subprocess.run, env=variables, capture_output=True, text=True, check=False)
     program = shutil.which("verilator", path=variables["PATH"])
-    version = run([program, "--version"]).stdout
-    made_from = [program, version, variables.get("MAKEFLAGS"), args]
-    library, objects = cache_root() / KIND / f"library-{digest(made_from)}", folder / "obj"
-    for made in (library, objects):
-        made.mkdir(exist_ok=True)
-    _copy(library, objects)
-    there = [f"-o {file.name}" for file in objects.glob("verilated*.o")]
-    flags = " ".join([f"OPT_FAST={level}", *there])
-    done = run([program, *args, "-MAKEFLAGS", flags, "top.sv", main], cwd=folder)
+    with library(folder / "obj", variables, args):
+        done = subprocess.run(
+            [program, *args, "-MAKEFLAGS", f"OPT_FAST={level}", "top.sv", main],
+            cwd=folder, env=variables, capture_output=True, text=True, check=False,
+        )  # fmt: skip
     if done.returncode:
         log = (done.stdout + done.stderr).splitlines()[-LOG_LINES:]
         raise RuntimeError("\n".join([f"Verilator or g++ failed in {folder}", *log]))
-    _copy(objects, library)
+
+
+@contextmanager
+def library(objects: Path, variables: dict[str, str], args: list[str]) -> Iterator[None]:
+    """Have objects of Verilator's own library, the same for all programs, in a folder of objects.
+
+    Most of the time would go into them: they are compiled once for an environment and arguments.
+    """
+    program = shutil.which("verilator", path=variables["PATH"])
+    version = subprocess.run(
+        [program, "--version"], env=variables, capture_output=True, check=False
+    )
+    made_from = [program, version.stdout, variables.get("MAKEFLAGS"), args]
+    kept = cache_root() / KIND / f"library-{digest(made_from)}"
+    for folder in (kept, objects):
+        folder.mkdir(parents=True, exist_ok=True)
+    _copy(kept, objects)
+    yield
+    _copy(objects, kept)
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy what is compiled of the library."""
+    """Copy what is compiled of the library, as if it was made later: `make` takes it as it is."""
     for file in source.glob("verilated*.o"):
         if not (target / file.name).exists():
             scratch = target / f"{file.name}.{os.getpid()}"  # others may be copying it too
             shutil.copy(file, scratch)
+            os.utime(scratch, (later := time.time() + LATER, later))
             scratch.replace(target / file.name)

@@ -5,7 +5,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +18,7 @@ from amaranth.lib import wiring
 from cocotb_tools.runner import get_runner
 
 from splatcore.sim.common.cache import kept_folder
-from splatcore.sim.rtl.build import SPLIT
+from splatcore.sim.rtl.build import SPLIT, library
 from splatcore.sim.rtl.verilator import environment
 
 PARAMETERS = "SPLATCORE_TESTBENCH"
@@ -111,16 +111,18 @@ def _compile(simulator: str, sources: dict[str, str], folder: Path) -> None:
     """Write the sources and have cocotb's runner compile them; AssertionError with the log."""
     for name, text in sources.items():
         (folder / name).write_text(text)
-    log = folder / "build.log"
+    log, args = folder / "build.log", ARGS[simulator]
+    own = simulator == "verilator"
     try:
-        get_runner(simulator).build(
-            sources=[folder / name for name in sorted(sources, reverse=True)],
-            hdl_toplevel="top",
-            build_dir=folder,
-            build_args=ARGS[simulator],
-            timescale=("1ns", "1ps"),
-            log_file=log,
-        )
+        with library(folder, dict(os.environ), ["cocotb", *args]) if own else nullcontext():
+            get_runner(simulator).build(
+                sources=[folder / name for name in sorted(sources, reverse=True)],
+                hdl_toplevel="top",
+                build_dir=folder,
+                build_args=args,
+                timescale=("1ns", "1ps"),
+                log_file=log,
+            )
     except RuntimeError as error:
         raise AssertionError(f"{simulator} failed: {log}\n{_excerpt(log)}") from error
 
