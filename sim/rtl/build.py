@@ -14,7 +14,7 @@ from splatcore.sim.rtl.verilator import environment
 KIND = "streams"  # the folder of compiled simulations among what is kept
 CPP = Path(__file__).parent  # the folder of the C++
 
-SPLIT = ["--output-split", "200000", "--output-split-cfuncs", "1000"]
+SPLIT = "--output-split 200000 --output-split-cfuncs 1000 --output-split-ctrace 1000".split()
 """Few files of short functions: each file costs the C++ compiler the headers, and a function more
 time than its length.
 """
