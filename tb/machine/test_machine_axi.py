@@ -9,7 +9,8 @@ from splatcore.spec.config import TINY
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "pattern", ["never", "bursts", pytest.param("at_random", marks=pytest.mark.verify)]
+    "pattern",
+    ["bursts", *(pytest.param(p, marks=pytest.mark.verify) for p in ("never", "at_random"))],
 )
 def test_frames(pattern):
     run_testbench(Top(TINY), "tb.testbenches.machine", pattern=pattern)
