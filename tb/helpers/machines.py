@@ -39,9 +39,8 @@ def view(width: int = 64, height: int = 48, step: float = 0.0) -> Camera:
 
 
 def long_needles() -> hard_case.HardCase:
-    """Needles of up to thousands of pixels, 1e5 times as long as thick, in all directions, of whose
-    covariances' determinants all digits cancel.
-    """
+    """Needles in all directions, up to thousands of pixels long, 1e5 times as long as thick; of
+    their covariances' determinants all digits cancel."""
     pixels = np.geomspace(*LENGTHS, NEEDLES)[:, None]
     scale = pixels * hard_case.DEPTH / hard_case.FOCAL * [1, THIN, THIN]
     scene = replace(hard_case.spread(np.random.default_rng(0), NEEDLES), scale=scale)
