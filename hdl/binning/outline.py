@@ -137,8 +137,7 @@ class Outline(wiring.Component):
 
     def _registers(self):
         """Registers of each axis' numbers. A square has one length for both, and its rows want
-        nothing of y: the rest lies beside the outline.
-        """
+        nothing of y: the rest lies beside the outline."""
         held, lengths = self.held, ("half", "shift", "vast")
         self.known = {name: held[name] for name in held.shape().members}
         self.step = {axis: Signal(range(STEP_MAX + 1), name=f"step_{axis}") for axis in "xy"}

@@ -60,9 +60,8 @@ class Chunk(wiring.Component):
         return m
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
-        """The chunk's two ends along each world axis as floats, one after the other through one
-        converter; and a bit that says that all are converted.
-        """
+        """A bit: all are converted; the chunk's two ends along each world axis as floats, made one
+        after the other by one converter."""
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)

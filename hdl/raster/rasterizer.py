@@ -104,8 +104,7 @@ class Rasterizer(wiring.Component):
 
     def _issue(self, m: Module) -> Value:
         """The next block: of the pair at hand; or at the group's end one after the other, to be
-        given out, after a first time in which the background, if any, is blended into them.
-        """
+        given out, after a first time in which the background, if any, is blended into them."""
         pair, own = self.pairs.o.payload, len(self.own)
         done, count = Signal(own), Signal(range(self.blocks))
         left, lowest_left = Signal(own), Signal(own)
