@@ -36,31 +36,30 @@ class Frame(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         halves = len(HALVES)
-        super().__init__(
-            {
-                "frame": In(frame_layout(config)),
-                "start": In(1),
-                "abort": In(1),
-                "ready": Out(1),
-                "working": Out(halves),
-                "ready_event": Out(1),
-                "frame_event": Out(1),
-                "error": Out(ERROR),
-                "started": Out(FRAME_BITS),
-                "finished": Out(FRAME_BITS),
-                "begin": Out(halves),
-                "done": In(halves),
-                "taken": Out(1),
-                "fails": In(ERROR).array(halves),
-                "area": Out(AREA),
-                "job": Out(job_layout(config)),
-                "read_error": In(CLIENT_ERROR),
-                "write_error": In(CLIENT_ERROR),
-                "idle": In(halves),
-                "failing": Out(halves),
-                "reset": Out(halves),
-            }
-        )
+        ports = {
+            "frame": In(frame_layout(config)),
+            "start": In(1),
+            "abort": In(1),
+            "ready": Out(1),
+            "working": Out(halves),
+            "ready_event": Out(1),
+            "frame_event": Out(1),
+            "error": Out(ERROR),
+            "started": Out(FRAME_BITS),
+            "finished": Out(FRAME_BITS),
+            "begin": Out(halves),
+            "done": In(halves),
+            "taken": Out(1),
+            "fails": In(ERROR).array(halves),
+            "area": Out(AREA),
+            "job": Out(job_layout(config)),
+            "read_error": In(CLIENT_ERROR),
+            "write_error": In(CLIENT_ERROR),
+            "idle": In(halves),
+            "failing": Out(halves),
+            "reset": Out(halves),
+        }
+        super().__init__(ports)
         self.handing = Signal()
 
     def elaborate(self, platform) -> Module:
@@ -82,11 +81,8 @@ class Frame(wiring.Component):
         self._areas(m)
         was_ready = Signal(init=1)
         m.d.sync += was_ready.eq(self.ready)
-        m.d.comb += [
-            self.taken.eq(self.handing),
-            self.ready_event.eq(self.ready & ~was_ready),
-            self.frame_event.eq(ends[RENDERING] & self.working[RENDERING]),
-        ]
+        m.d.comb += [self.taken.eq(self.handing), self.ready_event.eq(self.ready & ~was_ready)]
+        m.d.comb += self.frame_event.eq(ends[RENDERING] & self.working[RENDERING])
         with m.If(begins[PREPROCESSING]):
             m.d.sync += self.started.eq(self.started + 1)
         with m.If(self.frame_event):

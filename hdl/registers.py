@@ -53,24 +53,23 @@ class Registers(wiring.Component):
         self.map: dict[int, registers.Register] = registers.register_map(config)
         self.address = {register.name: address for address, register in self.map.items()}
         stages = {stage: counters_layout(names) for stage, names in counters(config).items()}
-        super().__init__(
-            {
-                "s_axi": In(axi_lite()),
-                "interrupt": Out(1),
-                "frame": Out(frame_layout(config)),
-                "locked": In(1),
-                "start": Out(1),
-                "abort": Out(1),
-                "status": In(self.map[self.address["STATUS"]].width),
-                "ready_event": In(1),
-                "frame_event": In(1),
-                "error": In(ERROR_EVENT),
-                "started": In(self.map[self.address["STARTED"]].width),
-                "finished": In(self.map[self.address["FINISHED"]].width),
-                "needed": In(PAGE_BITS),
-                "counters": In(data.StructLayout(stages)),
-            }
-        )
+        ports = {
+            "s_axi": In(axi_lite()),
+            "interrupt": Out(1),
+            "frame": Out(frame_layout(config)),
+            "locked": In(1),
+            "start": Out(1),
+            "abort": Out(1),
+            "status": In(self.map[self.address["STATUS"]].width),
+            "ready_event": In(1),
+            "frame_event": In(1),
+            "error": In(ERROR_EVENT),
+            "started": In(self.map[self.address["STARTED"]].width),
+            "finished": In(self.map[self.address["FINISHED"]].width),
+            "needed": In(PAGE_BITS),
+            "counters": In(data.StructLayout(stages)),
+        }
+        super().__init__(ports)
         # A write that is being done: of which word, what, and whether it is taken.
         self.write, self.taken = Signal(), Signal()
         self.word = Signal(LITE_ADDRESS_BITS - WORD_BITS, reset_less=True)
@@ -101,11 +100,8 @@ class Registers(wiring.Component):
         with m.If(s_axi.awready):
             m.d.sync += [addressed.eq(s_axi.awvalid), self.word.eq(s_axi.awaddr[WORD_BITS:])]
         with m.If(s_axi.wready):
-            m.d.sync += [
-                given.eq(s_axi.wvalid),
-                self.value.eq(s_axi.wdata),
-                whole.eq(s_axi.wstrb.all()),
-            ]
+            m.d.sync += [given.eq(s_axi.wvalid), self.value.eq(s_axi.wdata)]
+            m.d.sync += whole.eq(s_axi.wstrb.all())
         writable, of_frame = Signal(), Signal()
         with m.Switch(self.word):
             for address, register in self.map.items():
@@ -114,19 +110,12 @@ class Registers(wiring.Component):
                         m.d.comb += writable.eq(1)
                         if register.access == "frame":
                             m.d.comb += of_frame.eq(1)
-        m.d.comb += [
-            s_axi.awready.eq(~addressed),
-            s_axi.wready.eq(~given),
-            self.write.eq(addressed & given & ~s_axi.bvalid),
-            self.taken.eq(self.write & whole & writable & ~(of_frame & self.locked)),
-        ]
+        m.d.comb += [s_axi.awready.eq(~addressed), s_axi.wready.eq(~given)]
+        m.d.comb += self.write.eq(addressed & given & ~s_axi.bvalid)
+        m.d.comb += self.taken.eq(self.write & whole & writable & ~(of_frame & self.locked))
         with m.If(self.write):
-            m.d.sync += [
-                addressed.eq(0),
-                given.eq(0),
-                s_axi.bvalid.eq(1),
-                s_axi.bresp.eq(Mux(self.taken, OKAY, SLAVE_ERROR)),
-            ]
+            m.d.sync += [addressed.eq(0), given.eq(0)]
+            m.d.sync += [s_axi.bvalid.eq(1), s_axi.bresp.eq(Mux(self.taken, OKAY, SLAVE_ERROR))]
         with m.Elif(s_axi.bready):
             m.d.sync += s_axi.bvalid.eq(0)
         return self.write & whole & of_frame & self.locked
@@ -204,11 +193,7 @@ class Registers(wiring.Component):
                     elif register.access != "control":
                         m.d.comb += found.eq(values[register.name])
         with m.If(asked & ~s_axi.rvalid):
-            m.d.sync += [
-                asked.eq(0),
-                s_axi.rvalid.eq(1),
-                s_axi.rdata.eq(found),
-                s_axi.rresp.eq(Mux(known, OKAY, SLAVE_ERROR)),
-            ]
+            m.d.sync += [asked.eq(0), s_axi.rvalid.eq(1)]
+            m.d.sync += [s_axi.rdata.eq(found), s_axi.rresp.eq(Mux(known, OKAY, SLAVE_ERROR))]
         with m.Elif(s_axi.rready):
             m.d.sync += s_axi.rvalid.eq(0)

@@ -129,9 +129,8 @@ class MultiplyAdd(wiring.Component):
         self.add = Add(format, own["add"])
         self.delay = {"summand": sum(own["multiply"].values())}
         code = format.width
-        super().__init__(
-            {"a": In(code), "b": In(code), "c": In(code), "enable": In(1), "o": Out(code)}
-        )
+        ports = {"a": In(code), "b": In(code), "c": In(code), "enable": In(1), "o": Out(code)}
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

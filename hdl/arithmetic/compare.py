@@ -34,9 +34,8 @@ class Compare(wiring.Component):
         self.format = format
         self.registers = spread(latency, {"compare": 14})
         code = format.width
-        super().__init__(
-            {"a": In(code), "b": In(code), "enable": In(1), "less": Out(1), "equal": Out(1)}
-        )
+        ports = {"a": In(code), "b": In(code), "enable": In(1), "less": Out(1), "equal": Out(1)}
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -95,11 +95,9 @@ class FromFixed(wiring.Component):
         m = Module()
         number = Signal(Unpacked(self.exponents, self.fixed.width, special=False))
         negative = self.i[-1] if self.fixed.signed else Const(0)
-        m.d.comb += [
-            number.sign.eq(negative),
-            number.exponent.eq(self.exponent + (self.scale if self.scaled else 0)),
-            number.significand.eq(Mux(negative, -self.i, self.i)),
-        ]
+        m.d.comb += number.sign.eq(negative)
+        m.d.comb += number.exponent.eq(self.exponent + (self.scale if self.scaled else 0))
+        m.d.comb += number.significand.eq(Mux(negative, -self.i, self.i))
         layout = number.shape()
         m.submodules.round = rounder = Round(self.format, layout, self.zeros, self.registers)
         pipeline = Pipeline(m, self.enable, self.registers)

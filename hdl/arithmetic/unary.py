@@ -28,13 +28,12 @@ class Lookup(wiring.Component):
         slope, curve = (max(table).bit_length() for table in self.tables[1:])
         terms = {"slope": slope, "below": path.rest, "curve": curve, "square": path.square}
         self.terms = tuple(terms)[: 2 * path.degree]
-        super().__init__(
-            {
-                "significand": In(path.address + path.rest),
-                "offset": Out(path.fraction + 1 + path.guard),
-                **{name: Out(terms[name]) for name in self.terms},
-            }
-        )
+        ports = {
+            "significand": In(path.address + path.rest),
+            "offset": Out(path.fraction + 1 + path.guard),
+            **{name: Out(terms[name]) for name in self.terms},
+        }
+        super().__init__(ports)
 
     def factors(self) -> tuple[Value, ...]:
         """Factors of the products: slope, below, curve, square, as far as the degree has them."""

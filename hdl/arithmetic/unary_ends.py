@@ -40,13 +40,12 @@ class Unpack(wiring.Component):
     def __init__(self, function: Function, format: Float):
         self.function, self.format = function, format
         root = function == "rsqrt"
-        super().__init__(
-            {
-                "a": In(format.width),
-                "significand": Out(format.fraction + root),
-                "result": Out(result_layout(function, format)),
-            }
-        )
+        ports = {
+            "a": In(format.width),
+            "significand": Out(format.fraction + root),
+            "result": Out(result_layout(function, format)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform):
         m = Module()
@@ -62,11 +61,8 @@ class Unpack(wiring.Component):
         exponent = Signal.like(result_exponent(self.function, format, effective))
         m.d.comb += exponent.eq(result_exponent(self.function, format, effective))
         sign = self.a[-1] if format.signed else Const(0, 1)
-        m.d.comb += [
-            result.sign.eq(sign),
-            result.exponent.eq(exponent),
-            result.kind.eq(Fraction.COMPUTED),
-        ]
+        m.d.comb += [result.sign.eq(sign), result.exponent.eq(exponent)]
+        m.d.comb += result.kind.eq(Fraction.COMPUTED)
         self._underflow(m, exponent)
         self._special(m, sign, fraction, biased, small)
         return m
@@ -138,13 +134,12 @@ class Pack(wiring.Component):
 
     def __init__(self, function: Function, format: Float):
         self.function, self.format = function, format
-        super().__init__(
-            {
-                "fraction": In(format.fraction + 1),
-                "result": In(result_layout(function, format)),
-                "o": Out(format.width),
-            }
-        )
+        ports = {
+            "fraction": In(format.fraction + 1),
+            "result": In(result_layout(function, format)),
+            "o": Out(format.width),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform):
         m = Module()

@@ -60,23 +60,22 @@ class Bin(wiring.Component):
         self.config = config
         self.outline, self.rows = Outline(config), Rows(config)
         self.gather, self.lists = Gather(config), ListWriter(config)
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(point.splat_record(config)))),
-                "width": In(range(config.width_max + 1)),
-                "height": In(range(config.height_max + 1)),
-                "near_code": In(config.arithmetic.width),
-                "pages": In(PAGE_BITS),
-                "finish": In(1),
-                "features": Out(stream.Signature(layout(feature_record(config)))),
-                "bursts": Out(stream.Signature(layout(burst_record(config)))),
-                "groups": Out(stream.Signature(layout(group_record()))),
-                "needed": Out(PAGE_BITS),
-                "done": Out(1),
-                "clear": In(1),
-                "counters": Out(counters_layout(COUNTED)),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(point.splat_record(config)))),
+            "width": In(range(config.width_max + 1)),
+            "height": In(range(config.height_max + 1)),
+            "near_code": In(config.arithmetic.width),
+            "pages": In(PAGE_BITS),
+            "finish": In(1),
+            "features": Out(stream.Signature(layout(feature_record(config)))),
+            "bursts": Out(stream.Signature(layout(burst_record(config)))),
+            "groups": Out(stream.Signature(layout(group_record()))),
+            "needed": Out(PAGE_BITS),
+            "done": Out(1),
+            "clear": In(1),
+            "counters": Out(counters_layout(COUNTED)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -148,11 +147,9 @@ class Bin(wiring.Component):
         part, side = self.parts.o.payload, exact_log2(convention.TILE * self.config.group)
         columns = Signal(range((self.config.width_max >> side) + 2))
         rows = Signal(range((self.config.height_max >> side) + 2))
-        m.d.sync += [
-            columns.eq((self.width + (1 << side) - 1) >> side),
-            rows.eq((self.height + (1 << side) - 1) >> side),
-            self.lists.groups_count.eq(rows * columns),
-        ]
+        m.d.sync += columns.eq((self.width + (1 << side) - 1) >> side)
+        m.d.sync += rows.eq((self.height + (1 << side) - 1) >> side)
+        m.d.sync += self.lists.groups_count.eq(rows * columns)
         return part.row * columns + part.column
 
     def _join(self, m: Module, splat: stream.Interface, group: Value) -> Value:

@@ -29,12 +29,11 @@ class Store(wiring.Component):
     def __init__(self, beats: int):
         self.beats = beats
         item = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "data": beats * DATA_BITS})
-        super().__init__(
-            {
-                "i": In(stream.Signature(item)),
-                "writes": Out(stream.Signature(layout(write_record()))),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(item)),
+            "writes": Out(stream.Signature(layout(write_record()))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -76,22 +75,21 @@ class Binned(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "clear": In(1),
-                "features": In(stream.Signature(layout(feature_record(config)))),
-                "bursts": In(stream.Signature(layout(burst_record(config)))),
-                "groups": In(stream.Signature(layout(group_record()))),
-                "features_at": In(BEAT_ADDRESS_BITS),
-                "lists_at": In(BEAT_ADDRESS_BITS),
-                "groups_at": In(BEAT_ADDRESS_BITS),
-                "features_max": In(SPLAT_BITS),
-                "exceeded": Out(1),
-                "finish": In(1),
-                "empty": Out(1),
-                "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
-            }
-        )
+        ports = {
+            "clear": In(1),
+            "features": In(stream.Signature(layout(feature_record(config)))),
+            "bursts": In(stream.Signature(layout(burst_record(config)))),
+            "groups": In(stream.Signature(layout(group_record()))),
+            "features_at": In(BEAT_ADDRESS_BITS),
+            "lists_at": In(BEAT_ADDRESS_BITS),
+            "groups_at": In(BEAT_ADDRESS_BITS),
+            "features_max": In(SPLAT_BITS),
+            "exceeded": Out(1),
+            "finish": In(1),
+            "empty": Out(1),
+            "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -124,12 +122,9 @@ class Binned(wiring.Component):
         m.submodules.lists = store = Store(beats)
         connect(m, store.writes, flipped(self.writes[WRITING.index("lists")]))
         burst = self.bursts.payload
-        m.d.comb += [
-            store.i.valid.eq(self.bursts.valid),
-            store.i.payload.beat.eq(self.lists_at + burst.address * beats),
-            store.i.payload.data.eq(Cat(burst.slots)),
-            self.bursts.ready.eq(store.i.ready),
-        ]
+        m.d.comb += store.i.valid.eq(self.bursts.valid)
+        m.d.comb += store.i.payload.beat.eq(self.lists_at + burst.address * beats)
+        m.d.comb += [store.i.payload.data.eq(Cat(burst.slots)), self.bursts.ready.eq(store.i.ready)]
 
     def _groups(self, m: Module):
         m.submodules.groups = line = WriteCombiner()

@@ -37,13 +37,12 @@ class Gather(wiring.Component):
         self.bits = config.group.bit_length() - 1
         if config.group != 1 << self.bits:
             raise ValueError(f"{config.name}: group {config.group} is no power of two")
-        super().__init__(
-            {
-                "i": In(stream.Signature(columns_layout(config))),
-                "o": Out(stream.Signature(part_layout(config))),
-                "busy": Out(1),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(columns_layout(config))),
+            "o": Out(stream.Signature(part_layout(config))),
+            "busy": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -56,21 +55,17 @@ class Gather(wiring.Component):
         some, least, most = Signal(), Signal.like(begin), Signal.like(end)
         found, first, last = Signal(), Signal.like(begin), Signal.like(end)
         tiles = row.begin <= row.end
-        m.d.comb += [
-            found.eq(some | tiles),
-            first.eq(Mux(tiles & (~some | (begin < least)), begin, least)),
-            last.eq(Mux(tiles & (~some | (end > most)), end, most)),
-        ]
+        m.d.comb += found.eq(some | tiles)
+        m.d.comb += first.eq(Mux(tiles & (~some | (begin < least)), begin, least))
+        m.d.comb += last.eq(Mux(tiles & (~some | (end > most)), end, most))
         slot = row.row[:bits] if bits else 0
         for k in range(count):
             m.d.comb += merged[k].eq(Mux(slot == k, Cat(row.begin, row.end), waiting[k]))
 
         complete = row.last | (slot == count - 1)
         free, take = Signal(), Signal()
-        m.d.comb += [
-            self.i.ready.eq(~complete | ~(found | row.last) | free),
-            take.eq(self.i.valid & self.i.ready),
-        ]
+        m.d.comb += self.i.ready.eq(~complete | ~(found | row.last) | free)
+        m.d.comb += take.eq(self.i.valid & self.i.ready)
         with m.If(take & complete):
             m.d.sync += [waiting[k].eq(interval.const(none)) for k in range(count)]
             m.d.sync += some.eq(0)

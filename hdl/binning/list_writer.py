@@ -58,20 +58,19 @@ class ListWriter(wiring.Component):
                 "count": COUNT_BITS,
             }
         )
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(binning.bin_entry_record(config)))),
-                "groups_count": In(range(self.count + 1)),
-                "pages": In(binning.PAGE_BITS),
-                "finish": In(1),
-                "bursts": Out(stream.Signature(layout(binning.burst_record(config)))),
-                "groups": Out(stream.Signature(layout(binning.group_record()))),
-                "needed": Out(binning.PAGE_BITS),
-                "empty": Out(1),
-                "taking": Out(1),
-                "done": Out(1),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(binning.bin_entry_record(config)))),
+            "groups_count": In(range(self.count + 1)),
+            "pages": In(binning.PAGE_BITS),
+            "finish": In(1),
+            "bursts": Out(stream.Signature(layout(binning.burst_record(config)))),
+            "groups": Out(stream.Signature(layout(binning.group_record()))),
+            "needed": Out(binning.PAGE_BITS),
+            "empty": Out(1),
+            "taking": Out(1),
+            "done": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -158,11 +157,9 @@ class ListWriter(wiring.Component):
         turn = page_full | fresh
         whole = Mux(flushing, offset != 0, offset.all())
         written = whole & (row.page < self.pages)
-        m.d.comb += [
-            bursts.payload.address.eq(Cat(row.position[burst_bits:], row.page)),
-            groups.payload.page.eq(Mux(fresh, 0, row.first)),
-            groups.payload.count.eq(row.count),
-        ]
+        m.d.comb += bursts.payload.address.eq(Cat(row.position[burst_bits:], row.page))
+        m.d.comb += groups.payload.page.eq(Mux(fresh, 0, row.first))
+        m.d.comb += groups.payload.count.eq(row.count)
         for k, slot in enumerate(slots):
             m.d.comb += bursts.payload.slots[k].eq(Mux(flushing & (offset <= k), 0, slot))
         final = Mux(page_full, self.needed, Value.cast(entry))
@@ -178,10 +175,8 @@ class ListWriter(wiring.Component):
                 & (~flushing | had_group | groups.ready)
             ),
         ]
-        m.d.sync += [
-            had_burst.eq(~through & (had_burst | (bursts.valid & bursts.ready))),
-            had_group.eq(~through & (had_group | (groups.valid & groups.ready))),
-        ]
+        m.d.sync += had_burst.eq(~through & (had_burst | (bursts.valid & bursts.ready)))
+        m.d.sync += had_group.eq(~through & (had_group | (groups.valid & groups.ready)))
         m.d.comb += [
             self.new.page.eq(Mux(turn, self.needed, row.page)),
             self.new.position.eq(Mux(turn, 1, row.position + 1)),

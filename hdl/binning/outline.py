@@ -88,16 +88,15 @@ class Outline(wiring.Component):
         self.bits = position_bits(config)
         widest = max(self.bits, FACTOR_FRACTION + 1)
         self.before = max(0, widest - self.format.fraction - 1)
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(splat_record(config)))),
-                "width": In(range(config.width_max + 1)),
-                "height": In(range(config.height_max + 1)),
-                "room": In(1),
-                "seen": Out(1),
-                "o": Out(stream.Signature(outline_layout(config))),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(splat_record(config)))),
+            "width": In(range(config.width_max + 1)),
+            "height": In(range(config.height_max + 1)),
+            "room": In(1),
+            "seen": Out(1),
+            "o": Out(stream.Signature(outline_layout(config))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -114,11 +113,9 @@ class Outline(wiring.Component):
         x, y = self._shifter(m, phase, "x", names[0]), self._shifter(m, phase, "y", names[1])
         lean = None if self.square else self._shifter(m, phase, "y", names[2])
 
-        m.d.comb += [
-            enable.eq(~self.o.valid | self.o.ready),
-            step.eq(self.i.valid & enable & (~phase[-1] | self.room)),
-            self.i.ready.eq(phase[-1] & enable & self.room),
-        ]
+        m.d.comb += enable.eq(~self.o.valid | self.o.ready)
+        m.d.comb += step.eq(self.i.valid & enable & (~phase[-1] | self.room))
+        m.d.comb += self.i.ready.eq(phase[-1] & enable & self.room)
         with m.If(enable):
             m.d.sync += self.o.valid.eq(step & phase[-1] & self.seen)
         with m.If(step):
@@ -140,8 +137,7 @@ class Outline(wiring.Component):
 
     def _registers(self):
         """Registers of each axis' numbers. A square has one length for both, and its rows want
-        nothing of y: the rest lies beside the outline.
-        """
+        nothing of y: the rest lies beside the outline."""
         held, lengths = self.held, ("half", "shift", "vast")
         self.known = {name: held[name] for name in held.shape().members}
         self.step = {axis: Signal(range(STEP_MAX + 1), name=f"step_{axis}") for axis in "xy"}
@@ -182,11 +178,9 @@ class Outline(wiring.Component):
                 else:
                     ratio = top + format.bias - FACTOR_FRACTION
                     m.d.comb += amount.eq(ratio - exponent + self.finer)
-                m.d.comb += [
-                    significand.eq(self.parts[name].significand),
-                    result.fits.eq(amount > top - bits),
-                    full.eq((1 << bits) - 1 if name in ("lean", "shear", "slope") else 0),
-                ]
+                m.d.comb += significand.eq(self.parts[name].significand)
+                m.d.comb += result.fits.eq(amount > top - bits)
+                m.d.comb += full.eq((1 << bits) - 1 if name in ("lean", "shear", "slope") else 0)
         width = top + 1
         shifted = Cat(Const(0, self.before), significand) >> amount[: bits_for(width - 1)]
         shifted = Mux(amount >= width, 0, shifted)
@@ -211,29 +205,23 @@ class Outline(wiring.Component):
         held, step = self.known, self.step[axis]
         centre = Cat(number, Const(0, 1)).as_signed()
         last = Cat(Const(0, FINEST), size - 1)[: len(size) + FINEST]
-        m.d.sync += [
-            held[f"centre_{axis}"].eq(Mux(self.parts[name].sign, ~centre, centre)),
-            held[f"limit_{axis}"].eq((last >> step) + (step > FINEST)),
-            held[f"shift_{axis}"].eq(STEP_MAX - step),
-        ]
+        m.d.sync += held[f"centre_{axis}"].eq(Mux(self.parts[name].sign, ~centre, centre))
+        m.d.sync += held[f"limit_{axis}"].eq((last >> step) + (step > FINEST))
+        m.d.sync += held[f"shift_{axis}"].eq(STEP_MAX - step)
 
     def _factors(self, m: Module, slope: Value, shear: Value):
         """The ratios that make the outline of a box."""
         shear = Cat(shear, 0)[: FACTOR_FRACTION + 2].as_signed()
-        m.d.sync += [
-            self.held.slope.eq(slope + 1),
-            self.held.shear.eq(Mux(self.parts["shear"].sign, -shear, shear)),
-        ]
+        m.d.sync += self.held.slope.eq(slope + 1)
+        m.d.sync += self.held.shear.eq(Mux(self.parts["shear"].sign, -shear, shear))
 
     def _normalise(self, m: Module, lean: Value):
         """Shift between the horizontal unit and the finer one of a normalised height."""
         normalise = leading_zeros(m, self.held.half_y)
         lean = Cat(lean[:HALF_BITS], Const(0, 1)).as_signed()
-        m.d.sync += [
-            self.held.lean.eq(Mux(self.parts["lean"].sign, -lean, lean)),
-            self.held.normalise.eq(normalise),
-            self.finer.eq(self.step["x"] + normalise - self.step["y"]),
-        ]
+        m.d.sync += self.held.lean.eq(Mux(self.parts["lean"].sign, -lean, lean))
+        m.d.sync += self.held.normalise.eq(normalise)
+        m.d.sync += self.finer.eq(self.step["x"] + normalise - self.step["y"])
 
     def _box(self, m: Module, centred: Value, near: dict[str, Value], last: Value):
         """The rows of tiles that the box covers, and `seen` if it meets the image at all."""

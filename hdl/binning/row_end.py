@@ -36,20 +36,19 @@ class RowEnd(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         t = signed(HALF_BITS + 1)
-        super().__init__(
-            {
-                "low": In(t),
-                "high": In(t),
-                "box": In(1),
-                "lean": In(t),
-                "half": In(HALF_BITS),
-                "normalise": In(range(HALF_BITS)),
-                "shear": In(signed(FACTOR_FRACTION + 2)),
-                "slope": In(FACTOR_FRACTION + 2),
-                "half_width": In(HALF_BITS),
-                "o": Out(signed(END_BITS)),
-            }
-        )
+        ports = {
+            "low": In(t),
+            "high": In(t),
+            "box": In(1),
+            "lean": In(t),
+            "half": In(HALF_BITS),
+            "normalise": In(range(HALF_BITS)),
+            "shear": In(signed(FACTOR_FRACTION + 2)),
+            "slope": In(FACTOR_FRACTION + 2),
+            "half_width": In(HALF_BITS),
+            "o": Out(signed(END_BITS)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

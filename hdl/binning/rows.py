@@ -51,15 +51,14 @@ class Rows(wiring.Component):
         self.square = config.tile_test == "3sigma"
         self.latency = SQUARE_LATENCY if self.square else LATENCY
         self.queue = Queue(columns_layout(config), ROWS_WAITING, memory=True)
-        super().__init__(
-            {
-                "i": In(stream.Signature(outline_layout(config))),
-                "width": In(range(config.width_max + 1)),
-                "o": Out(stream.Signature(columns_layout(config))),
-                "row": Out(1),
-                "busy": Out(1),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(outline_layout(config))),
+            "width": In(range(config.width_max + 1)),
+            "o": Out(stream.Signature(columns_layout(config))),
+            "row": Out(1),
+            "busy": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -69,11 +68,8 @@ class Rows(wiring.Component):
         last = row == held.last
         m.d.comb += [self.row.eq(full & room), self.i.ready.eq(~full | (self.row & last))]
         with m.If(self.i.ready):
-            m.d.sync += [
-                held.eq(self.i.payload),
-                row.eq(self.i.payload.first),
-                full.eq(self.i.valid),
-            ]
+            m.d.sync += [held.eq(self.i.payload), row.eq(self.i.payload.first)]
+            m.d.sync += full.eq(self.i.valid)
             if not self.square:
                 m.d.sync += number.eq(number + self.i.valid)
         with m.Elif(self.row):
@@ -122,10 +118,8 @@ class Rows(wiring.Component):
         clipped = {
             name: Signal(band, name=f"band_{name}", reset_less=True) for name in ("low", "high")
         }
-        m.d.sync += [
-            clipped["low"].eq(Mux(low < -half, -half, low)),
-            clipped["high"].eq(Mux(high > most, most, high)),
-        ]
+        m.d.sync += clipped["low"].eq(Mux(low < -half, -half, low))
+        m.d.sync += clipped["high"].eq(Mux(high > most, most, high))
         lean, shear = held.lean, self._at(m, "shear", held.shear, BAND_AT + 1)
         ends = {}
         for side in ("right", "left"):

@@ -38,13 +38,12 @@ class Counters(wiring.Component):
 
     def __init__(self, names: tuple[str, ...], bits: int = COUNTER_BITS):
         self.names, self.half = names, bits // 2
-        super().__init__(
-            {
-                "event": In(data.StructLayout(dict.fromkeys(names, 1))),
-                "clear": In(1),
-                "value": Out(data.StructLayout(dict.fromkeys(names, bits))),
-            }
-        )
+        ports = {
+            "event": In(data.StructLayout(dict.fromkeys(names, 1))),
+            "clear": In(1),
+            "value": Out(data.StructLayout(dict.fromkeys(names, bits))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -47,11 +47,8 @@ class Register(wiring.Component):
         m = Module()
         m.d.comb += [self.i.ready.eq(~self.full), self.o.payload.eq(self.head)]
         with m.If(~self.o.valid | self.o.ready):
-            m.d.sync += [
-                self.head.eq(Mux(self.full, self.spare, self.i.payload)),
-                self.o.valid.eq(self.full | self.i.valid),
-                self.full.eq(0),
-            ]
+            m.d.sync += self.head.eq(Mux(self.full, self.spare, self.i.payload))
+            m.d.sync += [self.o.valid.eq(self.full | self.i.valid), self.full.eq(0)]
         with m.Elif(~self.full):
             m.d.sync += [self.spare.eq(self.i.payload), self.full.eq(self.i.valid)]
         return m
@@ -79,13 +76,12 @@ class Queue(wiring.Component):
         depth_min = MEMORY_DEPTH_MIN if memory else 1
         if depth < depth_min:
             raise ValueError(f"a queue of depth {depth}, below {depth_min}")
-        super().__init__(
-            {
-                "i": In(stream.Signature(shape)),
-                "o": Out(stream.Signature(shape)),
-                "level": Out(range(depth + 1)),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(shape)),
+            "o": Out(stream.Signature(shape)),
+            "level": Out(range(depth + 1)),
+        }
+        super().__init__(ports)
         self.shape, self.depth, self.memory = shape, depth, memory
         self.rows = max(depth, 2)  # an address of no bits does not survive in Verilog
         self.write = Signal(range(self.rows))
@@ -111,10 +107,8 @@ class Queue(wiring.Component):
         if self.memory:
             # The memory's output register is the head of the queue: whatever the level counts
             # beyond it still waits in a row.
-            m.d.comb += [
-                fetch.eq((self.level != self.o.valid) & (~self.o.valid | self.o.ready)),
-                read.en.eq(fetch),
-            ]
+            m.d.comb += fetch.eq((self.level != self.o.valid) & (~self.o.valid | self.o.ready))
+            m.d.comb += read.en.eq(fetch)
             with m.If(fetch | pop):
                 m.d.sync += self.o.valid.eq(fetch)
         else:
@@ -156,10 +150,8 @@ class Fork(wiring.Component):
         taken = Signal.like(self.taken)
         for k, o in enumerate(self.o):
             m.d.comb += [o.payload.eq(self.i.payload), o.valid.eq(self.i.valid & ~self.taken[k])]
-        m.d.comb += [
-            taken.eq(self.taken | Cat(o.ready for o in self.o)),
-            self.i.ready.eq(taken.all()),
-        ]
+        m.d.comb += taken.eq(self.taken | Cat(o.ready for o in self.o))
+        m.d.comb += self.i.ready.eq(taken.all())
         with m.If(self.i.valid):
             m.d.sync += self.taken.eq(Mux(taken.all(), 0, taken))
         return m
@@ -194,17 +186,13 @@ class Pipe(wiring.Component):
     def __init__(self, latency: int):
         if latency < 1:
             raise ValueError(f"a pipe of latency {latency}, below 1")
-        super().__init__(
-            {"i": In(HANDSHAKE), "o": Out(HANDSHAKE), "enable": Out(1), "valid": Out(latency)}
-        )
+        ports = {"i": In(HANDSHAKE), "o": Out(HANDSHAKE), "enable": Out(1), "valid": Out(latency)}
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.d.comb += [
-            self.o.valid.eq(self.valid[-1]),
-            self.enable.eq(~self.o.valid | self.o.ready),
-            self.i.ready.eq(self.enable),
-        ]
+        m.d.comb += [self.o.valid.eq(self.valid[-1]), self.enable.eq(~self.o.valid | self.o.ready)]
+        m.d.comb += self.i.ready.eq(self.enable)
         with m.If(self.enable):
             m.d.sync += self.valid.eq(Cat(self.i.valid, self.valid))
         return m

@@ -94,23 +94,20 @@ class Axi(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        super().__init__(
-            {
-                "m_axi": Out(axi()),
-                "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
-                "data": Out(stream.Signature(read_beat())).array(len(spec.READERS)),
-                "writes": In(stream.Signature(layout(spec.write_record()))).array(
-                    len(spec.WRITERS)
-                ),
-                "failing": In(len(HALVES)),
-                "idle": Out(len(HALVES)),
-                "settled": Out(len(spec.WRITERS)),
-                "read_error": Out(CLIENT_ERROR),
-                "write_error": Out(CLIENT_ERROR),
-                "beats_read": Out(len(spec.READERS)),
-                "beats_written": Out(len(spec.WRITERS)),
-            }
-        )
+        ports = {
+            "m_axi": Out(axi()),
+            "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
+            "data": Out(stream.Signature(read_beat())).array(len(spec.READERS)),
+            "writes": In(stream.Signature(layout(spec.write_record()))).array(len(spec.WRITERS)),
+            "failing": In(len(HALVES)),
+            "idle": Out(len(HALVES)),
+            "settled": Out(len(spec.WRITERS)),
+            "read_error": Out(CLIENT_ERROR),
+            "write_error": Out(CLIENT_ERROR),
+            "beats_read": Out(len(spec.READERS)),
+            "beats_written": Out(len(spec.WRITERS)),
+        }
+        super().__init__(ports)
         request = data.StructLayout({"client": spec.ID_BITS, "burst": layout(spec.read_record())})
         beat = data.StructLayout({"data": spec.DATA_BITS, "strobe": spec.BEAT, "last": 1})
         self.ar, self.aw, self.w = Register(request), Register(request), Register(beat)
@@ -221,11 +218,8 @@ class Axi(wiring.Component):
         full, error = Signal(), Signal()
         client = Signal(spec.ID_BITS, reset_less=True)
         m.d.sync += [full.eq(m_axi.bvalid), client.eq(m_axi.bid), error.eq(m_axi.bresp[ERROR])]
-        m.d.comb += [
-            m_axi.bready.eq(1),
-            self.write_error.valid.eq(full & error),
-            self.write_error.client.eq(client),
-        ]
+        m.d.comb += [m_axi.bready.eq(1), self.write_error.valid.eq(full & error)]
+        m.d.comb += self.write_error.client.eq(client)
         return Cat(full & (client == k) for k in range(len(spec.WRITERS)))
 
     def _write(self, m: Module, answered: Value):
@@ -264,11 +258,8 @@ class Axi(wiring.Component):
             self.beats_written.eq(Mux(takes, current, 0)),
         ]
         with m.If(takes):
-            m.d.sync += [
-                inside.eq(~beat.payload.last),
-                left.eq(Mux(inside, left - 1, given.length)),
-                owner.eq(current),
-            ]
+            m.d.sync += inside.eq(~beat.payload.last)
+            m.d.sync += [left.eq(Mux(inside, left - 1, given.length)), owner.eq(current)]
         for k, i in enumerate(self.writes):
             m.d.comb += i.ready.eq(self.beats_written[k] & ~abandoned)
             bursts = self._outstanding(m, f"bursts{k}", began[k], answered[k])

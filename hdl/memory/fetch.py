@@ -35,14 +35,13 @@ class Fetch(wiring.Component):
             raise ValueError(f"a queue of {depth} beats, below a burst of {BURST_BEATS}")
         self.range = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "count": count_bits})
         self.depth, self.queue = depth, Queue(DATA_BITS, depth, memory=True)
-        super().__init__(
-            {
-                "i": In(stream.Signature(self.range)),
-                "reads": Out(stream.Signature(layout(read_record()))),
-                "data": In(stream.Signature(read_beat())),
-                "o": Out(stream.Signature(DATA_BITS)),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(self.range)),
+            "reads": Out(stream.Signature(layout(read_record()))),
+            "data": In(stream.Signature(read_beat())),
+            "o": Out(stream.Signature(DATA_BITS)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -60,16 +59,11 @@ class Fetch(wiring.Component):
         offset = rest.beat[: exact_log2(BURST_BEATS)]
         to_boundary = Signal.like(beats)
         ends = rest.count <= to_boundary
-        m.d.comb += [
-            to_boundary.eq(BURST_BEATS - offset),
-            self.i.ready.eq(~more),
-            self.reads.payload.eq(burst),
-        ]
+        m.d.comb += [to_boundary.eq(BURST_BEATS - offset), self.i.ready.eq(~more)]
+        m.d.comb += self.reads.payload.eq(burst)
         asked, fire = Signal(), Signal()
-        m.d.comb += [
-            asked.eq(self.reads.valid & self.reads.ready),
-            fire.eq(self.o.valid & self.o.ready),
-        ]
+        m.d.comb += asked.eq(self.reads.valid & self.reads.ready)
+        m.d.comb += fire.eq(self.o.valid & self.o.ready)
         with m.If(~more):
             m.d.sync += [rest.eq(self.i.payload), more.eq(self.i.valid)]
         with m.Elif(~sized):
@@ -104,13 +98,12 @@ class Unpack(wiring.Component):
 
     def __init__(self, count_bits: int):
         self.counts_waiting = Queue(count_bits, RANGES_WAITING)
-        super().__init__(
-            {
-                "counts": In(stream.Signature(count_bits)),
-                "beats": In(stream.Signature(DATA_BITS)),
-                "o": Out(stream.Signature(ENTRY_BITS)),
-            }
-        )
+        ports = {
+            "counts": In(stream.Signature(count_bits)),
+            "beats": In(stream.Signature(DATA_BITS)),
+            "o": Out(stream.Signature(ENTRY_BITS)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

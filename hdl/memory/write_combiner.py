@@ -34,14 +34,13 @@ class WriteCombiner(wiring.Component):
     def __init__(self):
         address = BEAT_ADDRESS_BITS + exact_log2(BEAT_SLOTS)
         slot = data.StructLayout({"slot": address, "data": SLOT * 8})
-        super().__init__(
-            {
-                "i": In(stream.Signature(slot)),
-                "flush": In(1),
-                "writes": Out(stream.Signature(layout(write_record()))),
-                "empty": Out(1),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(slot)),
+            "flush": In(1),
+            "writes": Out(stream.Signature(layout(write_record()))),
+            "empty": Out(1),
+        }
+        super().__init__(ports)
         self.line_bits = address - exact_log2(SLOTS)
 
     def elaborate(self, platform) -> Module:

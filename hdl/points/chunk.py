@@ -39,18 +39,17 @@ class Chunk(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.program = config, microprogram.program("chunk")
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(CHUNK_HEADER))),
-                "gaussians": In(GAUSSIAN_BITS),
-                "camera": In(data.ArrayLayout(signed(frame.CAMERA.width), 3)),
-                "position_exponent": In(signed(EXPONENT.width)),
-                "near_plane": In(config.arithmetic.width),
-                "constants": In(codes(config, self.program.constants)),
-                "o": Out(stream.Signature(layout(chunk_record(config)))),
-                "taken": Out(1),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(CHUNK_HEADER))),
+            "gaussians": In(GAUSSIAN_BITS),
+            "camera": In(data.ArrayLayout(signed(frame.CAMERA.width), 3)),
+            "position_exponent": In(signed(EXPONENT.width)),
+            "near_plane": In(config.arithmetic.width),
+            "constants": In(codes(config, self.program.constants)),
+            "o": Out(stream.Signature(layout(chunk_record(config)))),
+            "taken": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -61,9 +60,8 @@ class Chunk(wiring.Component):
         return m
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
-        """The chunk's two ends along each world axis as floats, one after the other through one
-        converter; and a bit that says that all are converted.
-        """
+        """A bit: all are converted; the chunk's two ends along each world axis as floats, made one
+        after the other by one converter."""
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
@@ -101,12 +99,8 @@ class Chunk(wiring.Component):
         """The header's numbers go through the array once."""
         fields, inside = self.array.i.payload.fields, Signal()
         m.submodules.reach = reach = Convert(REACH, self.config.arithmetic, 0)
-        m.d.comb += [
-            reach.i.eq(self.i.payload.reach),
-            reach.enable.eq(1),
-            fields.chunk_reach.eq(reach.o),
-            self.array.i.valid.eq(converted & ~inside),
-        ]
+        m.d.comb += [reach.i.eq(self.i.payload.reach), reach.enable.eq(1)]
+        m.d.comb += [fields.chunk_reach.eq(reach.o), self.array.i.valid.eq(converted & ~inside)]
         for name, (constant, side) in programs.CORNERS.items():
             falls, axis = self.constants[constant][-1], int(name[-1])
             least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])

@@ -155,12 +155,9 @@ class Codebook(wiring.Component):
         """The memory: a word a cycle, and the index of the colour entry within it."""
         m.submodules.memory = memory = Memory(shape=CODEBOOK_WORD * 8, depth=self.words, init=[])
         write, read = memory.write_port(), memory.read_port()
-        m.d.comb += [
-            self.write.ready.eq(1),
-            write.en.eq(self.write.valid),
-            write.addr.eq(self.write.payload.address),
-            write.data.eq(self.write.payload.word),
-        ]
+        m.d.comb += [self.write.ready.eq(1), write.en.eq(self.write.valid)]
+        m.d.comb += write.addr.eq(self.write.payload.address)
+        m.d.comb += write.data.eq(self.write.payload.word)
         # Indices wait in line for the address, counted in colour entries.
         entries = [Signal(range(self.words << LANE_BITS), reset_less=True) for _ in self.reads]
         for k, name in enumerate(self.reads):

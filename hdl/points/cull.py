@@ -29,18 +29,17 @@ class Cull(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.program = config, culling(config.depth_interval)
-        super().__init__(
-            {
-                "chunks": In(stream.Signature(layout(culling_record(config)))),
-                "positions": In(stream.Signature(BEAT)),
-                "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
-                "position_exponent": In(signed(EXPONENT.width)),
-                "near_plane": In(config.arithmetic.width),
-                "constants": In(codes(config, self.program.constants)),
-                "o": Out(stream.Signature(layout(point_record(config, "z")))),
-                "taken": Out(1),
-            }
-        )
+        ports = {
+            "chunks": In(stream.Signature(layout(culling_record(config)))),
+            "positions": In(stream.Signature(BEAT)),
+            "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
+            "position_exponent": In(signed(EXPONENT.width)),
+            "near_plane": In(config.arithmetic.width),
+            "constants": In(codes(config, self.program.constants)),
+            "o": Out(stream.Signature(layout(point_record(config, "z")))),
+            "taken": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -41,42 +41,36 @@ class Load(wiring.Component):
             for format in self.formats
         ]
         line = {"address": range(config.codebook // memory.CODEBOOK_WORD), "word": DATA_BITS}
-        super().__init__(
-            {
-                "start": In(1),
-                "model": In(BEAT_ADDRESS_BITS),
-                "ranges": Out(stream.Signature(layout(range_record(RANGE_BITS)))),
-                "beats": In(stream.Signature(DATA_BITS)),
-                "write": Out(stream.Signature(data.StructLayout(line))),
-                "gaussians": Out(GAUSSIAN_BITS),
-                "sh": Out(1),
-                "positions": Out(BEAT_ADDRESS_BITS),
-                "attributes": Out(BEAT_ADDRESS_BITS),
-                "loaded": Out(1),
-                "error": Out(CODE_BITS),
-            }
-            | {name: Out(signed(EXPONENT.width)) for name in EXPONENTS}
-        )
+        ports = {
+            "start": In(1),
+            "model": In(BEAT_ADDRESS_BITS),
+            "ranges": Out(stream.Signature(layout(range_record(RANGE_BITS)))),
+            "beats": In(stream.Signature(DATA_BITS)),
+            "write": Out(stream.Signature(data.StructLayout(line))),
+            "gaussians": Out(GAUSSIAN_BITS),
+            "sh": Out(1),
+            "positions": Out(BEAT_ADDRESS_BITS),
+            "attributes": Out(BEAT_ADDRESS_BITS),
+            "loaded": Out(1),
+            "error": Out(CODE_BITS),
+        }
+        ports |= {name: Out(signed(EXPONENT.width)) for name in EXPONENTS}
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         number = Signal(range(max(memory.HEADER.size // BEAT, *self.words) + 1))
-        m.d.comb += [
-            self.write.payload.address.eq(number),
-            self.write.payload.word.eq(self.beats.payload),
-        ]
+        m.d.comb += self.write.payload.address.eq(number)
+        m.d.comb += self.write.payload.word.eq(self.beats.payload)
         colours = Signal(memory.HEADER["colours"].width)
         header, codebooks = Signal(), Signal()  # beats are of the one or the other
         wrong = self._header(m, number, colours, header)
         words = Array(self.words)[self.sh]
         ranges, asked = self.ranges.payload, self.ranges.valid & self.ranges.ready
         last = number == Mux(header, memory.HEADER.size // BEAT, words) - 1
-        m.d.comb += [
-            self.beats.ready.eq(header | codebooks),
-            self.write.valid.eq(codebooks & self.beats.valid),
-            ranges.beat.eq(self.model),
-            ranges.count.eq(memory.HEADER.size // BEAT),
-        ]
+        m.d.comb += self.beats.ready.eq(header | codebooks)
+        m.d.comb += [self.write.valid.eq(codebooks & self.beats.valid), ranges.beat.eq(self.model)]
+        m.d.comb += ranges.count.eq(memory.HEADER.size // BEAT)
         with m.If(self.beats.valid & self.beats.ready):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
         through = self.beats.valid & last
@@ -95,11 +89,8 @@ class Load(wiring.Component):
                 with m.If(through):
                     m.next = "CHECKED"
             with m.State("CHECKED"):
-                m.d.comb += [
-                    self.ranges.valid.eq(self.error == ErrorCode.NONE),
-                    ranges.beat.eq(self._address(colours)),
-                    ranges.count.eq(words),
-                ]
+                m.d.comb += self.ranges.valid.eq(self.error == ErrorCode.NONE)
+                m.d.comb += [ranges.beat.eq(self._address(colours)), ranges.count.eq(words)]
                 with m.If(asked):
                     m.next = "CODEBOOKS"
                 with m.Elif(self.error != ErrorCode.NONE):
@@ -133,10 +124,8 @@ class Load(wiring.Component):
             for name, target in kept.items():
                 with m.If(in_beat(name)):
                     m.d.sync += target.eq(field(name))
-        m.d.comb += [
-            self.positions.eq(self._address(positions)),
-            self.attributes.eq(self._address(attributes)),
-        ]
+        m.d.comb += self.positions.eq(self._address(positions))
+        m.d.comb += self.attributes.eq(self._address(attributes))
         fits = {
             "position": field("position") == memory.POSITION_FORMATS.index(self.config.position),
             "sh_degree": field("sh_degree") <= self.config.sh_degree,

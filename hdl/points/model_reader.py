@@ -45,20 +45,19 @@ class ModelReader(wiring.Component):
         self.config, self.load = config, Load(config)
         load = self.load.signature.members
         self.loads = ("write", "gaussians", "sh", "loaded", "error", *EXPONENTS)
-        super().__init__(
-            {name: load[name] for name in ("start", "model", *self.loads)}
-            | {
-                "run": In(1),
-                "headers": Out(stream.Signature(layout(CHUNK_HEADER))),
-                "fetch": In(stream.Signature(layout(FETCH))),
-                "positions": Out(stream.Signature(axi.DATA_BITS)),
-                "wanted": In(stream.Signature(GAUSSIAN_BITS)),
-                "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
-                "given": Out(1),
-                "reads": Out(stream.Signature(layout(axi.read_record()))).array(len(READING)),
-                "data": In(stream.Signature(read_beat())).array(len(READING)),
-            }
-        )
+        ports = {name: load[name] for name in ("start", "model", *self.loads)}
+        ports |= {
+            "run": In(1),
+            "headers": Out(stream.Signature(layout(CHUNK_HEADER))),
+            "fetch": In(stream.Signature(layout(FETCH))),
+            "positions": Out(stream.Signature(axi.DATA_BITS)),
+            "wanted": In(stream.Signature(GAUSSIAN_BITS)),
+            "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
+            "given": Out(1),
+            "reads": Out(stream.Signature(layout(axi.read_record()))).array(len(READING)),
+            "data": In(stream.Signature(read_beat())).array(len(READING)),
+        }
+        super().__init__(ports)
         self.chunks = Signal(NUMBER_BITS + 1)
 
     def elaborate(self, platform) -> Module:
@@ -124,12 +123,9 @@ class ModelReader(wiring.Component):
         m.submodules.ranges = ranges = Register(layout(shape))
         chunk, asked = self.fetch.payload, ranges.i.payload
         offset = sum(chunk.number << k for k in range(stride.bit_length()) if stride >> k & 1)
-        m.d.comb += [
-            asked.beat.eq(self.load.positions + offset),
-            asked.count.eq((chunk.count * width + axi.DATA_BITS - 1) // axi.DATA_BITS),
-            ranges.i.valid.eq(self.fetch.valid),
-            self.fetch.ready.eq(ranges.i.ready),
-        ]
+        m.d.comb += asked.beat.eq(self.load.positions + offset)
+        m.d.comb += asked.count.eq((chunk.count * width + axi.DATA_BITS - 1) // axi.DATA_BITS)
+        m.d.comb += [ranges.i.valid.eq(self.fetch.valid), self.fetch.ready.eq(ranges.i.ready)]
         connect(m, ranges.o, fetch.i)
         connect(m, fetch.o, flipped(self).positions)
 

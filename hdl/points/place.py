@@ -27,15 +27,14 @@ class Place(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.program = config, program("place")
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(point_record(config, "z")))),
-                "chunks": In(stream.Signature(layout(placing_record(config)))),
-                "near_plane": In(config.arithmetic.width),
-                "constants": In(codes(config, self.program.constants)),
-                "o": Out(stream.Signature(layout(point_record(config, "x y z")))),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(point_record(config, "z")))),
+            "chunks": In(stream.Signature(layout(placing_record(config)))),
+            "near_plane": In(config.arithmetic.width),
+            "constants": In(codes(config, self.program.constants)),
+            "o": Out(stream.Signature(layout(point_record(config, "x y z")))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

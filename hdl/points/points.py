@@ -43,19 +43,16 @@ class Front(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         splats = stream.Signature(layout(splat_record(config)))
-        super().__init__(
-            {"i": In(splats), "near_plane": In(config.arithmetic.width), "o": Out(splats)}
-        )
+        ports = {"i": In(splats), "near_plane": In(config.arithmetic.width), "o": Out(splats)}
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         format = self.config.arithmetic
         compare = compared(m, "compare", format, self.near_plane, self.i.payload.z)
-        m.d.comb += [
-            self.o.payload.eq(self.i.payload),
-            self.o.valid.eq(self.i.valid & compare.less),
-            self.i.ready.eq(self.o.ready | ~compare.less),
-        ]
+        m.d.comb += self.o.payload.eq(self.i.payload)
+        m.d.comb += self.o.valid.eq(self.i.valid & compare.less)
+        m.d.comb += self.i.ready.eq(self.o.ready | ~compare.less)
         return m
 
 
@@ -83,23 +80,22 @@ class Points(wiring.Component):
         self.place, self.project = Place(config), Project(config)
         self.config = config
         chunk, project = self.chunk.signature.members, self.project.signature.members
-        super().__init__(
-            {
-                "headers": chunk["i"],
-                "fetch": Out(stream.Signature(layout(FETCH))),
-                "positions": self.cull.signature.members["positions"],
-                "wanted": project["wanted"],
-                "attributes": project["attributes"],
-                "near_plane": In(config.arithmetic.width),
-                "constants": In(codes(config, constants(config))),
-                "splats": project["o"],
-                "idle": Out(1),
-                "clear": In(1),
-                "counters": Out(counters_layout(COUNTED)),
-            }
-            | {name: chunk[name] for name in ("gaussians", "camera", "position_exponent")}
-            | {name: project[name] for name in self.project.tables}
-        )
+        ports = {
+            "headers": chunk["i"],
+            "fetch": Out(stream.Signature(layout(FETCH))),
+            "positions": self.cull.signature.members["positions"],
+            "wanted": project["wanted"],
+            "attributes": project["attributes"],
+            "near_plane": In(config.arithmetic.width),
+            "constants": In(codes(config, constants(config))),
+            "splats": project["o"],
+            "idle": Out(1),
+            "clear": In(1),
+            "counters": Out(counters_layout(COUNTED)),
+        }
+        ports |= {name: chunk[name] for name in ("gaussians", "camera", "position_exponent")}
+        ports |= {name: project[name] for name in self.project.tables}
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -128,19 +124,13 @@ class Points(wiring.Component):
         for (name, part), o in zip(parts.items(), fork.o, strict=False):
             queue = Queue(layout(record[name]), CHUNKS_WAITING)
             m.submodules[f"{name}_chunks"] = queue
-            m.d.comb += [
-                queue.i.payload.eq(o.payload[name]),
-                queue.i.valid.eq(o.valid),
-                o.ready.eq(queue.i.ready),
-            ]
+            m.d.comb += [queue.i.payload.eq(o.payload[name]), queue.i.valid.eq(o.valid)]
+            m.d.comb += o.ready.eq(queue.i.ready)
             connect(m, queue.o, part.chunks)
         last = fork.o[len(parts)]
-        m.d.comb += [
-            self.fetch.payload.number.eq(last.payload.projecting.number),
-            self.fetch.payload.count.eq(last.payload.culling.count),
-            self.fetch.valid.eq(last.valid),
-            last.ready.eq(self.fetch.ready),
-        ]
+        m.d.comb += self.fetch.payload.number.eq(last.payload.projecting.number)
+        m.d.comb += self.fetch.payload.count.eq(last.payload.culling.count)
+        m.d.comb += [self.fetch.valid.eq(last.valid), last.ready.eq(self.fetch.ready)]
 
     def _splats(self, m: Module, splats):
         """Splats to the outside; where nothing was culled, those in front."""

@@ -46,17 +46,16 @@ class Position(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.width = memory.model_format(config, config.sh_degree).position_record["x"].width
-        super().__init__(
-            {
-                "i": In(stream.Signature(BEAT)),
-                "chunk": In(layout(culling_record(config))),
-                "chunk_valid": In(1),
-                "next_chunk": In(1),
-                "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
-                "position_exponent": In(signed(EXPONENT.width)),
-                "o": Out(stream.Signature(codes(config, AXES))),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(BEAT)),
+            "chunk": In(layout(culling_record(config))),
+            "chunk_valid": In(1),
+            "next_chunk": In(1),
+            "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
+            "position_exponent": In(signed(EXPONENT.width)),
+            "o": Out(stream.Signature(codes(config, AXES))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -99,12 +98,9 @@ class Position(wiring.Component):
         m.d.sync += [level.eq(left), bits.eq(rest)]
         with m.If((words != 0) & (left < WORD)):
             # What is above the level is zero: it was shifted in so.
-            m.d.sync += [
-                bits.eq(rest | (beat[:WORD] << left[: (WORD - 1).bit_length()])),
-                level.eq(left + WORD),
-                beat.eq(beat >> WORD),
-                words.eq(words - 1),
-            ]
+            m.d.sync += bits.eq(rest | (beat[:WORD] << left[: (WORD - 1).bit_length()]))
+            m.d.sync += [level.eq(left + WORD), beat.eq(beat >> WORD)]
+            m.d.sync += words.eq(words - 1)
         with m.If(self.i.valid & self.i.ready):
             m.d.sync += [beat.eq(self.i.payload), words.eq(BEAT // WORD)]
         with m.If(self.next_chunk):
@@ -146,11 +142,8 @@ class Position(wiring.Component):
         way = Signal(signed(AWAY.width), reset_less=True)
         with m.If(self.pipe.enable):
             m.d.sync += way.eq(point - camera.as_signed())
-        m.d.comb += [
-            self.convert.i.eq(way),
-            self.convert.scale.eq(self.position_exponent),
-            self.convert.enable.eq(self.pipe.enable),
-        ]
+        m.d.comb += [self.convert.i.eq(way), self.convert.scale.eq(self.position_exponent)]
+        m.d.comb += self.convert.enable.eq(self.pipe.enable)
 
     def _count(self, m: Module):
         """Coordinates and points of the chunk."""
@@ -169,11 +162,9 @@ class Position(wiring.Component):
         )
         have = Signal(range(len(AXES)))
         whole = have == len(AXES) - 1
-        m.d.comb += [
-            self.o.valid.eq(whole & self.pipe.o.valid),
-            self.pipe.o.ready.eq(~whole | self.o.ready),
-            self.o.payload.eq(Cat(first, second, self.convert.o)),
-        ]
+        m.d.comb += self.o.valid.eq(whole & self.pipe.o.valid)
+        m.d.comb += self.pipe.o.ready.eq(~whole | self.o.ready)
+        m.d.comb += self.o.payload.eq(Cat(first, second, self.convert.o))
         with m.If(self.pipe.o.valid & self.pipe.o.ready):
             m.d.sync += have.eq(Mux(whole, 0, have + 1))
             with m.If(~whole):

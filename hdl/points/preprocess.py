@@ -42,22 +42,21 @@ class Preprocess(wiring.Component):
         self.bin, self.binned = Bin(config), Binned(config)
         parts = {"points": self.points, "bin": self.bin}
         counters = {name: part.counters.shape() for name, part in parts.items()}
-        super().__init__(
-            {
-                "start": In(1),
-                "frame": In(frame_layout(config)),
-                "area": In(AREA),
-                "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
-                "data": In(stream.Signature(read_beat())).array(len(READING)),
-                "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
-                "settled": In(1),
-                "done": Out(1),
-                "taken": In(1),
-                "needed": Out(PAGE_BITS),
-                "error": Out(ERROR),
-                "counters": Out(data.StructLayout(counters)),
-            }
-        )
+        ports = {
+            "start": In(1),
+            "frame": In(frame_layout(config)),
+            "area": In(AREA),
+            "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+            "data": In(stream.Signature(read_beat())).array(len(READING)),
+            "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+            "settled": In(1),
+            "done": Out(1),
+            "taken": In(1),
+            "needed": Out(PAGE_BITS),
+            "error": Out(ERROR),
+            "counters": Out(data.StructLayout(counters)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

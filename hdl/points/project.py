@@ -73,17 +73,16 @@ class Project(wiring.Component):
         self.splats_inside = self.array.round_count + SPARE
         """Splats in the array and in the queue behind it, at most."""
         inner = self.slots.signature.members
-        super().__init__(
-            {name: inner[name] for name in ("i", "chunks", "wanted", "attributes")}
-            | {name: self.look_up.signature.members[name] for name in self.tables}
-            | {
-                "constants": In(codes(config, self.program.constants)),
-                "o": Out(stream.Signature(layout(splat_record(config)))),
-                "entered": Out(1),
-                "starved": Out(1),
-                "blocked": Out(1),
-            }
-        )
+        ports = {name: inner[name] for name in ("i", "chunks", "wanted", "attributes")}
+        ports |= {name: self.look_up.signature.members[name] for name in self.tables}
+        ports |= {
+            "constants": In(codes(config, self.program.constants)),
+            "o": Out(stream.Signature(layout(splat_record(config)))),
+            "entered": Out(1),
+            "starved": Out(1),
+            "blocked": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

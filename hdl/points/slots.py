@@ -47,18 +47,17 @@ class Slots(wiring.Component):
         self.config, self.parts = config, parts(config)
         self.slot = range(config.projection_slots)
         reading = data.StructLayout({"slot": self.slot, "enable": 1})
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(point_record(config, "x y z")))),
-                "chunks": In(stream.Signature(layout(projecting_record()))),
-                "wanted": Out(stream.Signature(GAUSSIAN_BITS)),
-                "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
-                "ready": Out(stream.Signature(self.slot)),
-                "release": In(1),
-                "read": In(data.StructLayout(dict.fromkeys(self.parts, reading))),
-                "found": Out(data.StructLayout(self.parts)),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(point_record(config, "x y z")))),
+            "chunks": In(stream.Signature(layout(projecting_record()))),
+            "wanted": Out(stream.Signature(GAUSSIAN_BITS)),
+            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
+            "ready": Out(stream.Signature(self.slot)),
+            "release": In(1),
+            "read": In(data.StructLayout(dict.fromkeys(self.parts, reading))),
+            "found": Out(data.StructLayout(self.parts)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

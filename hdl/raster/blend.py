@@ -54,22 +54,21 @@ class Blend(wiring.Component):
         self.config, self.blocks, self.pixels = config, blocks, pixels
         self.number = range(blocks)
         self.colour_shape = layout(Record("colour", colours(config)))
-        super().__init__(
-            {
-                "valid": In(1),
-                "block": In(self.number),
-                "log2_alphas": In(data.ArrayLayout(log2_alpha_layout(config), self.pixels)),
-                "colour": In(self.colour_shape),
-                "inside": In(self.pixels),
-                "rest": In(1),
-                "give": In(1),
-                "busy": Out(1),
-                "ended": Out(1),
-                "ended_block": Out(self.number),
-                "given": Out(1),
-                "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
-            }
-        )
+        ports = {
+            "valid": In(1),
+            "block": In(self.number),
+            "log2_alphas": In(data.ArrayLayout(log2_alpha_layout(config), self.pixels)),
+            "colour": In(self.colour_shape),
+            "inside": In(self.pixels),
+            "rest": In(1),
+            "give": In(1),
+            "busy": Out(1),
+            "ended": Out(1),
+            "ended_block": Out(self.number),
+            "given": Out(1),
+            "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -107,12 +106,9 @@ class Blend(wiring.Component):
         valid, read = self._stage(m, "read", lane, fire, self)
         for pixel, lane in enumerate(read.lanes):
             log2_alpha = self.log2_alphas[pixel]
-            m.d.sync += [
-                lane.mantissa.eq(table[log2_alpha.step]),
-                lane.halvings.eq(log2_alpha.halvings),
-                lane.seen.eq(log2_alpha.seen),
-                lane.inside.eq(self.inside[pixel]),
-            ]
+            m.d.sync += lane.mantissa.eq(table[log2_alpha.step])
+            m.d.sync += [lane.halvings.eq(log2_alpha.halvings), lane.seen.eq(log2_alpha.seen)]
+            m.d.sync += lane.inside.eq(self.inside[pixel])
         return valid, read
 
     def _multiply(self, m: Module, stored: data.View, valid: Signal, read: data.View) -> tuple:
@@ -155,12 +151,8 @@ class Blend(wiring.Component):
             less = Mux(before.rest, 0, after[coarser:])
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
         blended = valid & ~before.rest & ~before.give
-        m.d.comb += [
-            kept.en.eq(blended),
-            kept.addr.eq(before.block),
-            self.ended.eq(blended & ended.all()),
-            self.ended_block.eq(before.block),
-        ]
+        m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
+        m.d.comb += [self.ended.eq(blended & ended.all()), self.ended_block.eq(before.block)]
         return taken_valid, stage
 
     def _add(self, m: Module, entering: Signal, next_: data.View, valid: Signal, taken: data.View):

@@ -47,14 +47,13 @@ class Evaluate(wiring.Component):
 
     def __init__(self, config: Config, rasterizer: int, pixels: int = BLOCK**2):
         self.config, self.blocks, self.pixels = config, owned(config, rasterizer), pixels
-        super().__init__(
-            {
-                "quadratic": In(layout(quadratic_record(config))),
-                "number": In(len(self.blocks)),
-                "enable": In(1),
-                "log2_alphas": Out(data.ArrayLayout(log2_alpha_layout(config), pixels)),
-            }
-        )
+        ports = {
+            "quadratic": In(layout(quadratic_record(config))),
+            "number": In(len(self.blocks)),
+            "enable": In(1),
+            "log2_alphas": Out(data.ArrayLayout(log2_alpha_layout(config), pixels)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -120,10 +119,8 @@ class Evaluate(wiring.Component):
         top = step + config.power_fraction
         positive = ~exponent[-1]
         below = Mux(positive, -1, exponent[step:])
-        m.d.comb += [
-            log2_alpha.step.eq(below[: config.power_fraction]),
-            log2_alpha.halvings.eq(~below[config.power_fraction :][:HALVING_BITS]),
-            log2_alpha.seen.eq(exponent >= exponent_min(config.pixel_fraction)),
-        ]
+        m.d.comb += log2_alpha.step.eq(below[: config.power_fraction])
+        m.d.comb += log2_alpha.halvings.eq(~below[config.power_fraction :][:HALVING_BITS])
+        m.d.comb += log2_alpha.seen.eq(exponent >= exponent_min(config.pixel_fraction))
         assert top + HALVING_BITS < len(exponent)
         return log2_alpha

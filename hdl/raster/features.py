@@ -33,17 +33,16 @@ class Features(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(group.sorted_record(config)))),
-                "o": Out(stream.Signature(layout(raster.featured_record(config)))),
-                "features_at": In(BEAT_ADDRESS_BITS),
-                "live": In(config.group**2),
-                "stop": Out(1),
-                "reads": Out(stream.Signature(layout(read_record()))),
-                "data": In(stream.Signature(read_beat())),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(group.sorted_record(config)))),
+            "o": Out(stream.Signature(layout(raster.featured_record(config)))),
+            "features_at": In(BEAT_ADDRESS_BITS),
+            "live": In(config.group**2),
+            "stop": Out(1),
+            "reads": Out(stream.Signature(layout(read_record()))),
+            "data": In(stream.Signature(read_beat())),
+        }
+        super().__init__(ports)
         self.known = Signal()  # `live` is about the group at `i`
 
     def elaborate(self, platform) -> Module:
@@ -92,11 +91,8 @@ class Features(wiring.Component):
         """Two beats make a feature; there is always room."""
         low = Signal(DATA_BITS, reset_less=True)
         beat = self.data.payload
-        m.d.comb += [
-            self.data.ready.eq(1),
-            features.valid.eq(self.data.valid & beat.last),
-            features.payload.eq(Cat(low, beat.beat)),
-        ]
+        m.d.comb += [self.data.ready.eq(1), features.valid.eq(self.data.valid & beat.last)]
+        m.d.comb += features.payload.eq(Cat(low, beat.beat))
         with m.If(self.data.valid):
             m.d.sync += low.eq(beat.beat)
 

@@ -37,22 +37,21 @@ class Groups(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "start": In(1),
-                "width": In(range(config.width_max + 1)),
-                "height": In(range(config.height_max + 1)),
-                "groups_at": In(BEAT_ADDRESS_BITS),
-                "scratch_entries": In(COUNT_BITS),
-                "counts": Out(stream.Signature(layout(sort.count_record()))),
-                "lists": Out(stream.Signature(layout(group_record()))),
-                "positions": Out(stream.Signature(layout(position_record(config)))),
-                "pixels": Out(stream.Signature(layout(written_record(config)))),
-                "too_long": Out(1),
-                "reads": Out(stream.Signature(layout(read_record()))),
-                "data": In(stream.Signature(read_beat())),
-            }
-        )
+        ports = {
+            "start": In(1),
+            "width": In(range(config.width_max + 1)),
+            "height": In(range(config.height_max + 1)),
+            "groups_at": In(BEAT_ADDRESS_BITS),
+            "scratch_entries": In(COUNT_BITS),
+            "counts": Out(stream.Signature(layout(sort.count_record()))),
+            "lists": Out(stream.Signature(layout(group_record()))),
+            "positions": Out(stream.Signature(layout(position_record(config)))),
+            "pixels": Out(stream.Signature(layout(written_record(config)))),
+            "too_long": Out(1),
+            "reads": Out(stream.Signature(layout(read_record()))),
+            "data": In(stream.Signature(read_beat())),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -87,10 +86,8 @@ class Groups(wiring.Component):
         side = convention.TILE * self.config.group
         rows = Signal(range(self.config.height_max // side + 2))
         columns = Signal(range(self.config.width_max // side + 2))
-        m.d.sync += [
-            rows.eq((self.height + side - 1) // side),
-            columns.eq((self.width + side - 1) // side),
-        ]
+        m.d.sync += rows.eq((self.height + side - 1) // side)
+        m.d.sync += columns.eq((self.width + side - 1) // side)
         return rows, columns
 
     def _table(self, m: Module, count) -> stream.Interface:

@@ -33,15 +33,14 @@ class ListReader(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "lists_at": In(BEAT_ADDRESS_BITS),
-                "i": In(stream.Signature(layout(group_record()))),
-                "o": Out(stream.Signature(layout(entry_record(config)))),
-                "reads": Out(stream.Signature(layout(read_record()))),
-                "data": In(stream.Signature(read_beat())),
-            }
-        )
+        ports = {
+            "lists_at": In(BEAT_ADDRESS_BITS),
+            "i": In(stream.Signature(layout(group_record()))),
+            "o": Out(stream.Signature(layout(entry_record(config)))),
+            "reads": Out(stream.Signature(layout(read_record()))),
+            "data": In(stream.Signature(read_beat())),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -49,11 +48,8 @@ class ListReader(wiring.Component):
         depth = max(PAGES_WAITING * beats, 2 * BURST_BEATS)
         page_bits = self.config.page.bit_length()
         fetch, unpack = unpacked(m, self, depth, beats.bit_length(), page_bits)
-        m.d.comb += [
-            self.o.valid.eq(unpack.o.valid),
-            self.o.payload.eq(unpack.o.payload),
-            unpack.o.ready.eq(self.o.ready),
-        ]
+        m.d.comb += [self.o.valid.eq(unpack.o.valid), self.o.payload.eq(unpack.o.payload)]
+        m.d.comb += unpack.o.ready.eq(self.o.ready)
         self._pages(m, fetch, unpack, beats)
         return m
 
@@ -69,11 +65,8 @@ class ListReader(wiring.Component):
         link = self.data.payload.beat[DATA_BITS - ENTRY_BITS :][:PAGE_BITS]
         comes = self.data.valid & self.data.ready
         through, begins = Signal(), Signal()
-        m.d.comb += [
-            fetch.i.payload.beat.eq(self.lists_at + page * beats),
-            fetch.i.payload.count.eq(wanted),
-            unpack.counts.payload.eq(count),
-        ]
+        m.d.comb += fetch.i.payload.beat.eq(self.lists_at + page * beats)
+        m.d.comb += [fetch.i.payload.count.eq(wanted), unpack.counts.payload.eq(count)]
         with m.FSM():
             with m.State("GROUP"):
                 m.d.comb += self.i.ready.eq(1)
@@ -87,10 +80,8 @@ class ListReader(wiring.Component):
                     begins.eq(fetch.i.valid & fetch.i.ready),
                     through.eq((asked | begins) & (counted | unpack.counts.ready)),
                 ]
-                m.d.sync += [
-                    asked.eq((asked | begins) & ~through),
-                    counted.eq((counted | unpack.counts.ready) & ~through),
-                ]
+                m.d.sync += asked.eq((asked | begins) & ~through)
+                m.d.sync += counted.eq((counted | unpack.counts.ready) & ~through)
                 with m.If(through):
                     m.d.sync += left.eq(left - count)
                     m.next = "GROUP"

@@ -44,13 +44,12 @@ class Mark(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "i": In(layout(around_record(config))),
-                "enable": In(1),
-                "o": Out(layout(marked_record(config))),
-            }
-        )
+        ports = {
+            "i": In(layout(around_record(config))),
+            "enable": In(1),
+            "o": Out(layout(marked_record(config))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

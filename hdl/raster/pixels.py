@@ -46,20 +46,19 @@ class Pixels(wiring.Component):
         self.config, self.span = config, min(config.rasterizers, BLOCKS)
         self.side = exact_log2(config.group)
         pixels = In(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
-        super().__init__(
-            {
-                "start": In(1),
-                "width": In(range(config.width_max + 1)),
-                "height": In(range(config.height_max + 1)),
-                "pixels_at": In(BEAT_ADDRESS_BITS),
-                "stride_beats": In(STRIDE_BITS - BEAT_BITS),
-                "background": In(layout(Record("colour", colours(config)))),
-                "positions": In(stream.Signature(layout(written_record(config)))),
-                "i": pixels,
-                "through": Out(1),
-                "writes": Out(stream.Signature(layout(write_record()))),
-            }
-        )
+        ports = {
+            "start": In(1),
+            "width": In(range(config.width_max + 1)),
+            "height": In(range(config.height_max + 1)),
+            "pixels_at": In(BEAT_ADDRESS_BITS),
+            "stride_beats": In(STRIDE_BITS - BEAT_BITS),
+            "background": In(layout(Record("colour", colours(config)))),
+            "positions": In(stream.Signature(layout(written_record(config)))),
+            "i": pixels,
+            "through": Out(1),
+            "writes": Out(stream.Signature(layout(write_record()))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -131,11 +130,9 @@ class Pixels(wiring.Component):
         write = self.write.payload
         bytes_ = [Cat(self.beat << BEAT_BITS) + k for k in range(BEAT)]
         words_of_beat = segment.word_select(self.beat, DATA_BITS)
-        m.d.comb += [
-            write.low.eq(words_of_beat[: DATA_BITS // 2]),
-            write.high.eq(words_of_beat[DATA_BITS // 2 :]),
-            write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_)),
-        ]
+        m.d.comb += write.low.eq(words_of_beat[: DATA_BITS // 2])
+        m.d.comb += write.high.eq(words_of_beat[DATA_BITS // 2 :])
+        m.d.comb += write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_))
         return (behind - 1) >> BEAT_BITS
 
     def _control(

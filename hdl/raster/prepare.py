@@ -77,22 +77,17 @@ class Prepare(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.coarser = factor_fraction(config) - config.exponent_fraction
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(featured_record(config)))),
-                "o": Out(stream.Signature(layout(readied_record(config)))),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(featured_record(config)))),
+            "o": Out(stream.Signature(layout(readied_record(config)))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.pipe = pipe = Pipe(len(CUTS))
-        m.d.comb += [
-            pipe.i.valid.eq(self.i.valid),
-            self.i.ready.eq(pipe.i.ready),
-            self.o.valid.eq(pipe.o.valid),
-            pipe.o.ready.eq(self.o.ready),
-        ]
+        m.d.comb += [pipe.i.valid.eq(self.i.valid), self.i.ready.eq(pipe.i.ready)]
+        m.d.comb += [self.o.valid.eq(pipe.o.valid), pipe.o.ready.eq(self.o.ready)]
         self.pipeline = Pipeline(m, pipe.enable, dict.fromkeys(CUTS, 1))
         values = self._cut("parts", self._parts())
         values = self._cut("shifted", self._shifted(values))

@@ -36,14 +36,13 @@ class Expand(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(raster.readied_record(config)))),
-                "positions": In(stream.Signature(layout(raster.position_record(config)))),
-                "live": In(config.group**2),
-                "o": Out(stream.Signature(layout(raster.pair_record(config)))),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(raster.readied_record(config)))),
+            "positions": In(stream.Signature(layout(raster.position_record(config)))),
+            "live": In(config.group**2),
+            "o": Out(stream.Signature(layout(raster.pair_record(config)))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -66,10 +65,8 @@ class Expand(wiring.Component):
         ]
         columns = [Cat(chosen[row * side + k] for row in range(side)).any() for k in range(side)]
         rows = [chosen[row * side : (row + 1) * side].any() for row in range(side)]
-        m.d.comb += [
-            o.column.eq(position.column * side + encoded(Cat(columns))),
-            o.row.eq(position.row * side + encoded(Cat(rows))),
-        ]
+        m.d.comb += o.column.eq(position.column * side + encoded(Cat(columns)))
+        m.d.comb += o.row.eq(position.row * side + encoded(Cat(rows)))
         with m.If(self.i.ready):
             m.d.sync += done.eq(0)
         with m.Elif(self.o.valid & self.o.ready):
@@ -107,19 +104,18 @@ class Raster(wiring.Component):
         pixels = Out(stream.Signature(layout(raster.pixels_record(config)))).array(
             config.rasterizers
         )
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(raster.featured_record(config)))),
-                "positions": In(stream.Signature(layout(raster.position_record(config)))),
-                "width": In(range(config.width_max + 1)),
-                "height": In(range(config.height_max + 1)),
-                "background": In(layout(Record("colour", raster.colours(config)))),
-                "live": Out(config.group**2),
-                "o": pixels,
-                "clear": In(1),
-                "counters": Out(counters_layout(counted(config))),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(raster.featured_record(config)))),
+            "positions": In(stream.Signature(layout(raster.position_record(config)))),
+            "width": In(range(config.width_max + 1)),
+            "height": In(range(config.height_max + 1)),
+            "background": In(layout(Record("colour", raster.colours(config)))),
+            "live": Out(config.group**2),
+            "o": pixels,
+            "clear": In(1),
+            "counters": Out(counters_layout(counted(config))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -134,11 +130,8 @@ class Raster(wiring.Component):
         for number, part in enumerate(self.rasterizers):
             m.submodules[f"rasterizer{number}"] = part
             self._register(m, f"position{number}", fork.o[number], part.positions)
-            m.d.comb += [
-                part.width.eq(self.width),
-                part.height.eq(self.height),
-                part.background.eq(self.background),
-            ]
+            m.d.comb += [part.width.eq(self.width), part.height.eq(self.height)]
+            m.d.comb += part.background.eq(self.background)
             connect(m, part.o, flipped(self.o[number]))
         self._admit(m)
         o = self.expand.o
@@ -181,10 +174,8 @@ class Raster(wiring.Component):
             ]
             m.d.comb += o.blocks.eq(blocks)
             takers.append((part, blocks.any() | mark.o.end))
-        m.d.comb += [
-            pipe.o.ready.eq(Cat(part.i.ready | ~wants for part, wants in takers).all()),
-            self.reached.eq(Cat(wants for _, wants in takers)),
-        ]
+        m.d.comb += pipe.o.ready.eq(Cat(part.i.ready | ~wants for part, wants in takers).all())
+        m.d.comb += self.reached.eq(Cat(wants for _, wants in takers))
         for part, wants in takers:
             m.d.comb += part.i.valid.eq(pipe.o.valid & pipe.o.ready & wants)
 

@@ -45,21 +45,20 @@ class Rasterizer(wiring.Component):
         pair, pixels = raster.marked_record(config, len(self.own)), raster.pixels_record(config)
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
         self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(pair))),
-                "positions": In(stream.Signature(layout(raster.position_record(config)))),
-                "width": In(range(config.width_max + 1)),
-                "height": In(range(config.height_max + 1)),
-                "background": In(layout(Record("colour", raster.colours(config)))),
-                "started": Out(1),
-                "group": Out(raster.GROUP_BITS, init=-1),
-                "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
-                "o": Out(stream.Signature(layout(pixels))),
-                "blended": Out(1),
-                "waited": Out(1),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(pair))),
+            "positions": In(stream.Signature(layout(raster.position_record(config)))),
+            "width": In(range(config.width_max + 1)),
+            "height": In(range(config.height_max + 1)),
+            "background": In(layout(Record("colour", raster.colours(config)))),
+            "started": Out(1),
+            "group": Out(raster.GROUP_BITS, init=-1),
+            "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
+            "o": Out(stream.Signature(layout(pixels))),
+            "blended": Out(1),
+            "waited": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -90,11 +89,8 @@ class Rasterizer(wiring.Component):
         columns = self._inside(position.column, self.width, BLOCK)
         rows = self._inside(position.row, self.height, BLOCK)
         with m.If(self.positions.valid & self.positions.ready):
-            m.d.sync += [
-                self.started.eq(1),
-                self.position.eq(position),
-                self.group.eq(self.group + 1),
-            ]
+            m.d.sync += [self.started.eq(1), self.position.eq(position)]
+            m.d.sync += self.group.eq(self.group + 1)
             for tile in range(self.tiles):
                 row, column = divmod(tile, self.config.group)
                 inside = [
@@ -108,8 +104,7 @@ class Rasterizer(wiring.Component):
 
     def _issue(self, m: Module) -> Value:
         """The next block: of the pair at hand; or at the group's end one after the other, to be
-        given out, after a first time in which the background, if any, is blended into them.
-        """
+        given out, after a first time in which the background, if any, is blended into them."""
         pair, own = self.pairs.o.payload, len(self.own)
         done, count = Signal(own), Signal(range(self.blocks))
         left, lowest_left = Signal(own), Signal(own)
@@ -151,11 +146,8 @@ class Rasterizer(wiring.Component):
             "issued", pair.quadratic, self.chosen, self.tile, self.final, give,
             *(pair[name] for name in raster.COLOURS),
         )  # fmt: skip
-        m.d.comb += [
-            evaluate.quadratic.eq(quadratic),
-            evaluate.number.eq(chosen),
-            evaluate.enable.eq(self.moves),
-        ]
+        m.d.comb += [evaluate.quadratic.eq(quadratic), evaluate.number.eq(chosen)]
+        m.d.comb += evaluate.enable.eq(self.moves)
         for cut in cuts[1:]:
             chosen, *rest = pipeline.cut(cut, chosen, *rest)
         tile, final, give, *colour = rest

@@ -62,19 +62,18 @@ class Render(wiring.Component):
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
         counters = {name: part.counters.shape() for name, part in parts.items()}
-        super().__init__(
-            {
-                "start": In(1),
-                "job": In(job_layout(config)),
-                "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
-                "data": In(stream.Signature(read_beat())).array(len(READING)),
-                "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
-                "settled": In(len(WRITING)),
-                "done": Out(1),
-                "error": Out(ERROR),
-                "counters": Out(data.StructLayout(counters)),
-            }
-        )
+        ports = {
+            "start": In(1),
+            "job": In(job_layout(config)),
+            "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+            "data": In(stream.Signature(read_beat())).array(len(READING)),
+            "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+            "settled": In(len(WRITING)),
+            "done": Out(1),
+            "error": Out(ERROR),
+            "counters": Out(data.StructLayout(counters)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

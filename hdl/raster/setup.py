@@ -58,13 +58,12 @@ class Setup(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "i": In(layout(pair_record(config))),
-                "enable": In(1),
-                "o": Out(layout(around_record(config))),
-            }
-        )
+        ports = {
+            "i": In(layout(pair_record(config))),
+            "enable": In(1),
+            "o": Out(layout(around_record(config))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -42,21 +42,20 @@ class Merge(wiring.Component):
         self.taken = data.StructLayout(
             {"valid": 1, "key": self.key_bits, "slot": slot_layout(config)}
         )
-        super().__init__(
-            {
-                "begin": In(1),
-                "runs": In(self.ways),
-                "written": In(data.ArrayLayout(self.counter, self.ways)),
-                "head": Out(slot_layout(config)),
-                "found": In(layout(ranked_record(config))),
-                "room": In(1),
-                "o": Out(self.taken),
-                "stop": In(1),
-                "busy": Out(1),
-                "starved": Out(1),
-                "blocked": Out(1),
-            }
-        )
+        ports = {
+            "begin": In(1),
+            "runs": In(self.ways),
+            "written": In(data.ArrayLayout(self.counter, self.ways)),
+            "head": Out(slot_layout(config)),
+            "found": In(layout(ranked_record(config))),
+            "room": In(1),
+            "o": Out(self.taken),
+            "stop": In(1),
+            "busy": Out(1),
+            "starved": Out(1),
+            "blocked": Out(1),
+        }
+        super().__init__(ports)
         entry = layout(ranked_record(config))
         self.heads = [Signal(entry, name=f"head{k}", reset_less=True) for k in range(self.ways)]
         self.behind = [Signal(entry, name=f"behind{k}", reset_less=True) for k in range(self.ways)]
@@ -95,12 +94,8 @@ class Merge(wiring.Component):
         level = []
         for way, head in enumerate(self.heads):
             leaf = Signal(shape, name=f"leaf{way}")
-            m.d.comb += [
-                leaf.key.eq(head.key),
-                leaf.gone.eq(~self.live[way]),
-                leaf.slot.index.eq(head.index),
-                leaf.slot.way.eq(way),
-            ]
+            m.d.comb += [leaf.key.eq(head.key), leaf.gone.eq(~self.live[way])]
+            m.d.comb += [leaf.slot.index.eq(head.index), leaf.slot.way.eq(way)]
             level.append(leaf)
         levels = way_bits(self.config)
         for number in range(levels):
@@ -119,11 +114,9 @@ class Merge(wiring.Component):
         read = [Signal(self.counter, name=f"read{way}") for way in range(self.ways)]
         fetching, asked, able, headless = (Signal(self.ways) for _ in range(4))
         left = Cat(pointer != self.written[way] for way, pointer in enumerate(read))
-        m.d.comb += [
-            able.eq(self.live & ~self.ended & ~fetching & ~self.waits & left),
-            headless.eq(able & ~self.present),
-            asked.eq(lowest(m, Mux(headless.any(), headless, able))),
-        ]
+        first = lowest(m, Mux(headless.any(), headless, able))
+        m.d.comb += able.eq(self.live & ~self.ended & ~fetching & ~self.waits & left)
+        m.d.comb += [headless.eq(able & ~self.present), asked.eq(first)]
         m.d.sync += fetching.eq(Mux(self.stop, 0, asked))
         for way, pointer in enumerate(read):
             with m.If(asked[way]):
@@ -138,12 +131,8 @@ class Merge(wiring.Component):
         for way, (head, behind) in enumerate(zip(self.heads, self.behind, strict=True)):
             arrives, present, waits = found[way], self.present[way], self.waits[way]
             with m.If(takes[way]):
-                m.d.sync += [
-                    head.eq(Mux(waits, behind, self.found)),
-                    present.eq(waits | arrives),
-                    waits.eq(waits & arrives),
-                    self.live[way].eq(~head.last),
-                ]
+                m.d.sync += [head.eq(Mux(waits, behind, self.found)), present.eq(waits | arrives)]
+                m.d.sync += [waits.eq(waits & arrives), self.live[way].eq(~head.last)]
             with m.Elif(arrives):
                 m.d.sync += [present.eq(1), waits.eq(present)]
                 with m.If(~present):

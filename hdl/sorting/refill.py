@@ -36,23 +36,22 @@ class Refill(wiring.Component):
         self.piece, self.pieces = read_entries(config), half_entries(config) // read_entries(config)
         self.way = range(config.merge_ways)
         wanted = layout(wanted_record(config))
-        super().__init__(
-            {
-                "start": In(1),
-                "base": In(COUNT_BITS),
-                "length": In(COUNT_BITS + 1),
-                "total": In(COUNT_BITS),
-                "area": In(1),
-                "begin": Out(1),
-                "runs": Out(config.merge_ways),
-                "taken": In(data.StructLayout({"valid": 1, "way": self.way})),
-                "stop": In(1),
-                "wanted": Out(stream.Signature(wanted)),
-                "back": In(stream.Signature(layout(entry_record(config)))),
-                "returned": Out(returned(config)),
-                "busy": Out(1),
-            }
-        )
+        ports = {
+            "start": In(1),
+            "base": In(COUNT_BITS),
+            "length": In(COUNT_BITS + 1),
+            "total": In(COUNT_BITS),
+            "area": In(1),
+            "begin": Out(1),
+            "runs": Out(config.merge_ways),
+            "taken": In(data.StructLayout({"valid": 1, "way": self.way})),
+            "stop": In(1),
+            "wanted": Out(stream.Signature(wanted)),
+            "back": In(stream.Signature(layout(entry_record(config)))),
+            "returned": Out(returned(config)),
+            "busy": Out(1),
+        }
+        super().__init__(ports)
         asked = data.StructLayout({"way": self.way, "last": 1, "count": wanted["count"].shape})
         self.ready = Queue(self.way, max(MEMORY_DEPTH_MIN, self.pieces), memory=True)
         self.under_way = Queue(asked, max(MEMORY_DEPTH_MIN, self.pieces), memory=True)
@@ -64,10 +63,8 @@ class Refill(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.ready, m.submodules.under_way = self.ready, self.under_way
-        m.d.comb += [
-            self.ready.i.valid.eq(self.taken.valid),
-            self.ready.i.payload.eq(self.taken.way),
-        ]
+        m.d.comb += self.ready.i.valid.eq(self.taken.valid)
+        m.d.comb += self.ready.i.payload.eq(self.taken.way)
         self._position(m)
         idle = self._ask(m)
         m.d.comb += self.busy.eq(~idle | (self.ready.level != 0) | (self.under_way.level != 0))
@@ -128,11 +125,9 @@ class Refill(wiring.Component):
             with m.State("FIND"):  # what has been looked up becomes `position`
                 m.next = "ASK"
             with m.State("ASK"):
-                m.d.comb += [
-                    self.wanted.valid.eq(~self.ended & under_way.i.ready),
-                    under_way.i.valid.eq(self.wanted.valid & self.wanted.ready),
-                    self.steps.eq(self.ended | under_way.i.valid),
-                ]
+                m.d.comb += self.wanted.valid.eq(~self.ended & under_way.i.ready)
+                m.d.comb += under_way.i.valid.eq(self.wanted.valid & self.wanted.ready)
+                m.d.comb += self.steps.eq(self.ended | under_way.i.valid)
                 with m.If(self.steps):
                     m.next = "IDLE"
                     with m.If(filling):

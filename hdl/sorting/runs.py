@@ -61,19 +61,18 @@ class Half(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.counter = index_bits(config) + 1
-        super().__init__(
-            {
-                "arrived": In(arrived(config)),
-                "ranked": In(ranked(config)),
-                "returned": In(returned(config)),
-                "clear": In(1),
-                "written": Out(data.ArrayLayout(self.counter, config.merge_ways)),
-                "head": In(slot_layout(config)),
-                "value": In(slot_layout(config)),
-                "head_found": Out(layout(ranked_record(config))),
-                "value_found": Out(layout(value_record(config))),
-            }
-        )
+        ports = {
+            "arrived": In(arrived(config)),
+            "ranked": In(ranked(config)),
+            "returned": In(returned(config)),
+            "clear": In(1),
+            "written": Out(data.ArrayLayout(self.counter, config.merge_ways)),
+            "head": In(slot_layout(config)),
+            "value": In(slot_layout(config)),
+            "head_found": Out(layout(ranked_record(config))),
+            "value_found": Out(layout(value_record(config))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -146,17 +145,16 @@ class Runs(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "groups": In(stream.Signature(layout(count_record()))),
-                "entries": In(stream.Signature(layout(entry_record(config)))),
-                "arrived": Out(arrived(config)).array(HALVES),
-                "ranked": Out(ranked(config)).array(HALVES),
-                "jobs": Out(job(config)).array(HALVES),
-                "release": In(HALVES),
-                "sorting": Out(1),
-            }
-        )
+        ports = {
+            "groups": In(stream.Signature(layout(count_record()))),
+            "entries": In(stream.Signature(layout(entry_record(config)))),
+            "arrived": Out(arrived(config)).array(HALVES),
+            "ranked": Out(ranked(config)).array(HALVES),
+            "jobs": Out(job(config)).array(HALVES),
+            "release": In(HALVES),
+            "sorting": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -183,19 +181,12 @@ class Runs(wiring.Component):
         with m.If(push & last):
             m.d.sync += turn.eq(Mux(turn == len(sorters) - 1, 0, turn + 1))
         for k, arrived in enumerate(self.arrived):
-            m.d.comb += [
-                arrived.valid.eq(push & (half == k)),
-                arrived.slot.eq(slot),
-                arrived.value.splat.eq(entry.splat),
-                arrived.value.mask.eq(entry.mask),
-            ]
+            m.d.comb += [arrived.valid.eq(push & (half == k)), arrived.slot.eq(slot)]
+            m.d.comb += [arrived.value.splat.eq(entry.splat), arrived.value.mask.eq(entry.mask)]
         for k, sorter in enumerate(sorters):
             mine = push & (turn == k)
-            m.d.comb += [
-                sorter.i.valid.eq(mine),
-                sorter.i.payload.key.eq(entry.key),
-                sorter.i.payload.last.eq(last),
-            ]
+            m.d.comb += [sorter.i.valid.eq(mine), sorter.i.payload.key.eq(entry.key)]
+            m.d.comb += sorter.i.payload.last.eq(last)
             with m.If(mine):
                 m.d.sync += [owners[k].eq(slot), halves[k].eq(half)]
 
@@ -214,10 +205,8 @@ class Runs(wiring.Component):
         with m.FSM() as fsm:
             with m.State("GROUP"):
                 m.d.comb += self.groups.ready.eq(1)
-                m.d.sync += [
-                    left.eq(self.groups.payload.count),
-                    long.eq(self.groups.payload.count > half_entries(self.config)),
-                ]
+                m.d.sync += left.eq(self.groups.payload.count)
+                m.d.sync += long.eq(self.groups.payload.count > half_entries(self.config))
                 with m.If(self.groups.valid):
                     m.next = "OPEN"
             with m.State("OPEN"):
@@ -228,10 +217,8 @@ class Runs(wiring.Component):
                     with m.If(left == 0):
                         m.next = "CLOSE"
             with m.State("LOAD"):
-                m.d.comb += [
-                    self.entries.ready.eq(free),
-                    push.eq(self.entries.valid & self.entries.ready),
-                ]
+                m.d.comb += self.entries.ready.eq(free)
+                m.d.comb += push.eq(self.entries.valid & self.entries.ready)
                 with m.If(push):
                     m.d.sync += [left.eq(left - 1), runs.eq(runs + last)]
                     m.d.sync += slot.as_value().eq(slot.as_value() + 1)

@@ -33,19 +33,18 @@ class Scratch(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        super().__init__(
-            {
-                "scratch_at": In(BEAT_ADDRESS_BITS),
-                "area_beats": In(BEAT_ADDRESS_BITS),
-                "spill": In(stream.Signature(layout(spill_record(config)))),
-                "wanted": In(stream.Signature(layout(wanted_record(config)))),
-                "back": Out(stream.Signature(layout(entry_record(config)))),
-                "settled": In(1),
-                "reads": Out(stream.Signature(layout(read_record()))),
-                "data": In(stream.Signature(read_beat())),
-                "writes": Out(stream.Signature(layout(write_record()))),
-            }
-        )
+        ports = {
+            "scratch_at": In(BEAT_ADDRESS_BITS),
+            "area_beats": In(BEAT_ADDRESS_BITS),
+            "spill": In(stream.Signature(layout(spill_record(config)))),
+            "wanted": In(stream.Signature(layout(wanted_record(config)))),
+            "back": Out(stream.Signature(layout(entry_record(config)))),
+            "settled": In(1),
+            "reads": Out(stream.Signature(layout(read_record()))),
+            "data": In(stream.Signature(read_beat())),
+            "writes": Out(stream.Signature(layout(write_record()))),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -43,19 +43,18 @@ class Sort(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         entry = layout(entry_record(config))
-        super().__init__(
-            {
-                "groups": In(stream.Signature(layout(sort.count_record()))),
-                "entries": In(stream.Signature(entry)),
-                "spill": Out(stream.Signature(layout(sort.spill_record(config)))),
-                "wanted": Out(stream.Signature(layout(sort.wanted_record(config)))),
-                "back": In(stream.Signature(entry)),
-                "stop": In(1),
-                "o": Out(stream.Signature(layout(sorted_record(config)))),
-                "clear": In(1),
-                "counters": Out(counters_layout(COUNTED)),
-            }
-        )
+        ports = {
+            "groups": In(stream.Signature(layout(sort.count_record()))),
+            "entries": In(stream.Signature(entry)),
+            "spill": Out(stream.Signature(layout(sort.spill_record(config)))),
+            "wanted": Out(stream.Signature(layout(sort.wanted_record(config)))),
+            "back": In(stream.Signature(entry)),
+            "stop": In(1),
+            "o": Out(stream.Signature(layout(sorted_record(config)))),
+            "clear": In(1),
+            "counters": Out(counters_layout(COUNTED)),
+        }
+        super().__init__(ports)
         given = data.StructLayout({"entry": entry, "spill": 1, "end": 1})
         self.runs, self.merge, self.refill = Runs(config), Merge(config), Refill(config)
         self.given = Queue(given, OUT_WAITING)
@@ -99,10 +98,8 @@ class Sort(wiring.Component):
                 runs.release[k].eq(self.release & mine),
             ]
         first, second = self.halves
-        m.d.comb += [
-            merge.written.eq(Mux(self.half, second.written, first.written)),
-            merge.found.eq(Mux(self.half, second.head_found, first.head_found)),
-        ]
+        m.d.comb += merge.written.eq(Mux(self.half, second.written, first.written))
+        m.d.comb += merge.found.eq(Mux(self.half, second.head_found, first.head_found))
         with m.If(self.release):
             m.d.sync += self.half.eq(~self.half)
 
@@ -129,10 +126,8 @@ class Sort(wiring.Component):
         ]
         for k, half in enumerate(self.halves):
             with m.If(self.half == k):
-                m.d.comb += [
-                    given.entry.splat.eq(half.value_found.splat),
-                    given.entry.mask.eq(half.value_found.mask),
-                ]
+                m.d.comb += given.entry.splat.eq(half.value_found.splat)
+                m.d.comb += given.entry.mask.eq(half.value_found.mask)
         with m.If(self.ends):
             m.d.comb += [given.end.eq(1), given.spill.eq(0), given.entry.eq(0)]
 

@@ -97,14 +97,13 @@ class SubSorter(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.phases = config, phases(config)
         self.entries = config.sub_sorter_entries
-        super().__init__(
-            {
-                "i": In(stream.Signature(layout(batch_record(config)))),
-                "o": Out(stream.Signature(layout(ranked_record(config)))),
-                "drop": In(1),
-                "idle": Out(1),
-            }
-        )
+        ports = {
+            "i": In(stream.Signature(layout(batch_record(config)))),
+            "o": Out(stream.Signature(layout(ranked_record(config)))),
+            "drop": In(1),
+            "idle": Out(1),
+        }
+        super().__init__(ports)
         width = config.sort_key_bits
         self.keys = [Signal(width, name=f"key{k}", reset_less=True) for k in range(self.entries)]
         self.sets = [Signal(self.entries, name=f"set{p}") for p in range(len(self.phases))]
@@ -121,11 +120,8 @@ class SubSorter(wiring.Component):
         busy = any_of(self.full)
         # A round is a cycle with `second` low, and then those with it high until there is room.
         second, ends = self.second, Signal()
-        m.d.comb += [
-            ends.eq(second & (~self.o.valid | self.o.ready)),
-            self.i.ready.eq(~busy),
-            self.idle.eq(~busy & ~self.o.valid & (self.slot == 0)),
-        ]
+        m.d.comb += [ends.eq(second & (~self.o.valid | self.o.ready)), self.i.ready.eq(~busy)]
+        m.d.comb += self.idle.eq(~busy & ~self.o.valid & (self.slot == 0))
         m.d.sync += second.eq(Mux(second, ~ends, busy))
         clusters = self._clusters(m)
         chosen = Signal(self.entries)
@@ -144,10 +140,8 @@ class SubSorter(wiring.Component):
             m.d.comb += free.eq(~self.full[p] | (takes & ~rest))
             stays = entering & ~(leaving & takes.replicate(self.entries))
             with m.If(ends):
-                m.d.sync += [
-                    entering.eq(Mux(free, clusters[p - 1], stays) if p else stays),
-                    self.full[p].eq(Mux(free, before, 1)),
-                ]
+                m.d.sync += entering.eq(Mux(free, clusters[p - 1], stays) if p else stays)
+                m.d.sync += self.full[p].eq(Mux(free, before, 1))
             takes = before & free
         self._load(m)
         self._give(m, clusters[-1], ends, self.single & ~any_of([Const(0, 1), *self.full[:-1]]))

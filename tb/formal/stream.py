@@ -40,24 +40,16 @@ class Followed(wiring.Component):
         i, o = self.part.i, self.part.o
         m.d.comb += [i.payload.eq(self.payload), i.valid.eq(self.valid), o.ready.eq(self.ready)]
         put, take, picked, leaves = Signal(), Signal(), Signal(), Signal()
-        m.d.comb += [
-            put.eq(i.valid & i.ready),
-            take.eq(o.valid & o.ready),
-            picked.eq(put & self.pick & ~self.followed),
-            leaves.eq(self.followed & o.valid & (self.ahead == 0)),
-        ]
-        m.d.sync += [
-            self.inside.eq(self.inside + put - take),
-            self.idle.eq(Mux((self.inside != 0) & ~o.valid, self.idle + 1, 0)),
-        ]
+        m.d.comb += [put.eq(i.valid & i.ready), take.eq(o.valid & o.ready)]
+        m.d.comb += picked.eq(put & self.pick & ~self.followed)
+        m.d.comb += leaves.eq(self.followed & o.valid & (self.ahead == 0))
+        m.d.sync += self.inside.eq(self.inside + put - take)
+        m.d.sync += self.idle.eq(Mux((self.inside != 0) & ~o.valid, self.idle + 1, 0))
         with m.If(self.followed & take):
             m.d.sync += [self.ahead.eq(self.ahead - 1), self.followed.eq(~leaves)]
         with m.If(picked):
-            m.d.sync += [
-                self.followed.eq(1),
-                self.value.eq(i.payload),
-                self.ahead.eq(self.inside - take),
-            ]
+            m.d.sync += [self.followed.eq(1), self.value.eq(i.payload)]
+            m.d.sync += self.ahead.eq(self.inside - take)
         m.d.comb += [
             Assert(~o.valid | (self.inside != 0)),
             Assert(~leaves | (o.payload == self.value)),
@@ -138,12 +130,9 @@ def in_pipe(proof: Followed, m: Module, picked: Value) -> None:
     stages = Signal(pipe.valid.shape())  # one bit set, that of the followed item's stage
     with m.If(pipe.enable):
         m.d.sync += stages.eq(Cat(picked, stages))
-    m.d.comb += [
-        Assert(proof.inside == sum(pipe.valid)),
-        Assert(part.i.ready == (~part.o.valid | part.o.ready)),
-        Assert(proof.followed == stages.any()),
-        Assert((stages & (stages - 1)) == 0),
-    ]
+    m.d.comb += Assert(proof.inside == sum(pipe.valid))
+    m.d.comb += Assert(part.i.ready == (~part.o.valid | part.o.ready))
+    m.d.comb += [Assert(proof.followed == stages.any()), Assert((stages & (stages - 1)) == 0)]
     for k, data in enumerate(part.data):
         ahead = sum(pipe.valid[k + 1 :], Const(0))
         here = pipe.valid[k] & (data == proof.value) & (proof.ahead == ahead)
@@ -172,19 +161,13 @@ class Forked(wiring.Component):
         had, taking = Signal(self.count), Signal(self.count)  # outputs that had, take the item
         offered = keeps_offers(m, part.i, Assume)
         for k, o in enumerate(part.o):
-            m.d.comb += [
-                o.ready.eq(self.ready[k]),
-                taking[k].eq(o.valid & o.ready),
-                Assert(o.valid == (part.i.valid & ~had[k])),
-                Assert(~o.valid | (o.payload == part.i.payload)),
-            ]
+            m.d.comb += [o.ready.eq(self.ready[k]), taking[k].eq(o.valid & o.ready)]
+            m.d.comb += Assert(o.valid == (part.i.valid & ~had[k]))
+            m.d.comb += Assert(~o.valid | (o.payload == part.i.payload))
             keeps_offers(m, o)
         passes = part.i.valid & part.i.ready
         m.d.sync += had.eq(Mux(passes, 0, had | taking))
-        m.d.comb += [
-            Assert(passes == (part.i.valid & (had | taking).all())),
-            Assert(part.taken == had),
-            Assert(offered | (had == 0)),
-            Cover(passes & had.any()),
-        ]
+        m.d.comb += Assert(passes == (part.i.valid & (had | taking).all()))
+        m.d.comb += [Assert(part.taken == had), Assert(offered | (had == 0))]
+        m.d.comb += Cover(passes & had.any())
         return m

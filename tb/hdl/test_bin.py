@@ -195,9 +195,7 @@ def test_hardware_equals_golden_on_scenes(name):
 
 @pytest.mark.slow
 def test_queues_and_buffers_fill_and_run_empty():
-    """Splats wait for features to be taken until no more fit; buffers of all levels are written out
-    when they are full, and flushed.
-    """
+    """Splats wait until no more features fit; buffers of all levels are filled and flushed."""
     frames = [random_frame(TINY, 60 + k, (k, 0)) for k in range(8)]
     run, results = check("SHORT", frames, 0.8)
     room, finishing = run.samples["room"], run.samples["finishing"]

@@ -70,9 +70,7 @@ class Frame:
 
 
 def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Inputs by port, and the cycles of the starts of each frame: the memory is written, Gaussians
-    start. Wherever an input should not matter it is random.
-    """
+    """Inputs by port, random where they should not matter; the cycles of each frame's starts."""
     rng = np.random.default_rng(7)
     widths = vectors.input_widths(ports)
     rows, starts, begin = {name: [] for name in widths}, [], 0

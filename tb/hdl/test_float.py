@@ -1,6 +1,4 @@
-"""Float hardware against its golden model: every pair of small formats, a million hard ones of
-large.
-"""
+"""Float hardware against its golden model: all pairs of small formats, a million hard ones."""
 
 from functools import cache, partial
 from itertools import product
@@ -31,7 +29,6 @@ EIGHT_BITS = [
     Float(2, 4, signed=False),
     Float(4, 4, signed=False, subnormal=False),
 ]
-
 
 OPERATIONS = (
     (Multiply, arithmetic.multiply, "ab", ("o",)),
@@ -178,9 +175,7 @@ def positive(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("format", [SMALLEST, FP24], ids=str)
 def test_clamp_and_maximum(format):
-    """Every pair of codes of a small format, hard pairs of the real one; with pauses, in which the
-    register holds.
-    """
+    """All pairs of codes of a small format, hard ones of the real one; in pauses it holds."""
     size, rng = 1 << format.width, np.random.default_rng(0)
     if format is SMALLEST:
         a, b = (codes.ravel() for codes in np.mgrid[:size, :size])
@@ -189,11 +184,10 @@ def test_clamp_and_maximum(format):
         near = np.clip(a + rng.integers(-1, 2, a.size), 0, size - 1)
         b = np.where(rng.random(a.size) < 0.5, near, rng.integers(0, size, a.size))
         b ^= rng.integers(0, 2, a.size) << format.width - 1
+    given, where = ("a", "b"), partial(positive, format)
     units = [
-        Datapath(Maximum(format), 1, ("a", "b"), partial(maximum, format)),
-        Datapath(
-            Clamp(format), 1, ("a", "b"), partial(clamp, format), where=partial(positive, format)
-        ),
+        Datapath(Maximum(format), 1, given, partial(maximum, format)),
+        Datapath(Clamp(format), 1, given, partial(clamp, format), where=where),
     ]
     inputs = {"a": canonical(format, a), "b": canonical(format, b)}
     check(units, *with_pauses(inputs, rng, 2))

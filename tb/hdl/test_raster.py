@@ -25,6 +25,7 @@ from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import entry_record, extent_format, feature_record, group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
+from splatcore.spec.record import Codes
 from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
 from tb.helpers.machines import NEEDLES, long_needles
@@ -34,19 +35,19 @@ from tb.helpers.scenes import scene_path
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
-
 SIZES = ((64, 64), (61, 35), (1, 1), (33, 2))
 """Images: the largest, one that cuts blocks, and such as have hardly any."""
 
 
-def random_entries(config, count: int, size: tuple[int, int], seed: int) -> Entries:
-    """Lists with tiles drawn at random, whether a splat reaches them or not."""
+def random_case(config, count: int, size: tuple[int, int], seed: int) -> tuple[Codes, Entries]:
+    """Features, and lists with tiles drawn at random, whether a splat reaches them or not."""
     rng = np.random.default_rng(seed)
     groups = int(np.prod(group_grid(config, *size)))
     lengths = rng.multinomial(count, np.full(groups, 1 / groups))
     start = np.concatenate([[0], np.cumsum(lengths)])
     mask = rng.integers(1, 1 << config.group**2, count)
-    return Entries(start, rng.integers(0, count, count), mask)
+    entries = Entries(start, rng.integers(0, count, count), mask)
+    return random_features(config, count, size, seed), entries
 
 
 @pytest.mark.slow
@@ -92,13 +93,9 @@ def test_nothing_is_thinner_than_the_blur(bits):
 def test_random_tiles(size, stall):
     """Splats of all kinds, tiles that they reach and tiles that they do not."""
     for seed in range(3):
-        features = random_features(TINY, 1000, size, seed)
-        entries = random_entries(TINY, 1000, size, seed)
         background = ((0, 0, 0), (511, 0, 1), (100, 200, 300))[seed]
-        run = run_groups(
-            TINY, features, entries, size, background=background,
-            stall=stall, seed=seed,
-        )  # fmt: skip
+        case = random_case(TINY, 1000, size, seed)
+        run = run_groups(TINY, *case, size, background=background, stall=stall, seed=seed)
         assert run.differing == 0 and run.blocks > 0
         if size == (64, 64):
             assert run.golden.counts["contributions"] > 1000 and run.golden.counts["ended"] > 50
@@ -120,19 +117,12 @@ def test_groups_without_splats():
 
 @pytest.mark.slow
 def test_queues_fill_and_run_empty():
-    """All of them, several times, and nothing is lost: many splats, then hardly any, so that blocks
-    are finished faster than they are taken.
-    """
+    """All, several times; nothing is lost. Of few splats blocks are finished faster than taken."""
     size, groups = (64, 64), np.tile(np.arange(4), 4)
     full = empty = 0
     for seed, (count, stall) in enumerate(((1000, 0), (1000, 0.3), (20, 0.3), (20, 0.8))):
-        features = random_features(TINY, count, size, seed)
-        entries = random_entries(TINY, count, size, seed)
-        background = (0, 300 * (seed & 1), 0)
-        run = run_groups(
-            TINY, features, entries, size, groups, background, stall=stall,
-            seed=seed,
-        )  # fmt: skip
+        case, background = random_case(TINY, count, size, seed), (0, 300 * (seed & 1), 0)
+        run = run_groups(TINY, *case, size, groups, background, stall=stall, seed=seed)
         assert run.differing == 0
         samples = run.result.samples
         pairs_full = (samples["full"] >> 1 & (1 << TINY.rasterizers) - 1) != 0
@@ -147,9 +137,8 @@ def test_queues_fill_and_run_empty():
 def test_counters(count):
     """They are the golden model's where no pixel ends; what ends is known some cycles later."""
     size = (64, 64)
-    features = random_features(TINY, count, size, 7)
+    features, entries = random_case(TINY, count, size, 7)
     features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
-    entries = random_entries(TINY, count, size, 7)
     run = run_groups(TINY, features, entries, size)
     golden, counters = run.golden.counts, run.counters
     assert run.differing == 0 and golden["ended"] == 0 and golden["visited"] > count
@@ -187,9 +176,8 @@ def test_without_early_termination(hardware):
     """
     config = replace(TINY, early_termination=False)
     size = (64, 64)
-    features = random_features(config, 500, size, 3)
+    features, entries = random_case(config, 500, size, 3)
     features["opacity"][:] = 0
-    entries = random_entries(config, 500, size, 3)
     arguments = (features, entries, size)
     whole, ending = rasterize(config, *arguments), rasterize(TINY, *arguments)
     assert whole.counts["ended"] == 0 and ending.counts["ended"] > 100
@@ -222,9 +210,7 @@ def test_hard_cases(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("stall", [0, 0.4])
 def test_from_splats_to_pixels(stall):
-    """Binning's and this stage's hardware, between them the golden sorter and the lists in memory:
-    the pixels of the golden machine.
-    """
+    """Binning, lists in memory, the golden sorter, this stage: the golden machine's pixels."""
     model, _ = pack(generate("garden", 3000), TINY)
     camera = generated_camera("garden", 64, 64)
     frame = render_golden(TINY, model, camera)
@@ -238,9 +224,7 @@ def test_from_splats_to_pixels(stall):
     start = np.concatenate([[0], np.cumsum(counts)])
     splat, mask = (ordered[name][given].astype(np.int64) for name in ("splat", "mask"))
     features = feature_record(TINY).unpack(binned.outputs["features"])
-    run = run_groups(
-        TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall
-    )  # fmt: skip
+    run = run_groups(TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall)
     assert run.differing == 0 and (run.golden.pixels == frame.pixels).all()
     assert counts.min() > 20 and frame.pixels.std() > 10
 
@@ -263,9 +247,7 @@ def scene_groups(name: str):
 def test_scenes(name):
     features, entries, size, groups = scene_groups(name)
     for stall in (0, 0.3):
-        run = run_groups(
-            DEFAULT, features, entries, size, groups, stall=stall
-        )  # fmt: skip
+        run = run_groups(DEFAULT, features, entries, size, groups, stall=stall)
         assert run.differing == 0 and len(groups) >= 20
 
 

@@ -41,7 +41,6 @@ NARROW = replace(TINY, sort_digits=(1,) * 8)
 CONFIGS = MACHINES | {"NARROW": NARROW}
 """Stages with planted faults are narrow, as there are many of them."""
 
-
 MIXED = (300, 5, 0, 0, 64, 65, 1, 128, 257, 16, 17, 15, 48)
 """Lengths around a batch, a half and four halves of TINY."""
 
@@ -150,17 +149,10 @@ def test_no_merge_of_one_run():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_cycles_of_many_groups(name):
-    """As the model says; two cycles an entry and a few for each group, if one sub-sorter is loaded
-    while another gives.
-    """
+    """As the model says; 2 an entry, some a group, if a sub-sorter loads while another gives."""
     config, random = MACHINES[name], np.random.default_rng(5)
-    for counts in (
-        [10] * 30,
-        [50] * 30,
-        [500] * 10,
-        [1300] * 8,
-        list(random.integers(0, 2000, 20)),
-    ):
+    drawn = list(random.integers(0, 2000, 20))
+    for counts in ([10] * 30, [50] * 30, [500] * 10, [1300] * 8, drawn):
         found = check(name, "random", counts).cycles
         assert abs(found - cycles(config, counts)) <= 0.03 * found
         whole = len(set(counts)) == 1 and max(counts) <= half_entries(config)
@@ -192,9 +184,7 @@ def marks_taken(result: Result) -> np.ndarray:
 @pytest.mark.parametrize("stall", [0, 0.4])
 @pytest.mark.parametrize("counts", [(40, 64, 5, 30), (3, 300, 20, 64, 17)])
 def test_stop(counts, stall):
-    """At any moment: the group being given out ends soon, a part of it given in order; all others
-    come whole.
-    """
+    """At any moment: the group being given out ends soon, in order; all others come whole."""
     rows = sort_rows(TINY, np.array(counts), entries_of(TINY, "clustered", counts))
 
     def run(stop) -> Result:

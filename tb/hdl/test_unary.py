@@ -48,9 +48,7 @@ IN_RTL = [
 def fields(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sign, integer significand and power of two of its last place; zeros have significand 0."""
     codes = np.asarray(codes).astype(np.int64)
-    biased, fraction = np.divmod(
-        codes % 2 ** (format.exponent + format.fraction), 2**format.fraction
-    )
+    biased, fraction = np.divmod(codes % 2 ** (format.width - format.signed), 2**format.fraction)
     significand = np.where(biased > 0, 2**format.fraction + fraction, fraction * format.subnormal)
     sign = (codes >> format.width - 1) * format.signed
     return sign, significand, np.maximum(biased, 1) - format.bias - format.fraction
@@ -135,9 +133,7 @@ def test_error_wide(fraction, function):
 def allowed(function, format: Float, code: int, result: int) -> bool:
     """True if an input may have this result, by rationals from the format's definition."""
     (sign, sign_out), (x, r), (a, b) = (v.tolist() for v in fields(format, [code, result]))
-    magnitude, magnitude_out = (
-        c % 2 ** (format.exponent + format.fraction) for c in (code, result)
-    )
+    magnitude, magnitude_out = (c % 2 ** (format.width - format.signed) for c in (code, result))
     infinity = top(format)
     ieee, root = format.overflow == "infinity", function is rsqrt
     if ieee and (magnitude > infinity or (root and sign and x)):
@@ -181,13 +177,13 @@ def test_powers_are_exact(format):
     """1/2^n, and 1/√(4^n); ends of the range as `Float.encode` has them."""
     least, largest = np.log2([format.min_subnormal, format.max]).astype(int)
     powers = np.ldexp(1.0, np.arange(least, largest + 1))
-    np.testing.assert_array_equal(
-        reciprocal(format, format.encode(powers)), format.encode(1 / powers)
-    )
     fours = powers[np.arange(least, largest + 1) % 2 == 0]
-    np.testing.assert_array_equal(
-        rsqrt(format, format.encode(fours)), format.encode(1 / np.sqrt(fours))
-    )
+    for function, given, right in (
+        (reciprocal, powers, 1 / powers),
+        (rsqrt, fours, 1 / np.sqrt(fours)),
+    ):
+        found = function(format, format.encode(given))
+        np.testing.assert_array_equal(found, format.encode(right))
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)
@@ -208,14 +204,9 @@ def test_special_values():
     """The table of `spec.unary`, in codes of binary16 and of a saturating format."""
     infinity, nan, minus = 0x7C00, 0x7E00, 0x8000
     codes = [0, minus, infinity, minus + infinity, 0x7C01, 0xFFFF, 0xBC00, 0x0001, 0x8001]
-    np.testing.assert_array_equal(
-        reciprocal(FP16, codes),
-        [infinity, minus + infinity, 0, minus, nan, nan, 0xBC00, infinity, minus + infinity],
-    )
-    np.testing.assert_array_equal(
-        rsqrt(FP16, codes),
-        [infinity, minus + infinity, 0, nan, nan, nan, nan, 0x6C00, nan],
-    )
+    both = [infinity, minus + infinity]
+    assert reciprocal(FP16, codes).tolist() == [*both, 0, minus, nan, nan, 0xBC00, *both]
+    assert rsqrt(FP16, codes).tolist() == [*both, 0, nan, nan, nan, nan, 0x6C00, nan]
     minus, one, largest = 1 << 23, 63 << 16, (1 << 23) - 1
     codes = [0, minus, 1, minus + 1, one, minus + one, largest, minus + largest]
     ends = [largest, minus + largest] * 2

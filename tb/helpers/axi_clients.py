@@ -13,7 +13,7 @@ from cocotb.triggers import ClockCycles, RisingEdge
 from cocotbext.axi import AxiBus, AxiRam, AxiResp, AxiSlaveRead, AxiSlaveWrite
 
 from splatcore.spec import axi
-from tb.helpers.streams import Stream, never, pause, start
+from tb.helpers.streams import Stream, pause, start
 
 BURSTS = 40  # bursts of each client in a test
 REGION = 2 * axi.BOUNDARY  # bytes of a client's region; that of the readers is the last one
@@ -22,9 +22,7 @@ MEMORY = REGION * (len(axi.WRITERS) + 1)
 READ_BASE = REGION * len(axi.WRITERS)
 LENGTH_MAX = 16
 HALVES = (axi.PREPROCESSING, axi.RENDERING)
-CHANNELS = {
-    "ar": ("id", "addr", "len"), "aw": ("id", "addr", "len"), "w": ("data", "strb", "last"),
-}  # fmt: skip
+CHANNELS = {"ar": ("id", "addr", "len"), "aw": ("id", "addr", "len"), "w": ("data", "strb", "last")}
 
 
 class Mixed(AxiSlaveRead):
@@ -70,7 +68,7 @@ class Memory:
 class Bench:
     """Clients, memory, and the bytes that both must agree about."""
 
-    def __init__(self, dut, kind: str = "mixed", pattern=never):
+    def __init__(self, dut, kind: str, pattern):
         self.dut, self.pattern = dut, pattern
         rng = np.random.default_rng(random.getrandbits(32))
         self.initial = rng.integers(0, 256, MEMORY, np.uint8)
@@ -112,14 +110,14 @@ class Bench:
         for k in range(len(axi.WRITERS)):
             cocotb.start_soon(self.writer(k))
 
-    def load(self, halves=HALVES, count: int = BURSTS):
+    def load(self, halves=HALVES):
         """Random bursts for the clients of some halves."""
         for k, half in enumerate(axi.READERS.values()):
             if half in halves:
-                self.requests[k] += [self.burst(READ_BASE) for _ in range(count)]
+                self.requests[k] += [self.burst(READ_BASE) for _ in range(BURSTS)]
         for k, half in enumerate(axi.WRITERS.values()):
             if half in halves:
-                for _ in range(count):
+                for _ in range(BURSTS):
                     first, length = self.burst(k * REGION)
                     for n in range(length):
                         strobe = random.choice([0xFFFF, random.getrandbits(axi.BEAT)])
@@ -234,9 +232,8 @@ class Bench:
             for k, bursts_out in enumerate(self.writing):
                 assert not (settled >> k & 1 and bursts_out), f"writer {k} is not settled"
             for half in HALVES:
-                busy = self.reading[half] or any(
-                    n for k, n in enumerate(self.writing) if halves[k] == half
-                )
+                under_way = zip(halves, self.writing, strict=True)
+                busy = self.reading[half] or any(n for of, n in under_way if of == half)
                 assert not (idle >> half & 1 and busy), f"half {half} is not idle"
             failing = int(dut.failing.value)
             if dut.m_axi__bvalid.value and dut.m_axi__bready.value:
@@ -252,18 +249,15 @@ class Bench:
                 if error & 1:
                     seen.add(error >> 1)
 
-    async def done(self, halves=HALVES):
-        """Wait until all clients of some halves are through and the module says so."""
-        mask = sum(1 << half for half in halves)
-        mine = [*zip(axi.READERS.values(), self.requests, strict=True)]
-        mine += [*zip(axi.WRITERS.values(), self.beats, strict=True)]
-        while any(left for half, left in mine if half in halves):
+    async def done(self):
+        """Wait until all clients are through and the module says so."""
+        while any([*self.requests, *self.beats]):
             await RisingEdge(self.dut.clk)
-        while int(self.dut.idle.value) & mask != mask:
+        while int(self.dut.idle.value) != (1 << len(HALVES)) - 1:
             await RisingEdge(self.dut.clk)
         await ClockCycles(self.dut.clk, 2)
-        for k, half in enumerate(axi.READERS.values()):
-            assert half not in halves or not self.awaited[k], f"reader {k} lacks beats"
+        for k, awaited in enumerate(self.awaited):
+            assert not awaited, f"reader {k} lacks beats"
 
     def give_up(self, half: int):
         """Clients of a half begin anew."""

@@ -39,7 +39,6 @@ SAMPLES = ("room", "finishing", "bursts__valid")
 
 SETTLING = 2  # cycles for which a frame's registers stand before it begins
 
-
 SIZES = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
 FRAME = Record("frame", {name: Bits(bits) for name, bits in SIZES.items()})
 """The registers of a frame and how many splats it has."""
@@ -58,15 +57,14 @@ class BinFrames(wiring.Component):
         self.inner = Bin(config)
         inner = self.inner.signature.members
         names = ("i", "features", "bursts", "groups", "near_code", "counters")
-        super().__init__(
-            {name: inner[name] for name in names}
-            | {
-                "frames": In(stream.Signature(layout(FRAME))),
-                "reports": Out(stream.Signature(layout(REPORT))),
-                "room": Out(1),
-                "finishing": Out(1),
-            }
-        )
+        ports = {name: inner[name] for name in names}
+        ports |= {
+            "frames": In(stream.Signature(layout(FRAME))),
+            "reports": Out(stream.Signature(layout(REPORT))),
+            "room": Out(1),
+            "finishing": Out(1),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -221,9 +219,7 @@ class Ellipses:
         return cls(centre, conic, reach)
 
     def boxes(self, width: int, height: int) -> np.ndarray:
-        """First and last columns, first and last rows of tiles [N, 4] that may be touched, and one
-        more on each side.
-        """
+        """First and last columns and rows of tiles [N, 4] that may be touched, and one beyond."""
         a, b, c = self.conic.T
         half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
         last = np.array([width - 1, height - 1]) // TILE

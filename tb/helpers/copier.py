@@ -36,10 +36,8 @@ class Copier(wiring.Component):
         self.start, self.ready, self.rendering = Signal(), Signal(init=1), Signal()
         self.source, self.target, self.beats = Signal(32), Signal(32), Signal(16)
         self.events, self.fault = Signal(3), Signal(8)
-        m.d.comb += [
-            self.fault.eq(self.registers["FEATURES_MAX"] - FAULT),
-            self.interrupt.eq((self.interrupts & self.enabled).any()),
-        ]
+        m.d.comb += self.fault.eq(self.registers["FEATURES_MAX"] - FAULT)
+        m.d.comb += self.interrupt.eq((self.interrupts & self.enabled).any())
         self._lite(m)
         self._first_half(m)
         self._copy(m)
@@ -49,12 +47,8 @@ class Copier(wiring.Component):
         places = addresses(TINY)
         address, data = Signal(LITE_ADDRESS_BITS), Signal(LITE_DATA_BITS)
         here, there, b, r = Signal(), Signal(), self.s_axi.bvalid, self.s_axi.rvalid
-        m.d.comb += [
-            self.s_axi.awready.eq(~here),
-            self.s_axi.wready.eq(~there),
-            self.s_axi.arready.eq(~r | self.s_axi.rready),
-            self.start.eq(0),
-        ]
+        m.d.comb += [self.s_axi.awready.eq(~here), self.s_axi.wready.eq(~there)]
+        m.d.comb += [self.s_axi.arready.eq(~r | self.s_axi.rready), self.start.eq(0)]
         with m.If(self.s_axi.awvalid & ~here):
             m.d.sync += [address.eq(self.s_axi.awaddr), here.eq(1)]
         with m.If(self.s_axi.wvalid & ~there):

@@ -69,9 +69,7 @@ class Together(wiring.Component):
 def check(
     datapaths: list[Datapath], inputs: dict[str, np.ndarray], enable: np.ndarray | int = 1
 ) -> None:
-    """Compare every bit. Inputs [N] go in one a cycle; those of cycles without `enable` must leave
-    no trace.
-    """
+    """Compare every bit. Inputs [N] go in one a cycle; without `enable` they leave no trace."""
     count = len(next(iter(inputs.values())))
     enable = np.broadcast_to(enable, count).astype(np.int64)
     together = Together(datapaths)
@@ -103,8 +101,7 @@ def with_pauses(
     inputs: dict[str, np.ndarray], rng: np.random.Generator, extra: int
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Inputs [N] in that order with noise in between, and where they are: a fifth of the cycles
-    pass without `enable`; at the end so many more that all come out.
-    """
+    pass without `enable`; at the end so many more that all come out."""
     count = len(next(iter(inputs.values())))
     enable = rng.random(5 * count // 4) < 0.8
     enable = np.append(enable, np.ones(max(0, count - enable.sum()) + extra, bool))

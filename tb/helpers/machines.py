@@ -39,9 +39,8 @@ def view(width: int = 64, height: int = 48, step: float = 0.0) -> Camera:
 
 
 def long_needles() -> hard_case.HardCase:
-    """Needles of up to thousands of pixels, 1e5 times as long as thick, in all directions, of whose
-    covariances' determinants all digits cancel.
-    """
+    """Needles in all directions, up to thousands of pixels long, 1e5 times as long as thick; of
+    their covariances' determinants all digits cancel."""
     pixels = np.geomspace(*LENGTHS, NEEDLES)[:, None]
     scale = pixels * hard_case.DEPTH / hard_case.FOCAL * [1, THIN, THIN]
     scene = replace(hard_case.spread(np.random.default_rng(0), NEEDLES), scale=scale)
@@ -64,13 +63,12 @@ def counted(config: Config, frame: Frame) -> dict[str, int]:
     }
 
 
-def check(config: Config, job: Job, run: Run, number: int = -1):
-    """A frame of a run is the golden model's, and so are its counters."""
+def check(config: Config, run: Run, *jobs: Job):
+    """All frames of a run are the golden model's, and so are their counters."""
     assert run.done, run.why
     assert not run.report.outside, run.why
-    rendered = run.frames[number]
-    frame = render(config, *job)
-    assert np.array_equal(rendered.pixels, frame.pixels)
-    told = rendered.counters
-    wanted = {name: n for name, n in counted(config, frame).items() if name in told}
-    assert {name: told[name] for name in wanted} == wanted
+    for rendered, job in zip(run.frames, jobs, strict=True):
+        frame, told = render(config, *job), rendered.counters
+        assert np.array_equal(rendered.pixels, frame.pixels)
+        wanted = {name: n for name, n in counted(config, frame).items() if name in told}
+        assert {name: told[name] for name in wanted} == wanted

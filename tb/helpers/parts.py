@@ -10,9 +10,7 @@ from splatcore.hdl.lib.stream import Pipe
 
 
 def forward(m: Module, outer: object, inner: wiring.Component, names: Iterable[str] = ()):
-    """Join members of a component, or of an interface, with those of the same names of a component
-    inside it; all of the inner one's unless they are named.
-    """
+    """Join members of a component or interface with an inner one's; all of these unless named."""
     members = inner.signature.members
     signature = wiring.Signature({name: members[name] for name in names or members})
     flat = zip(signature.flatten(outer), signature.flatten(inner), strict=True)

@@ -71,9 +71,8 @@ def counts(model: PackedModel) -> np.ndarray:
 
 def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> dict:
     """Codes of the fields of a record that the golden model has values for."""
-    return {
-        name: format.encode(source[name][index]) for name, format in record.fields if name in source
-    }
+    fields = [(name, format) for name, format in record.fields if name in source]
+    return {name: format.encode(source[name][index]) for name, format in fields}
 
 
 def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray:
@@ -111,17 +110,15 @@ def position_rows(model: PackedModel, points: Points) -> np.ndarray:
 def write_rows(config: Config, model: PackedModel) -> np.ndarray:
     """The codebook memory's words with their addresses."""
     words = model.image[model.layout.colours : model.layout.end].reshape(-1, CODEBOOK_WORD)
-    address = (config.codebook // CODEBOOK_WORD - 1).bit_length()
-    record = Record("write", {"address": Bits(address), "word": Array(Bits(64), 2)})
-    return record.pack(
-        {"address": np.arange(len(words), dtype=np.uint64), "word": words.view("<u8")}
-    )
+    bits = (config.codebook // CODEBOOK_WORD - 1).bit_length()
+    record = Record("write", {"address": Bits(bits), "word": Array(Bits(64), 2)})
+    address = np.arange(len(words), dtype=np.uint64)
+    return record.pack({"address": address, "word": words.view("<u8")})
 
 
 def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
     """Points after stage 0 ("culled") and after the guard band ("placed"): those that are kept,
-    and each chunk's last one in any case.
-    """
+    and each chunk's last one in any case."""
     index, fields = points.points, dict(points.culled)
     last = np.append(index[1:] // CHUNK != index[:-1] // CHUNK, True)[: len(index)]
     front, inside = np.isin(index, points.front), np.isin(index, points.inside)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from amaranth.lib import wiring
 
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Result, Simulation
@@ -47,17 +46,10 @@ def check_run(
 
 
 def check_under_icarus(
-    component: wiring.Component,
-    folder: Path,
-    inputs: Rows,
-    expected: Rows,
-    constants: dict[str, int],
-    first: Iterable[str] = (),
-    settled: Callable[[Rows], Rows] = lambda rows: rows,
-) -> None:
+    component, folder: Path, inputs: Rows, expected: Rows, constants: dict, first=(), settled=dict
+):
     """Compare all rows of all out streams under Icarus, an independent simulator, without stalls
-    and in bursts. settled: leaves what matters of the rows found.
-    """
+    and in bursts. component: under test. settled: leaves what matters of the rows found."""
     for kind, streams in (("in", inputs), ("out", expected)):
         for name, rows in streams.items():
             np.save(folder / f"{kind}_{name}.npy", rows)

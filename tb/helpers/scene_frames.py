@@ -36,9 +36,7 @@ def parameters(names: Sequence[str], first: int = 3) -> list:
 
 
 def with_counts(names: Sequence[str]) -> list:
-    """Parameters of a test: the garden; a part of each real scene, and all of it, which only `make
-    verify` runs.
-    """
+    """Parameters: the garden; a part of each real scene, and, for `make verify` only, all of it."""
     parts = [pytest.param(name, COUNT, marks=SLOW) for name in names]
     whole = [pytest.param(name, None, marks=(*SLOW, pytest.mark.verify)) for name in names]
     return [("garden", None), *parts, *whole]

@@ -51,7 +51,7 @@ def other() -> Machine:
 @pytest.mark.parametrize("timing", [IDEAL, LPDDR4, ROUGH], ids=lambda timing: timing.name)
 def test_garden(timing):
     job = Job(garden(TINY, 400), view(), (40, 200, 511))
-    check(TINY, job, machine(TINY).run([job], timing))
+    check(TINY, machine(TINY).run([job], timing), job)
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -59,8 +59,7 @@ def test_hard_cases(name):
     """Lists of 20,000, equal depths, no Gaussian at all, one pixel, …"""
     case = HARD[name](0)
     job = Job(pack(case.scene, TINY)[0], case.camera)
-    run = machine(TINY).run([job])
-    check(TINY, job, run)
+    check(TINY, machine(TINY).run([job]), job)
     if name == "long_list":
         longest = np.diff(render(TINY, *job).start).max()
         assert longest > half_entries(TINY) * TINY.merge_ways**2  # several levels in memory
@@ -70,7 +69,7 @@ def test_long_needles():
     """Whatever is lost of their thickness, E stays within its bits."""
     case = long_needles()
     job = Job(pack(case.scene, TINY)[0], case.camera)
-    check(TINY, job, machine(TINY).run([job]))
+    check(TINY, machine(TINY).run([job]), job)
 
 
 def test_sizes():
@@ -79,17 +78,14 @@ def test_sizes():
         Job(garden(TINY, 150), view(width, height), (0, 0, 300))
         for width, height in ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3))
     ]
-    run = machine(TINY).run(jobs, ROUGH)
-    for number, job in enumerate(jobs):
-        check(TINY, job, run, number)
+    check(TINY, machine(TINY).run(jobs, ROUGH), *jobs)
 
 
 def test_path():
     """Neighbouring frames in both halves at once; each in the work area of its own."""
     jobs = [Job(garden(TINY, 400), view(step=0.1 * k)) for k in range(5)]
     run = machine(TINY).run(jobs, LPDDR4)
-    for number, job in enumerate(jobs):
-        check(TINY, job, run, number)
+    check(TINY, run, *jobs)
     # Both halves are at work at once: a frame takes as long as its longer half and a bit.
     for frame, first, second in zip(
         run.frame_cycles, run.preprocessing_cycles[1:], run.rendering_cycles[:-1], strict=True
@@ -105,8 +101,7 @@ def test_other_choices(timing):
     cases = [HARD[name](0) for name in NEAR]
     jobs += [Job(pack(case.scene, OTHER)[0], case.camera) for case in cases]
     run = other().run(jobs, timing, settings=lambda areas: {"window": "0 0"})
-    for number, job in enumerate(jobs):
-        check(OTHER, job, run, number)
+    check(OTHER, run, *jobs)
     pairs = [render(config, *jobs[0]).counts["tile_pairs"] for config in (OTHER, TINY)]
     assert pairs[0] > 1.2 * pairs[1]
 
@@ -148,5 +143,5 @@ def test_no_scratch_memory():
     job = Job(garden(TINY, 60), view())
     assert 0 < np.diff(render(TINY, *job).start).max() <= half_entries(TINY)
     run = machine(TINY).run([job], sizes={"entries": 0})
-    check(TINY, job, run)
+    check(TINY, run, job)
     assert run.frames[0].counters["rendering_write_scratch"] == 0

@@ -23,11 +23,10 @@ WITHIN = 0.05  # relative error at most of a half's cycle model, whichever half 
 
 def run(model, camera, frames: int = 1):
     """Frames of one camera, each equal to the golden model's."""
-    job = Job(model, camera)
-    found = machine(DEFAULT).run([job] * frames, LPDDR4)
-    for number in range(frames):
-        check(DEFAULT, job, found, number)
-    model = frame_cycles(DEFAULT, render(DEFAULT, *job), LPDDR4)
+    jobs = [Job(model, camera)] * frames
+    found = machine(DEFAULT).run(jobs, LPDDR4)
+    check(DEFAULT, found, *jobs)
+    model = frame_cycles(DEFAULT, render(DEFAULT, *jobs[0]), LPDDR4)
     for modelled, cycles in (
         (model.preprocessing, found.preprocessing_cycles[0]),
         (model.rendering, found.rendering_cycles[-1]),

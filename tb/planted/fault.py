@@ -34,9 +34,7 @@ class Fault:
 
 
 def draw(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
-    """`count` faults of these files (name → text), fewer if there are no more: files take turns,
-    and in each file the kinds.
-    """
+    """`count` faults (or all) of files (name → text): files take turns, and in each the kinds."""
     rng = random.Random(seed)
     queues = []
     for name in sorted(sources):

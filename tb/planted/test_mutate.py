@@ -177,9 +177,7 @@ def missed(parts: dict[int, list], inputs: dict[str, np.ndarray]) -> set[int]:
 
 @pytest.mark.slow
 def test_faults_of_a_multiplier():
-    """All pairs pass: what is not caught is no fault, and all pairs in another order agree. A weak
-    test misses more.
-    """
+    """What all pairs do not catch is no fault: another order agrees. A weak test misses more."""
     parts, pairs = multipliers(), []
     for seed in range(2):
         rng = np.random.default_rng(seed)

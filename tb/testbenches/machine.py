@@ -37,9 +37,8 @@ class Host:
         await self.master.write(ADDRESS[name], value.to_bytes(registers.WORD, "little"))
 
     async def read(self, name: str) -> int:
-        return int.from_bytes(
-            (await self.master.read(ADDRESS[name], registers.WORD)).data, "little"
-        )
+        found = await self.master.read(ADDRESS[name], registers.WORD)
+        return int.from_bytes(found.data, "little")
 
     async def start(self, values: dict[str, int]):
         for name, value in values.items():
@@ -72,10 +71,8 @@ async def frames(dut):
     host = Host(dut, pattern)
     Clock(dut.clk, PERIOD, "ns").start()
     await reset(dut, 3)
-    await host.write(
-        "INTERRUPT_ENABLE",
-        registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR,
-    )
+    events = registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR
+    await host.write("INTERRUPT_ENABLE", events)
 
     def values(number: int) -> dict[str, int]:
         found = frame_values(TINY, jobs[number], 0, areas, number)

@@ -100,12 +100,10 @@ async def every_address_is_read(dut, pattern):
         values[register.name.lower()] = values["counters"] >> k * register.width & ANY
     for address in range(0, 1 << LITE_ADDRESS_BITS, registers.WORD):
         value, response = await host.read(address)
-        register = MAP.get(address)
-        right = 0
+        register, right = MAP.get(address), 0
         if register is not None:
-            right = register.value
-            if right is None:
-                right = values.get(register.name.lower(), 0)
+            named = values.get(register.name.lower(), 0)
+            right = named if register.value is None else register.value
         assert value == right and response == (OKAY if register else SLAVE_ERROR), hex(address)
 
 
@@ -155,9 +153,8 @@ async def commands(dut, pattern):
     """START where READY says so, ABORT always; the first error stays."""
     host = await Host.begin(dut, pattern)
     await host.put("CONTROL", registers.START)
-    assert (host.starts, host.aborts) == (0, 0) and await host.get(
-        "ERROR"
-    ) == registers.ErrorCode.START
+    assert (host.starts, host.aborts) == (0, 0)
+    assert await host.get("ERROR") == registers.ErrorCode.START
     dut.status.value = registers.READY
     for k in range(3):
         await host.put("CONTROL", registers.START)
@@ -258,7 +255,6 @@ async def errors_in_one_cycle(dut, pattern):
         assert await task == OKAY
         code = await host.get("ERROR")
         found.append(late)
-        assert code == (
-            registers.ErrorCode.START if late else error(registers.ErrorCode.READ, 2)
-        ), cycles
+        right = registers.ErrorCode.START if late else error(registers.ErrorCode.READ, 2)
+        assert code == right, cycles
     assert found == sorted(found) and {*found} == {False, True}

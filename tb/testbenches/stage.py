@@ -19,12 +19,11 @@ CYCLES_MAX = 20_000
 
 def rows(kind: str) -> dict[str, list[int]]:
     """Packed records as integers, by stream."""
-    return {
-        path.stem.removeprefix(f"{kind}_"): [
-            int.from_bytes(row.tobytes(), "little") for row in np.load(path)
-        ]
-        for path in sorted(FOLDER.glob(f"{kind}_*.npy"))
-    }
+    found = {}
+    for path in sorted(FOLDER.glob(f"{kind}_*.npy")):
+        numbers = [int.from_bytes(row.tobytes(), "little") for row in np.load(path)]
+        found[path.stem.removeprefix(f"{kind}_")] = numbers
+    return found
 
 
 @cocotb.test(timeout_time=CYCLES_MAX * PERIOD, timeout_unit="ns")
@@ -45,16 +44,10 @@ async def every_output_is_right(dut, pattern):
         cocotb.start_soon(monitor.watch())
     for name in parameters()["first"]:
         await send(sources[name], given[name])
-    running = [
-        cocotb.start_soon(send(source, given[name], pattern()))
-        for name, source in sources.items()
-        if name not in parameters()["first"]
-    ]
-    running += [
-        cocotb.start_soon(receive(sink, len(expected[name]), pattern()))
-        for name, sink in sinks.items()
-    ]
-    await Combine(*running)
+    rest = [name for name in sources if name not in parameters()["first"]]
+    works = [send(sources[name], given[name], pattern()) for name in rest]
+    works += [receive(sink, len(expected[name]), pattern()) for name, sink in sinks.items()]
+    await Combine(*map(cocotb.start_soon, works))
     for name, monitor in monitors.items():
         size = np.load(FOLDER / f"out_{name}.npy").shape[1]
         packed = b"".join(payload.to_bytes(size, "little") for payload in monitor.payloads)

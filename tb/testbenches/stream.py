@@ -129,14 +129,11 @@ async def reset_empties(dut, part):
     probe = Probe(dut, part)
     await probe.start()
     for before in range(2 if FEW else 12):
-        sender = cocotb.start_soon(
-            streams.send(probe.i, probe.items(COUNT), streams.at_random(0.3))
-        )
-        receivers = [
-            cocotb.start_soon(streams.receive(o, COUNT, streams.at_random(0.7))) for o in probe.o
-        ]
+        works = [streams.send(probe.i, probe.items(COUNT), streams.at_random(0.3))]
+        works += [streams.receive(o, COUNT, streams.at_random(0.7)) for o in probe.o]
+        tasks = [cocotb.start_soon(work) for work in works]
         await ClockCycles(dut.clk, 1 + before)
-        for task in [sender, *receivers]:
+        for task in tasks:
             task.cancel()
         await streams.reset(dut)
         await probe.pass_on(probe.items(2), streams.never, streams.never)
