@@ -5,14 +5,14 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from splatcore.sim.accuracy.points import width_of
+from splatcore.sim.accuracy.points import heading
 from splatcore.sim.common.picture import write_figure
+from splatcore.sim.common.plot import MARKERS
 from splatcore.spec.config import Config
 
 INCHES = (15.5, 7.2)
 DOTS_PER_INCH = 150
 
-MARKERS = "osD^vP*X<>hp"  # markers of scenes and of machines, in turn
 THIN = (":", "--", "-.")  # lines of hard cases, in turn
 
 
@@ -29,11 +29,6 @@ def write_error_plot(
     _draw_fields(right, largest, machines)
     figure.suptitle("Stages 0 and 1 against the float64 reference on the same packed models")
     write_figure(path, figure)
-
-
-def _label(config: Config) -> str:
-    """A machine's name and its width, if the name does not say it."""
-    return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
 
 
 def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config, ...]):
@@ -53,7 +48,7 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
             colour = f"C{scenes % 10}"
             scenes += 1
         axes.plot(places, values, color=colour, label=name, **style)
-    axes.set_xticks(places, [_label(config) for config in machines])
+    axes.set_xticks(places, list(map(heading, machines)))
     axes.set_xlabel("machine: exponent/fraction bits of stages 0 and 1")
     axes.set_ylabel("PSNR of the picture, dB")
     axes.set_title("Pictures" + ("; hard cases thin" if hard and scenes else ""))
@@ -78,7 +73,7 @@ def _draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, .
                 markerfacecolor="none" if thin else None,
                 linewidth=0.8 if thin else 1.8,
                 linestyle=":" if thin else "-",
-                label=None if thin else _label(config).replace("\n", " "),
+                label=None if thin else heading(config).replace("\n", " "),
             )
     names = [field.replace("_", " ") for field in fields]
     axes.set_xticks(range(len(fields)), names, rotation=40, ha="right")

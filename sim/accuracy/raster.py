@@ -14,7 +14,7 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
-from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import View
 from splatcore.sim.common.table import new_table
 from splatcore.sim.eda.synth import area
 from splatcore.spec.config import DEFAULT, FORMATS, Config

@@ -15,7 +15,7 @@ from splatcore.sim.accuracy.raster import EXACT, exact_view
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
-from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import View
 from splatcore.sim.common.table import new_table
 from splatcore.spec.config import DEFAULT
 

@@ -14,7 +14,7 @@ from splatcore.sim.bench.sweep import tasks
 from splatcore.sim.bench.sweep_points import Point
 from splatcore.sim.common.output import console
 from splatcore.sim.common.paper import ABLATION
-from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import View
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.eda.synth import memories
 from splatcore.sim.fit.gates import part_gates

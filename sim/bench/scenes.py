@@ -17,10 +17,8 @@ from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.metric import difference
-from splatcore.sim.common.output import console, progress_bar, write
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import View, scene_files
-from splatcore.sim.common.source import packed_model
+from splatcore.sim.common.output import console, progress_bar, write, write_json
+from splatcore.sim.common.source import View, packed_model, scene_files
 from splatcore.sim.common.table import comma_separated
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
@@ -30,7 +28,6 @@ from splatcore.sim.machine.path import build, check_fits, simulate
 from splatcore.sim.machine.script import Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.packed import PackedModel
 
 FRAMES = 2
@@ -108,7 +105,7 @@ def expect(config: Config, view: View) -> Expected:
         check_fits(config, camera)
         model = packed_model(source, config)
     frame = golden(config, Job(model, camera))
-    return Expected(model, camera, frame, reference(model, camera, SPLATCORE).pixels)
+    return Expected(model, camera, frame, reference(model.gaussians(), camera).pixels)
 
 
 def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:

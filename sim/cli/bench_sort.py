@@ -5,8 +5,7 @@ from pathlib import Path
 from splatcore.sim.bench.sort import LENGTHS, bench_sort
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, PresetOption, option
-from splatcore.sim.common.output import check_folder, check_writable, console
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import check_folder, check_writable, console, write_json
 from splatcore.sim.cycles.sort import cycles
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset

@@ -6,10 +6,8 @@ from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.cli import options
 from splatcore.sim.common.metric import psnr
-from splatcore.sim.common.output import check_writable, progress_bar
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import packed_model
+from splatcore.sim.common.output import check_writable, progress_bar, write_json
+from splatcore.sim.common.source import View, packed_model
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import CLOCK_HZ

@@ -8,15 +8,13 @@ from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.accuracy.plot import write_error_plot
-from splatcore.sim.accuracy.points import MACHINES, width_of, with_width
+from splatcore.sim.accuracy.points import MACHINES, heading, width_of, with_width
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.run import everything, measured, named
 from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
 from splatcore.sim.cli.options import JsonOption, app, argument, option
-from splatcore.sim.common.output import check_writable, console, messages
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import check_known
+from splatcore.sim.common.output import check_writable, console, messages, write_json
+from splatcore.sim.common.source import View, check_known
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
@@ -177,11 +175,6 @@ def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
 def decibels(result: dict, key: str = "psnr_db") -> str:
     """A picture's PSNR."""
     return "exact" if result[key] is None else f"{result[key]:.1f}"
-
-
-def heading(config: Config) -> str:
-    """A machine's name over its width, if the name does not say it."""
-    return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
 
 
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):

@@ -13,10 +13,8 @@ from splatcore.sim.bench.scenes import FRAMES, Expected, judge
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
-from splatcore.sim.common.output import check_writable, console, messages, progress_bar
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import camera_beside
-from splatcore.sim.common.source import open_source, packed_model
+from splatcore.sim.common.output import check_writable, console, messages, progress_bar, write_json
+from splatcore.sim.common.source import camera_beside, open_source, packed_model
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.fit.formats import decibels
 from splatcore.sim.fit.gates import part_gates

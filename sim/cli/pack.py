@@ -2,13 +2,11 @@
 
 from splatcore.model.pack.pack import STEPS, pack
 from splatcore.sim.cli import options
-from splatcore.sim.cli.frames import render_frame
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import difference
-from splatcore.sim.common.output import check_writable, console, progress_bar, write
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import check_writable, console, progress_bar, write, write_json
 from splatcore.sim.common.source import open_camera, open_source
-from splatcore.spec.convention import SPLATCORE
+from splatcore.sim.machine.engines import reference
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -46,7 +44,7 @@ def pack_command(
             lambda step: advance(STEPS.index(step), len(STEPS), f"packing: {step}"),
         )
     pictures = [
-        render_frame(gaussians, view, SPLATCORE, label).pixels
+        reference(gaussians, view, label=label).pixels
         for label, gaussians in (
             ("packed model", model.gaussians()),
             ("scene, same degree", original.with_sh_degree(report.sh_degree).gaussians()),

@@ -1,9 +1,8 @@
 """The command `programs`: the microprograms and their schedules."""
 
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
-from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.output import check_writable, console, write_json
 from splatcore.sim.common.paper import OPERATIONS, PES_BUSY
-from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table
 from splatcore.spec.config import Config

@@ -9,8 +9,7 @@ from rich.table import Table
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES, WHOLE
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
 from splatcore.sim.common import paper
-from splatcore.sim.common.output import check_writable, console, progress_bar
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.eda import fpga

@@ -1,9 +1,11 @@
 """Writing results: whole files or none, and progress bars."""
 
+import json
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
@@ -61,6 +63,13 @@ def write(path: str | Path, data: bytes):
     """Write a file as a whole."""
     with whole_file(path) as part:
         part.write_bytes(data)
+
+
+def write_json(path: Path | None, value: object):
+    """Write an object (a dataclass or a dict) as JSON, if there is a path to write to."""
+    if path is not None:
+        value = value if isinstance(value, dict) else asdict(value)
+        write(path, (json.dumps(value, indent=2, allow_nan=False) + "\n").encode())
 
 
 @contextmanager

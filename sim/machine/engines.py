@@ -5,15 +5,17 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.source import Source, packed_model
 from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.path import build, check_fits, simulate
 from splatcore.sim.machine.script import IDEAL
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
-from splatcore.spec.convention import Convention
+from splatcore.spec.convention import SPLATCORE, Convention
 from splatcore.spec.error import InputError
 from splatcore.spec.group import colour_format
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Gaussians
 
 
 def cycles(run: Run) -> dict[str, int | float | None]:
@@ -52,10 +54,20 @@ def golden(config: Config, job: Job) -> pipeline.Frame:
         return pipeline.render(config, *job)
 
 
-def reference(model: PackedModel, view: Camera, convention: Convention) -> Frame:
-    """The float64 reference's frame of a packed model."""
-    with progress_bar("rendering by the reference") as advance:
-        return render(model.gaussians(), view, convention, advance)
+def golden_of(source: Source, camera: Camera, config: Config, background) -> pipeline.Frame:
+    """The same of a source; a scene is packed first. InputError for too large an image."""
+    check_fits(config, camera)
+    with progress_bar("packing"):
+        model = packed_model(source, config)
+    return golden(config, Job(model, camera, background_codes(config, background)))
+
+
+def reference(
+    gaussians: Gaussians, view: Camera, convention: Convention = SPLATCORE, label: str = "rendering"
+) -> Frame:
+    """The float64 reference's frame, with a progress bar over its tiles."""
+    with progress_bar(f"{label} by the reference") as advance:
+        return render(gaussians, view, convention, advance)
 
 
 def rtl_pixels(config: Config, model: PackedModel, view: Camera, background) -> np.ndarray:

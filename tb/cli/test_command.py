@@ -15,8 +15,8 @@ from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.main import COMMANDS as FILES
 from splatcore.sim.cli.options import app
+from splatcore.sim.common.metric import Result
 from splatcore.sim.common.picture import read_png
-from splatcore.sim.common.result import Result
 from tb.helpers.clouds import cloud
 from tb.helpers.command import KEYS, ROOT, check_refused, load, run
 

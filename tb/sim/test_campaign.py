@@ -15,7 +15,7 @@ from splatcore.sim.bench.campaigns import ablation_machines, confirmed, front, s
 from splatcore.sim.bench.sweep import SPEED, picture_of
 from splatcore.sim.bench.sweep_points import Point, points
 from splatcore.sim.bench.workload import every_camera, tile_density, view_work
-from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import View
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.convention import TILE

@@ -14,7 +14,7 @@ from splatcore.sim.accuracy import points as error
 from splatcore.sim.accuracy.points import Reference, measure, measure_view, with_width
 from splatcore.sim.accuracy.run import HARD_CASES, everything
 from splatcore.sim.common.picture import read_png
-from splatcore.sim.common.scenes import View, camera_beside
+from splatcore.sim.common.source import View, camera_beside
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.error import InputError
