@@ -14,6 +14,7 @@ INCHES = (15.5, 7.2)
 DOTS_PER_INCH = 150
 
 THIN = (":", "--", "-.")  # lines of hard cases, in turn
+DOTTED = {"markersize": 4, "markerfacecolor": "none", "linewidth": 0.8, "linestyle": ":"}
 
 
 def write_error_plot(
@@ -65,16 +66,10 @@ def _draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, .
             rms = [values[config.name][field]["rms"] for field in fields]
             rms = [value or float("nan") for value in rms]  # none, or no error at all: no point
             thin = both and kind == "hard"
-            axes.plot(
-                rms,
-                color=f"C{number % 10}",
-                marker=MARKERS[number % len(MARKERS)],
-                markersize=4 if thin else 6,
-                markerfacecolor="none" if thin else None,
-                linewidth=0.8 if thin else 1.8,
-                linestyle=":" if thin else "-",
-                label=None if thin else heading(config).replace("\n", " "),
-            )
+            solid = {"markersize": 6, "linewidth": 1.8, "label": heading(config).replace("\n", " ")}
+            style = DOTTED if thin else solid
+            marker = MARKERS[number % len(MARKERS)]
+            axes.plot(rms, color=f"C{number % 10}", marker=marker, **style)
     names = [field.replace("_", " ") for field in fields]
     axes.set_xticks(range(len(fields)), names, rotation=40, ha="right")
     axes.set_yscale("log")

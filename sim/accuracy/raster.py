@@ -47,8 +47,7 @@ def lane_gates(config: Config) -> float:
 
 def exact_view(view: View) -> tuple[Splats, Entries, np.ndarray]:
     """Exact splats of what a packed model keeps, their sorted entries (formats change nothing in
-    them) and the reference's image [H, W, 3], 0 … 1.
-    """
+    them) and the reference's image [H, W, 3], 0 … 1."""
     source, camera = view.open()
     gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
     splats, _ = project(gaussians, camera)

@@ -19,7 +19,7 @@ from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write, write_json
 from splatcore.sim.common.source import View, packed_model, scene_files
-from splatcore.sim.common.table import comma_separated
+from splatcore.sim.common.table import comma_separated, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles, golden, reference
@@ -174,22 +174,20 @@ def markdown(rows: list[dict]) -> str:
         {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
         | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
         | {"identical": "yes" if row["identical"] else "no"}
-        | {"PSNR, dB": "exact" if row["psnr_db"] is None else f"{row['psnr_db']:.2f}"}
-        | {"SSIM": "–" if row["ssim"] is None else f"{row['ssim']:.5f}"}
+        | {"PSNR, dB": shown(row["psnr_db"], ".2f", none="exact")}
+        | {"SSIM": shown(row["ssim"], ".5f")}
         | {"max error": f"{row['max_error']:.4f}"}
         | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
         for row in done
     ]  # fmt: skip
     model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
     traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
-    parts = [
-        "Thousands of cycles of a frame in RTL, and its picture against the reference's:",
-        _table(titles, frames),
-        "The cycle model's thousands of cycles:",
-        _table(titles, model),
-        "Megabytes by cause:",
-        _table(titles, traffic),
-    ]
+    tables = {
+        "Thousands of cycles of a frame in RTL, and its picture against the reference's:": frames,
+        "The cycle model's thousands of cycles:": model,
+        "Megabytes by cause:": traffic,
+    }
+    parts = [part for title, rows in tables.items() for part in (title, _table(titles, rows))]
     if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:
         parts += ["Failed:", "\n".join(failed)]
     return "\n\n".join(parts) + "\n"

@@ -57,15 +57,11 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
         "max_error": float(channel_error(frame.pixels, truth).max() / LEVELS),
         "counts": frame.counts | {"front": len(frame.points.front)},
     }
-    rows = []
+    about, rows = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}, []
     for label, config in machines.items():
         cycles = frame_cycles(config, frame)
-        rows.append(
-            {"point": label, "scene": Path(view.scene).name, "camera": view.camera or camera.name}
-            | {"cycles": cycles.by_name}
-            | {"fps_at_800mhz": CLOCK_HZ / cycles.frame}
-            | facts
-        )
+        speed = {"cycles": cycles.by_name, "fps_at_800mhz": CLOCK_HZ / cycles.frame}
+        rows.append({"point": label} | about | speed | facts)
     return {"rows": rows}
 
 

@@ -20,7 +20,7 @@ from splatcore.sim.common.cache import digest
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import open_source, parse_size
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import new_table, shown
 from splatcore.sim.compression import run
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
@@ -215,9 +215,8 @@ def table_of(checkpoints: Checkpoints, original: int) -> Table:
     headings = ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds")
     table = new_table("step", headings)
     for step in checkpoints.steps:
-        loss = "–" if step.loss is None else f"{step.loss:.5f}"
         table.add_row(
             step.name, f"{step.gaussians:,}", str(step.sh_degree), f"{step.bytes:,}",
-            f"{original / step.bytes:.1f}", loss, f"{step.seconds:.0f}",
+            f"{original / step.bytes:.1f}", shown(step.loss, ".5f"), f"{step.seconds:.0f}",
         )  # fmt: skip
     return table

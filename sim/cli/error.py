@@ -15,7 +15,7 @@ from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
 from splatcore.sim.cli.options import JsonOption, app, argument, option
 from splatcore.sim.common.output import check_writable, console, messages, write_json
 from splatcore.sim.common.source import View, check_known
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -174,7 +174,7 @@ def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
 
 def decibels(result: dict, key: str = "psnr_db") -> str:
     """A picture's PSNR."""
-    return "exact" if result[key] is None else f"{result[key]:.1f}"
+    return shown(result[key], ".1f", none="exact")
 
 
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
@@ -212,7 +212,7 @@ def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table
         name = LABELS.get(field, field.replace("_", " "))
         for key, text in (("rms", name), ("max", "  largest")):
             sizes = [largest[config.name][field][key] for config in machines]
-            table.add_row(text, *("–" if size is None else f"{size:.1e}" for size in sizes))
+            table.add_row(text, *(shown(size, ".1e") for size in sizes))
     return table
 
 

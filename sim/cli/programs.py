@@ -26,9 +26,7 @@ ShowOption = option(str | None, "NAME", "Print this program's steps and their ti
 
 @app.command("programs")
 def programs_command(
-    show: ShowOption = None,
-    preset: PresetOption = "DEFAULT",
-    json: JsonOption = None,
+    show: ShowOption = None, preset: PresetOption = "DEFAULT", json: JsonOption = None
 ):
     """List the microprograms of stages 0 and 1: operations, cycles, how busy the PEs are."""
     check_writable(json)

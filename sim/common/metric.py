@@ -74,11 +74,8 @@ def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") ->
                 gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
             )
         )  # fmt: skip
-    return Difference(
-        psnr_db=psnr(image / LEVELS, reference / LEVELS),
-        ssim=ssim,
-        max_error=float(channel_error(image, reference).max() / LEVELS),
-    )
+    largest = float(channel_error(image, reference).max() / LEVELS)
+    return Difference(psnr(image / LEVELS, reference / LEVELS), ssim, largest)
 
 
 def psnr(image: np.ndarray, reference: np.ndarray) -> float | None:

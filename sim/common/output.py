@@ -75,13 +75,8 @@ def write_json(path: Path | None, value: object):
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator:
     """A bar on standard error; yields advance(done, total) and removes the bar at the end."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed}/{task.total}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
+    text, count = TextColumn("{task.description}"), TextColumn("{task.completed}/{task.total}")
+    columns = (text, BarColumn(), count, TimeElapsedColumn(), TimeRemainingColumn())
     terminal = messages.is_terminal
     with Progress(*columns, console=messages, transient=True, disable=not terminal) as progress:
         task = progress.add_task(label, total=total)

@@ -69,8 +69,7 @@ PARTS = tuple(Part(stage, *part) for stage, paths in PATHS.items() for part in p
 @dataclass(frozen=True)
 class Size:
     """A part's instances together; depths are those of the deepest. flip_flops_before: what their
-    descriptions ask for, before synthesis has taken away what is constant or read by nobody.
-    """
+    descriptions ask for, before synthesis has taken away what is constant or read by nobody."""
 
     part: Part
     count: int

@@ -137,19 +137,14 @@ def instances(text: str, top: str) -> Iterator[tuple[str, str]]:
 
 def write_stages(config: Config, folder: Path) -> list[Path]:
     """Write every stage of a machine into a folder, and the waivers; the paths of the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, make in STAGES.items():
-        path = folder / f"splatcore_{name}.v"
-        write(path, stage_source(name, make(config), config).encode())
-        paths.append(path)
-    write(folder / WAIVERS.name, WAIVERS.read_bytes())
-    return [*paths, folder / WAIVERS.name]
+    texts = {
+        f"splatcore_{k}.v": stage_source(k, make(config), config) for k, make in STAGES.items()
+    }
+    return _written(folder, texts)
 
 
 def write_top(config: Config, folder: Path) -> list[Path]:
     """Write the whole machine into a folder, its memories, and what tools want to know of them."""
-    folder.mkdir(parents=True, exist_ok=True)
     top, macros = Top(config), Macros()
     source = stage_source("top", top, config, macros)
     shapes = sorted(set(macros.sizes))
@@ -161,11 +156,18 @@ def write_top(config: Config, folder: Path) -> list[Path]:
         "memories.csv": memory_list(shapes, instances(source, TOP)),
         "splatcore.core": core(config, TOP, [MEMORIES_FILE, f"{TOP}.v"], WAIVERS.name),
         "splatcore.sdc": constraints(config, top),
-        WAIVERS.name: WAIVERS.read_text(),
     }
-    for name, text in texts.items():
-        write(folder / name, text.encode())
-    return [folder / name for name in texts]
+    return _written(folder, texts)
+
+
+def _written(folder: Path, texts: dict[str, str]) -> list[Path]:
+    """Write files by name into a folder, and the waivers; their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts |= {WAIVERS.name: WAIVERS.read_text()}
+    paths = {folder / name: text for name, text in texts.items()}
+    for path, text in paths.items():
+        write(path, text.encode())
+    return list(paths)
 
 
 WRITERS = {"top": write_top, "stages": write_stages}

@@ -25,16 +25,10 @@ def cycles(run: Run) -> dict[str, int | float | None]:
     one's time is its slower half's, which had memory for itself.
     """
     first, second = run.preprocessing_cycles, run.rendering_cycles
-    if run.frame_cycles:
-        frame = round(float(np.mean(run.frame_cycles)))
-    else:
-        frame = max(first[0], second[0])
-    return {
-        "preprocessing": first[0],
-        "rendering": second[0],
-        "frame": frame,
-        "fps_at_800mhz": round(CLOCK_HZ / frame, 1),
-    }
+    single = max(first[0], second[0])
+    frame = round(float(np.mean(run.frame_cycles))) if run.frame_cycles else single
+    halves = {"preprocessing": first[0], "rendering": second[0]}
+    return halves | {"frame": frame, "fps_at_800mhz": round(CLOCK_HZ / frame, 1)}
 
 
 def traffic_megabytes(run: Run) -> float:

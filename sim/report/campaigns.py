@@ -47,8 +47,7 @@ def speeds(results: Results) -> Iterator[Item]:
     facts, found = by_view(results)
     steps = [step["name"] for step in facts["steps"]]
     rows = [[PAPER, "", *(step["paper_fps"] for step in facts["steps"])]]
-    for view, by_step in found.items():
-        rows.append([*view, *(_fps(by_step.get(step)) for step in steps)])
+    rows += [[*view, *(_fps(row.get(step)) for step in steps)] for view, row in found.items()]
     yield Table(
         "ablation",
         f"Frames a second at 800 MHz with one saving after the other, {facts['size']}, by the "
@@ -57,7 +56,7 @@ def speeds(results: Results) -> Iterator[Item]:
         [*VIEW, *(Column(step, "FPS", 1) for step in steps)],
         rows, ("ablation",), frozenset({0}),
     )  # fmt: skip
-    factors = [[*row[:2], *gains(row[2:])[1:], _whole(row[2:])] for row in rows]
+    factors = [[*row[:2], *gains(row[2:])[1:], *gains([row[2], row[-1]])[1:]] for row in rows]
     yield Table(
         "ablation-gains",
         "What each step gains over the one before it. A step can only gain where the half of the "
@@ -77,11 +76,6 @@ def speeds(results: Results) -> Iterator[Item]:
 
 def _fps(row: Facts | None) -> float | None:
     return row and row["fps_at_800mhz"]
-
-
-def _whole(values: list[float | None]) -> float | None:
-    """The last over the first."""
-    return values[-1] / values[0] if values[0] and values[-1] else None
 
 
 def bars(results: Results) -> Iterator[Item]:

@@ -245,22 +245,6 @@ def test_command(folder, capsys):
         assert all(f"`{key}`" in documented for key in keys)
 
 
-def test_options_that_do_not_go_together(folder, capsys):
-    for arguments, message in {
-        "--scenes none": "--scenes none: there is no such folder",
-        "--camera scene.cameras.json --scenes .": "--camera: goes with a SCENE",
-        "scene.ply --scenes .": "--scenes .: name a folder or a SCENE",
-        "scene.ply none.ply": "none.ply: No such file",
-        "scene.ply --camera none.json": "none.json: no such file",
-        "scene.ply --preset HUGE": "HUGE",
-        "scene.ply --stage roof": "--stage 'roof'",
-    }.items():
-        capsys.readouterr()
-        assert run("error", *arguments.split()) == 2
-        printed = capsys.readouterr()
-        assert printed.err.startswith("error: ") and message in printed.err and not printed.out
-
-
 @pytest.mark.slow
 def test_processes(folder, capsys):
     """Several scenes, each in a process; what fails there ends as one line."""

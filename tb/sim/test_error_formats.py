@@ -1,6 +1,5 @@
 """`splatcore error --stage sort`: windows of keys, what changes places, and the pictures; and
-`--stage raster`: the sweep of stage 3's formats.
-"""
+`--stage raster`: the sweep of stage 3's formats."""
 
 from dataclasses import replace
 

@@ -272,8 +272,7 @@ def test_frame(monkeypatch):
 @pytest.mark.slow
 def test_nothing_started(tmp_path):
     """A machine that nobody starts hardly switches anything: nets find their values once, and the
-    arrays' sequencers go round.
-    """
+    arrays' sequencers go round."""
     machine = activity.Machine(TINY, activity.machine_source(TINY), toggles=True)
     script = Script(TINY)
     script.cycles(IDLE)
