@@ -32,11 +32,9 @@ SWEEP = {field: format.tried for field, format in FORMATS.items()}
 
 def machines() -> dict[str, Config]:
     """DEFAULT, and DEFAULT with one field changed."""
-    found = {"DEFAULT": DEFAULT}
-    for field, values in SWEEP.items():
-        for value in values:
-            found[f"{field} {value}"] = replace(DEFAULT, **{field: value})
-    return found
+    changes = [(field, value) for field, values in SWEEP.items() for value in values]
+    changed = {f"{name} {value}": replace(DEFAULT, **{name: value}) for name, value in changes}
+    return {"DEFAULT": DEFAULT} | changed
 
 
 def lane_gates(config: Config) -> float:

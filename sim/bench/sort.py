@@ -68,12 +68,9 @@ def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]
     for k, length in enumerate(lengths):
         values = [kind[k] for kind in found.values()]
         within = BOUND_FROM <= length <= _bound_to(config)
-        table.add_row(
-            f"{length:,}",
-            *(f"{value:,}" for value in (*values, model[k])),
-            f"{max(values) / length:.2f}",
-            f"{BOUND * length:,.0f}" if within else "",
-        )
+        cells = [f"{value:,}" for value in (length, *values, model[k])]
+        bound = f"{BOUND * length:,.0f}" if within else ""
+        table.add_row(*cells, f"{max(values) / length:.2f}", bound)
     return table
 
 

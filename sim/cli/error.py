@@ -147,11 +147,10 @@ def error_of_points(
     show(results, largest, machines)
     if output:
         write_error_plot(output, results, largest, machines)
-    names = ("position", "screen_exponent")
     facts = {
-        config.name: {"arithmetic": width_of(config)}
-        | {name: getattr(config, name) for name in names}
-        for config in machines
+        c.name: {"arithmetic": width_of(c), "position": c.position}
+        | {"screen_exponent": c.screen_exponent}
+        for c in machines
     }
     found = {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
     write_json(json, found | {"seconds": round(time.perf_counter() - begin, 1)})
@@ -179,8 +178,7 @@ def decibels(result: dict, key: str = "psnr_db") -> str:
 
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
     """Print all tables: pictures and counts by scene, errors by field."""
-    picture = picture_table(results, machines)
-    tables = {"PSNR of the pictures, dB": picture}
+    tables = {"PSNR of the pictures, dB": picture_table(results, machines)}
     for kind, name in (("scenes", "scenes"), ("hard", "hard cases")):
         if kind in largest:
             title = f"Errors over the {name}: largest RMS, largest of all; relative but for units"

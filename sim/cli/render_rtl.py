@@ -140,8 +140,9 @@ def report(
         )
     table = {f"cycles, {name}": value for name, value in engines.cycles(run).items()}
     table["fps_at_800mhz"] = table.pop("cycles, fps_at_800mhz")
-    table |= run.frames[-1].counters
-    console.print(describe.table(table | {"traffic, MB": engines.traffic_megabytes(run)}))
+    last = run.frames[-1]
+    table |= last.counters | {"traffic, MB": sum(last.traffic.values()) / 1e6}
+    console.print(describe.table(table))
     return same
 
 

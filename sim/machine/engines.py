@@ -31,11 +31,6 @@ def cycles(run: Run) -> dict[str, int | float | None]:
     return halves | {"frame": frame, "fps_at_800mhz": round(CLOCK_HZ / frame, 1)}
 
 
-def traffic_megabytes(run: Run) -> float:
-    """Of the last frame, whose counters are all there."""
-    return sum(run.frames[-1].traffic.values()) / 1e6
-
-
 def background_codes(config: Config, background: tuple[float, float, float]) -> tuple[int, ...]:
     """Codes of a colour 0 … 1, in units of 255/256."""
     colour = colour_format(config).encode(np.array(background) * 255 / 256)

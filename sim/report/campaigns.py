@@ -133,11 +133,6 @@ MAPS_IN_A_ROW = 3
 MAP_HEIGHT = 1.62  # inches of a row of maps with their titles
 
 
-def percent(share: float | None) -> float | None:
-    """A share in percent."""
-    return None if share is None else 100 * share
-
-
 COUNTS = {"gaussians": THOUSAND, "projected": THOUSAND, "splats": THOUSAND, "tile_pairs": MILLION}
 """Counts of a view and their units."""
 
@@ -154,12 +149,12 @@ def rates(results: Results) -> Iterator[Item]:
     facts, found = results.rows("work")
     nothing = [None] * len(COUNTS)
     rows = [
-        ["the paper, compressed", "", *nothing, *map(percent, RATES_PAPER)],
-        ["the paper, uncompressed", "", *nothing, *map(percent, RATES_UNCOMPRESSED)],
+        [f"the paper, {kind}", "", *nothing, *(rate and 100 * rate for rate in rates)]
+        for kind, rates in (("compressed", RATES_PAPER), ("uncompressed", RATES_UNCOMPRESSED))
     ]
     for row in found:
         counts = [row[key] / unit for key, unit in COUNTS.items()]
-        rows.append([row["scene"], row["camera"], *counts, *(percent(row[key]) for key in RATES)])
+        rows.append([row["scene"], row["camera"], *counts, *(100 * row[key] for key in RATES)])
     means = [100 * sum(row[key] for row in found) / len(found) for key in RATES]
     rows.append(["mean of ours", count_of(found), *nothing, *means])
     yield Table(
