@@ -5,15 +5,16 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from splatcore.sim.accuracy.points import width_of
+from splatcore.sim.accuracy.points import heading
 from splatcore.sim.common.picture import write_figure
+from splatcore.sim.common.plot import MARKERS
 from splatcore.spec.config import Config
 
 INCHES = (15.5, 7.2)
 DOTS_PER_INCH = 150
 
-MARKERS = "osD^vP*X<>hp"  # markers of scenes and of machines, in turn
 THIN = (":", "--", "-.")  # lines of hard cases, in turn
+DOTTED = {"markersize": 4, "markerfacecolor": "none", "linewidth": 0.8, "linestyle": ":"}
 
 
 def write_error_plot(
@@ -29,11 +30,6 @@ def write_error_plot(
     _draw_fields(right, largest, machines)
     figure.suptitle("Stages 0 and 1 against the float64 reference on the same packed models")
     write_figure(path, figure)
-
-
-def _label(config: Config) -> str:
-    """A machine's name and its width, if the name does not say it."""
-    return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
 
 
 def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config, ...]):
@@ -53,7 +49,7 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
             colour = f"C{scenes % 10}"
             scenes += 1
         axes.plot(places, values, color=colour, label=name, **style)
-    axes.set_xticks(places, [_label(config) for config in machines])
+    axes.set_xticks(places, list(map(heading, machines)))
     axes.set_xlabel("machine: exponent/fraction bits of stages 0 and 1")
     axes.set_ylabel("PSNR of the picture, dB")
     axes.set_title("Pictures" + ("; hard cases thin" if hard and scenes else ""))
@@ -70,16 +66,10 @@ def _draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, .
             rms = [values[config.name][field]["rms"] for field in fields]
             rms = [value or float("nan") for value in rms]  # none, or no error at all: no point
             thin = both and kind == "hard"
-            axes.plot(
-                rms,
-                color=f"C{number % 10}",
-                marker=MARKERS[number % len(MARKERS)],
-                markersize=4 if thin else 6,
-                markerfacecolor="none" if thin else None,
-                linewidth=0.8 if thin else 1.8,
-                linestyle=":" if thin else "-",
-                label=None if thin else _label(config).replace("\n", " "),
-            )
+            solid = {"markersize": 6, "linewidth": 1.8, "label": heading(config).replace("\n", " ")}
+            style = DOTTED if thin else solid
+            marker = MARKERS[number % len(MARKERS)]
+            axes.plot(rms, color=f"C{number % 10}", marker=marker, **style)
     names = [field.replace("_", " ") for field in fields]
     axes.set_xticks(range(len(fields)), names, rotation=40, ha="right")
     axes.set_yscale("log")

@@ -16,8 +16,7 @@ from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile
 from splatcore.golden.reference_tiles import rasterize
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.common.metric import psnr
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import packed_model
+from splatcore.sim.common.source import View, packed_model
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, PAPER, Config
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
@@ -64,6 +63,11 @@ MACHINES = (PAPER, *map(with_width, ("5/10", "7/10", "7/13")), DEFAULT, with_wid
 def width_of(config: Config) -> str:
     """ "exponent/fraction" bits of a machine's stages 0 and 1."""
     return f"{config.arithmetic.exponent}/{config.arithmetic.fraction}"
+
+
+def heading(config: Config) -> str:
+    """A machine's name over its width, if the name does not say it."""
+    return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
 
 
 @dataclass(frozen=True, eq=False)

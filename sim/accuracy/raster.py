@@ -14,7 +14,7 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
-from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import View
 from splatcore.sim.common.table import new_table
 from splatcore.sim.eda.synth import area
 from splatcore.spec.config import DEFAULT, FORMATS, Config
@@ -32,11 +32,9 @@ SWEEP = {field: format.tried for field, format in FORMATS.items()}
 
 def machines() -> dict[str, Config]:
     """DEFAULT, and DEFAULT with one field changed."""
-    found = {"DEFAULT": DEFAULT}
-    for field, values in SWEEP.items():
-        for value in values:
-            found[f"{field} {value}"] = replace(DEFAULT, **{field: value})
-    return found
+    changes = [(field, value) for field, values in SWEEP.items() for value in values]
+    changed = {f"{name} {value}": replace(DEFAULT, **{name: value}) for name, value in changes}
+    return {"DEFAULT": DEFAULT} | changed
 
 
 def lane_gates(config: Config) -> float:
@@ -47,8 +45,7 @@ def lane_gates(config: Config) -> float:
 
 def exact_view(view: View) -> tuple[Splats, Entries, np.ndarray]:
     """Exact splats of what a packed model keeps, their sorted entries (formats change nothing in
-    them) and the reference's image [H, W, 3], 0 … 1.
-    """
+    them) and the reference's image [H, W, 3], 0 … 1."""
     source, camera = view.open()
     gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
     splats, _ = project(gaussians, camera)

@@ -13,8 +13,7 @@ from splatcore.model.generate.hard import HARD
 from splatcore.sim.accuracy.points import measure_view
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.sim.common.pool import CONTEXT, as_done, processes, send
-from splatcore.sim.common.scenes import SUFFIXES, View, scene_files, scene_folder
-from splatcore.sim.common.source import parse_size
+from splatcore.sim.common.source import SUFFIXES, View, parse_size, scene_files, scene_folder
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 

@@ -15,8 +15,8 @@ from splatcore.sim.accuracy.raster import EXACT, exact_view
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.source import View
+from splatcore.sim.common.table import new_table, shown
 from splatcore.spec.config import DEFAULT
 
 FRACTIONS = (10, 12, 14, 16, 18, 20)  # fraction bits of depths whose whole codes are keys
@@ -109,15 +109,12 @@ def sort_table(found: dict) -> Table:
     table = new_table("keys", [f"{scene}\ndB, max, changed" for scene in scenes])
     for name, facts in found.items():
         cells = [
-            f"{_decibels(result)}, {result['max_error'] * 255:.1f}, {result['changed_places']:.2%}"
+            f"{shown(result['psnr_db'], '.2f', none='exact')}, {result['max_error'] * 255:.1f}, "
+            f"{result['changed_places']:.2%}"
             for result in facts["scenes"].values()
         ]
         table.add_row(name, *cells)
     return table
-
-
-def _decibels(result: dict) -> str:
-    return "exact" if result["psnr_db"] is None else f"{result['psnr_db']:.2f}"
 
 
 def write_sort_plot(path: str | Path, found: dict):

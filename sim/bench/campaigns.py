@@ -14,7 +14,7 @@ from splatcore.sim.bench.sweep import tasks
 from splatcore.sim.bench.sweep_points import Point
 from splatcore.sim.common.output import console
 from splatcore.sim.common.paper import ABLATION
-from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import View
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.eda.synth import memories
 from splatcore.sim.fit.gates import part_gates
@@ -41,11 +41,8 @@ def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str |
         point.name: summary(point, rows, results.get(size_name(point), {}), between)
         for point in points
     }
-    complete = {
-        name: found
-        for name, found in facts.items()
-        if all(found.get(axis) is not None for axis, _ in AXES)
-    }
+    axes = [axis for axis, _ in AXES]
+    complete = {k: f for k, f in facts.items() if None not in map(f.get, axes)}
     for name in front(complete):
         facts[name]["front"] = True
     return {"size": views[0].size, "points": facts, "rows": rows, "failed": failed}
@@ -97,14 +94,9 @@ def summary(point: Point, rows: list[dict], size: dict, between: float | None) -
 
 def front(points: dict[str, dict]) -> list[str]:
     """The points that no other one beats: as good in all of `AXES` and better in one."""
-    names = list(points)
-    places = np.array([[points[name][axis] * sign for axis, sign in AXES] for name in names])
-    found = []
-    for name, place in zip(names, places, strict=True):
-        beats = (places <= place).all(axis=1) & (places < place).any(axis=1)
-        if not beats.any():
-            found.append(name)
-    return found
+    places = np.array([[point[axis] * sign for axis, sign in AXES] for point in points.values()])
+    beaten = (((places <= one).all(1) & (places < one).any(1)).any() for one in places)
+    return [name for name, worse in zip(points, beaten, strict=True) if not worse]
 
 
 def confirm(points: list[Point], facts: dict, view: View, folder: Path):

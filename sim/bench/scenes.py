@@ -17,11 +17,9 @@ from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.metric import difference
-from splatcore.sim.common.output import console, progress_bar, write
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import View, scene_files
-from splatcore.sim.common.source import packed_model
-from splatcore.sim.common.table import comma_separated
+from splatcore.sim.common.output import console, progress_bar, write, write_json
+from splatcore.sim.common.source import View, packed_model, scene_files
+from splatcore.sim.common.table import comma_separated, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles, golden, reference
@@ -30,7 +28,6 @@ from splatcore.sim.machine.path import build, check_fits, simulate
 from splatcore.sim.machine.script import Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.packed import PackedModel
 
 FRAMES = 2
@@ -108,7 +105,7 @@ def expect(config: Config, view: View) -> Expected:
         check_fits(config, camera)
         model = packed_model(source, config)
     frame = golden(config, Job(model, camera))
-    return Expected(model, camera, frame, reference(model, camera, SPLATCORE).pixels)
+    return Expected(model, camera, frame, reference(model.gaussians(), camera).pixels)
 
 
 def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
@@ -177,22 +174,20 @@ def markdown(rows: list[dict]) -> str:
         {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
         | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
         | {"identical": "yes" if row["identical"] else "no"}
-        | {"PSNR, dB": "exact" if row["psnr_db"] is None else f"{row['psnr_db']:.2f}"}
-        | {"SSIM": "–" if row["ssim"] is None else f"{row['ssim']:.5f}"}
+        | {"PSNR, dB": shown(row["psnr_db"], ".2f", none="exact")}
+        | {"SSIM": shown(row["ssim"], ".5f")}
         | {"max error": f"{row['max_error']:.4f}"}
         | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
         for row in done
     ]  # fmt: skip
     model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
     traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
-    parts = [
-        "Thousands of cycles of a frame in RTL, and its picture against the reference's:",
-        _table(titles, frames),
-        "The cycle model's thousands of cycles:",
-        _table(titles, model),
-        "Megabytes by cause:",
-        _table(titles, traffic),
-    ]
+    tables = {
+        "Thousands of cycles of a frame in RTL, and its picture against the reference's:": frames,
+        "The cycle model's thousands of cycles:": model,
+        "Megabytes by cause:": traffic,
+    }
+    parts = [part for title, rows in tables.items() for part in (title, _table(titles, rows))]
     if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:
         parts += ["Failed:", "\n".join(failed)]
     return "\n\n".join(parts) + "\n"

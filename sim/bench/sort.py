@@ -29,8 +29,8 @@ INCHES = (9.0, 5.5)
 DOTS_PER_INCH = 150
 
 
-def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> dict[str, list[int]]:
-    """Cycles of lists of these lengths by kind of keys; prints a table, draws a plot."""
+def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> tuple[dict, list[int]]:
+    """Cycles of lists of these lengths by kind of keys, and by the cycle model; table and plot."""
     simulation, total = Simulation(Sort(config)), len(KEYS) * len(lengths)
     found = {kind: [] for kind in KEYS}
     with progress_bar("sorting", total) as advance:
@@ -41,7 +41,7 @@ def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> dict[str, 
     model = [cycles(config, [length]) for length in lengths]
     print_whole(_table(config, lengths, found, model))
     _write_plot(plot, config, lengths, found, model)
-    return found
+    return found, model
 
 
 def _measure(simulation: Simulation, config: Config, kind: str, length: int) -> int:
@@ -68,12 +68,9 @@ def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]
     for k, length in enumerate(lengths):
         values = [kind[k] for kind in found.values()]
         within = BOUND_FROM <= length <= _bound_to(config)
-        table.add_row(
-            f"{length:,}",
-            *(f"{value:,}" for value in (*values, model[k])),
-            f"{max(values) / length:.2f}",
-            f"{BOUND * length:,.0f}" if within else "",
-        )
+        cells = [f"{value:,}" for value in (length, *values, model[k])]
+        bound = f"{BOUND * length:,.0f}" if within else ""
+        table.add_row(*cells, f"{max(values) / length:.2f}", bound)
     return table
 
 

@@ -13,12 +13,10 @@ import numpy as np
 from splatcore.golden.pipeline import render
 from splatcore.sim.bench.campaign import Task
 from splatcore.sim.common.metric import LEVELS, channel_error, psnr
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import Source, open_source, packed_model
+from splatcore.sim.common.source import Source, View, open_source, packed_model
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import reference
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
-from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.packed import PackedModel
 
 SPEED = (
@@ -59,15 +57,11 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
         "max_error": float(channel_error(frame.pixels, truth).max() / LEVELS),
         "counts": frame.counts | {"front": len(frame.points.front)},
     }
-    rows = []
+    about, rows = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}, []
     for label, config in machines.items():
         cycles = frame_cycles(config, frame)
-        rows.append(
-            {"point": label, "scene": Path(view.scene).name, "camera": view.camera or camera.name}
-            | {"cycles": cycles.by_name}
-            | {"fps_at_800mhz": CLOCK_HZ / cycles.frame}
-            | facts
-        )
+        speed = {"cycles": cycles.by_name, "fps_at_800mhz": CLOCK_HZ / cycles.frame}
+        rows.append({"point": label} | about | speed | facts)
     return {"rows": rows}
 
 
@@ -80,4 +74,4 @@ def opened(scene: str) -> Source:
 @lru_cache(maxsize=8)
 def exact(view: View, model: PackedModel) -> np.ndarray:
     """The reference's 8-bit picture of a model."""
-    return reference(model, view.camera_of(opened(view.scene)), SPLATCORE).pixels
+    return reference(model.gaussians(), view.camera_of(opened(view.scene))).pixels

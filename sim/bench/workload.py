@@ -13,8 +13,7 @@ from splatcore.golden.pipeline import Frame, render
 from splatcore.model.formats.camera_file import read_camera, read_cameras
 from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.bench.sweep import opened
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import packed_model
+from splatcore.sim.common.source import View, packed_model
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import Config
 from splatcore.spec.convention import NEAR_PLANE, TILE

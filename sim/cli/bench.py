@@ -6,10 +6,8 @@ import typer
 
 from splatcore.sim.bench.scenes import views
 from splatcore.sim.cli.options import app, argument, option
-from splatcore.sim.common.output import console, make_folder, messages
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import VIEW_SIZE, parse_size
+from splatcore.sim.common.output import console, make_folder, messages, write_json
+from splatcore.sim.common.source import VIEW_SIZE, View, parse_size
 
 bench = typer.Typer(
     no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated."

@@ -9,8 +9,7 @@ from numba import get_num_threads
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, option
-from splatcore.sim.common.output import check_writable, console
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import check_writable, console, write_json
 from splatcore.sim.common.source import parse_size
 from splatcore.sim.compression.run import check_installed
 from splatcore.spec.camera import Camera

@@ -5,9 +5,7 @@ from pathlib import Path
 from splatcore.sim.bench.sort import LENGTHS, bench_sort
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, PresetOption, option
-from splatcore.sim.common.output import check_folder, check_writable, console
-from splatcore.sim.common.result import write_json
-from splatcore.sim.cycles.sort import cycles
+from splatcore.sim.common.output import check_folder, check_writable, console, write_json
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -36,9 +34,8 @@ def sort_command(
     config, counts = find_preset(preset), LENGTHS if lengths is None else parse_lengths(lengths)
     output.mkdir(exist_ok=True)
     path = output / "sort.png"
-    found = bench_sort(config, counts, path)
+    found, model = bench_sort(config, counts, path)
     console.print(str(path), soft_wrap=True)
-    model = [cycles(config, [count]) for count in counts]
     facts = {"preset": config.name, "lengths": list(counts), "cycles": found, "model": model}
     write_json(json, facts)
 

@@ -9,7 +9,7 @@ from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import PresetOption, option
 from splatcore.sim.common.output import console
 from splatcore.sim.common.source import check_known
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.machine.path import find_timing
 from splatcore.sim.machine.script import TIMINGS
 from splatcore.spec.preset import find_preset
@@ -84,19 +84,14 @@ def sweep_table(facts: dict) -> Table:
     """The points of a sweep."""
     headings = "k cycles|FPS|dB least|dB mean|max error|k gates|KB|front".split("|")
     table = new_table("machine", headings, "slowest and worst view of each")
-
-    def cell(facts: dict, name: str, form: str, scale: float = 1) -> str:
-        value = facts.get(name)
-        return "–" if value is None else format(value / scale, form)
-
+    forms = {
+        "frame_cycles_max": (",.0f", 1000), "fps_min": (".1f",), "psnr_db_min": (".1f",),
+        "psnr_db_mean": (".1f",), "max_error_max": (".3f",), "nand2": (",.0f", 1000),
+        "memory_kb": (".1f",),
+    }  # fmt: skip
     for name, found in facts["points"].items():
-        table.add_row(
-            name,
-            cell(found, "frame_cycles_max", ",.0f", 1000), cell(found, "fps_min", ".1f"),
-            cell(found, "psnr_db_min", ".1f"), cell(found, "psnr_db_mean", ".1f"),
-            cell(found, "max_error_max", ".3f"), cell(found, "nand2", ",.0f", 1000),
-            cell(found, "memory_kb", ".1f"), "*" if found["front"] else "",
-        )  # fmt: skip
+        cells = (shown(found.get(key), *form) for key, form in forms.items())
+        table.add_row(name, *cells, "*" if found["front"] else "")
     return table
 
 

@@ -6,12 +6,10 @@ import numpy as np
 from rich.table import Table
 
 from splatcore.sim.cli import options
-from splatcore.sim.cli.frames import render_frame, render_golden
 from splatcore.sim.cli.options import argument, option
-from splatcore.sim.common.metric import difference
-from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.metric import Result, difference
+from splatcore.sim.common.output import check_writable, console, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
-from splatcore.sim.common.result import Result, write_json
 from splatcore.sim.common.source import (
     ENGINES,
     Source,
@@ -19,7 +17,7 @@ from splatcore.sim.common.source import (
     open_source,
     packed_model,
 )
-from splatcore.sim.machine.engines import rtl_pixels
+from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -83,8 +81,8 @@ def picture(
     source: Source = open_source(scene)
     view = open_camera(camera, size, source)
     if text == "golden":
-        return render_golden(source, view, config, SPLATCORE.background).pixels
+        return golden_of(source, view, config, SPLATCORE.background).pixels
     if text == "rtl":
         return rtl_pixels(config, packed_model(source, config), view, SPLATCORE.background)
     gaussians = packed_model(source, config).gaussians() if packed else source.gaussians
-    return render_frame(gaussians, view, SPLATCORE, text).pixels
+    return reference(gaussians, view).pixels

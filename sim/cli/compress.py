@@ -15,12 +15,12 @@ from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
+from splatcore.sim.common import output as files
 from splatcore.sim.common.cache import digest
 from splatcore.sim.common.metric import difference
-from splatcore.sim.common.output import check_writable, console, progress_bar, whole_file, write
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import open_source, parse_size
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import new_table, shown
 from splatcore.sim.compression import run
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
@@ -78,11 +78,11 @@ def train_command(
     `compress`.
     """
     run.check_installed()
-    check_writable(output, json)
+    files.check_writable(output, json)
     learn, aside = _split(str(folder), scale, hold_out)
     place = work or output.with_name(output.name + ".steps")
     scene = run.trained(str(folder), learn, steps, seed, place, folder.name)
-    with whole_file(output) as part:
+    with files.whole_file(output) as part:
         write_ply(part, replace(scene, name=output.name))
     found = _decibels(scene.gaussians(), aside)
     facts = {
@@ -126,7 +126,7 @@ def compress_command(
     pictures that were not learned from. Needs the extra `compress`.
     """
     run.check_installed()
-    check_writable(output, json)
+    files.check_writable(output, json)
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
     recipe = Recipe(
@@ -147,7 +147,7 @@ def compress_command(
     key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
     model = run.compressed(source.scene, learn, recipe, checkpoints, config, scene)
-    write(output, model.image.tobytes())
+    files.write(output, model.image.tobytes())
     facts = {"scene": scene, "model": str(output)} | facts_of(source.scene, model, checkpoints)
     console.print(table_of(checkpoints, facts["original_bytes"]))
     facts |= _loss(source.scene, model.gaussians(), aside, pixels, seed)
@@ -215,9 +215,8 @@ def table_of(checkpoints: Checkpoints, original: int) -> Table:
     headings = ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds")
     table = new_table("step", headings)
     for step in checkpoints.steps:
-        loss = "–" if step.loss is None else f"{step.loss:.5f}"
         table.add_row(
             step.name, f"{step.gaussians:,}", str(step.sh_degree), f"{step.bytes:,}",
-            f"{original / step.bytes:.1f}", loss, f"{step.seconds:.0f}",
+            f"{original / step.bytes:.1f}", shown(step.loss, ".5f"), f"{step.seconds:.0f}",
         )  # fmt: skip
     return table

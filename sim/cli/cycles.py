@@ -6,14 +6,14 @@ from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.cli import options
 from splatcore.sim.common.metric import psnr
-from splatcore.sim.common.output import check_writable, progress_bar
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import packed_model
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.output import check_writable, progress_bar, write_json
+from splatcore.sim.common.source import View, packed_model
+from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.preset import find_preset
+
+LABELS = {"fps": "frames a second", "psnr_db": "PSNR, dB"}  # of rows that are not cycles
 
 SceneArgument = options.argument(list[str], "SCENE|MODEL …", "What to render.")
 
@@ -49,11 +49,8 @@ def cycles_command(
     table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
     for name in next(iter(facts.values())):
         values = [row[name] for row in facts.values()]
-        if name in ("fps", "psnr_db"):
-            label = {"fps": "frames a second", "psnr_db": "PSNR, dB"}[name]
-            cells = ["exact" if value is None else f"{value:.1f}" for value in values]
-        else:
-            label, cells = name, [f"{value / 1000:,.0f}" for value in values]
-        table.add_row(label, *cells)
+        form = (".1f",) if name in LABELS else (",.0f", 1000)
+        cells = (shown(value, *form, none="exact") for value in values)
+        table.add_row(LABELS.get(name, name), *cells)
     print_whole(table)
     write_json(json, {"preset": config.name, "scenes": facts})

@@ -8,16 +8,14 @@ from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.accuracy.plot import write_error_plot
-from splatcore.sim.accuracy.points import MACHINES, width_of, with_width
+from splatcore.sim.accuracy.points import MACHINES, heading, width_of, with_width
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.run import everything, measured, named
 from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
 from splatcore.sim.cli.options import JsonOption, app, argument, option
-from splatcore.sim.common.output import check_writable, console, messages
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import View
-from splatcore.sim.common.source import check_known
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.output import check_writable, console, messages, write_json
+from splatcore.sim.common.source import View, check_known
+from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -149,11 +147,10 @@ def error_of_points(
     show(results, largest, machines)
     if output:
         write_error_plot(output, results, largest, machines)
-    names = ("position", "screen_exponent")
     facts = {
-        config.name: {"arithmetic": width_of(config)}
-        | {name: getattr(config, name) for name in names}
-        for config in machines
+        c.name: {"arithmetic": width_of(c), "position": c.position}
+        | {"screen_exponent": c.screen_exponent}
+        for c in machines
     }
     found = {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
     write_json(json, found | {"seconds": round(time.perf_counter() - begin, 1)})
@@ -176,18 +173,12 @@ def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
 
 def decibels(result: dict, key: str = "psnr_db") -> str:
     """A picture's PSNR."""
-    return "exact" if result[key] is None else f"{result[key]:.1f}"
-
-
-def heading(config: Config) -> str:
-    """A machine's name over its width, if the name does not say it."""
-    return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
+    return shown(result[key], ".1f", none="exact")
 
 
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
     """Print all tables: pictures and counts by scene, errors by field."""
-    picture = picture_table(results, machines)
-    tables = {"PSNR of the pictures, dB": picture}
+    tables = {"PSNR of the pictures, dB": picture_table(results, machines)}
     for kind, name in (("scenes", "scenes"), ("hard", "hard cases")):
         if kind in largest:
             title = f"Errors over the {name}: largest RMS, largest of all; relative but for units"
@@ -219,7 +210,7 @@ def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table
         name = LABELS.get(field, field.replace("_", " "))
         for key, text in (("rms", name), ("max", "  largest")):
             sizes = [largest[config.name][field][key] for config in machines]
-            table.add_row(text, *("–" if size is None else f"{size:.1e}" for size in sizes))
+            table.add_row(text, *(shown(size, ".1e") for size in sizes))
     return table
 
 

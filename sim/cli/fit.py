@@ -7,16 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import typer
-from rich.table import Table
 
 from splatcore.sim.bench.scenes import FRAMES, Expected, judge
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
-from splatcore.sim.common.output import check_writable, console, messages, progress_bar
-from splatcore.sim.common.result import write_json
-from splatcore.sim.common.scenes import camera_beside
-from splatcore.sim.common.source import open_source, packed_model
+from splatcore.sim.common.output import check_writable, console, messages, progress_bar, write_json
+from splatcore.sim.common.source import camera_beside, open_source, packed_model
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.fit.formats import decibels
 from splatcore.sim.fit.gates import part_gates
@@ -149,17 +146,11 @@ def _show(found: Fit, rows: list[Knob], sizes: dict, title: str):
         table.add_row(view, *halves, f"{found.fps(view):.1f}", text, error)
     print_whole(table)
     if sizes:
-        print_whole(_gate_table(sizes))
-
-
-def _gate_table(sizes: dict[str, tuple[float, float]]) -> Table:
-    """Gates of the parts."""
-    title = "thousands of NAND2, all of a name"
-    table = new_table("part", ("DEFAULT", "chosen"), title)
-    all_parts = map(sum, zip(*sizes.values(), strict=True))
-    for name, pair in (sizes | {"all of these": tuple(all_parts)}).items():
-        table.add_row(name, *(f"{value / 1000:,.1f}" for value in pair))
-    return table
+        table = new_table("part", ("DEFAULT", "chosen"), "thousands of NAND2, all of a name")
+        sizes = sizes | {"all of these": tuple(map(sum, zip(*sizes.values(), strict=True)))}
+        for name, pair in sizes.items():
+            table.add_row(name, *(f"{value / 1000:,.1f}" for value in pair))
+        print_whole(table)
 
 
 def _facts(found: Fit, rows: list[Knob], sizes: dict) -> dict:

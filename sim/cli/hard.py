@@ -13,12 +13,12 @@ from splatcore.model.generate.hard import HARD
 from splatcore.sim.bench.hard_cases import PSNR_MIN, SEED, SHEET, Outcome, camera_of, measure
 from splatcore.sim.cli import options
 from splatcore.sim.cli.render_rtl import TimingOption
+from splatcore.sim.common import output as files
 from splatcore.sim.common.metric import LEVELS, channel_error
-from splatcore.sim.common.output import check_folder, check_writable, console, progress_bar
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
-from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import ENGINES, check_known, parse_size
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.machine.path import build, check_fits, find_timing
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.error import InputError
@@ -68,8 +68,8 @@ def hard_command(
     if engine != "reference":
         for case in names:
             check_fits(config, camera_of(HARD[case](SEED), shape))
-    check_folder(output)
-    check_writable(json)
+    files.check_folder(output)
+    files.check_writable(json)
     machine = build(config) if engine == "rtl" else None
     outcomes = []
     for number, case in enumerate(names):
@@ -110,17 +110,18 @@ def table(outcomes: list[Outcome], title: str) -> Table:
     drawn = new_table("case", numbers, title, ("left out", "bound", ""))
     for outcome in outcomes:
         error, packing = outcome.error, outcome.packing
-        drawn.add_row(
-            outcome.name,
-            decibels(outcome.psnr_db, outcome.error is not None),
-            "–" if error is None or error.ssim is None else f"{error.ssim:.5f}",
-            "–" if error is None else f"{round(error.max_error * LEVELS)} of {LEVELS}",
-            decibels(packing and packing.psnr_db, packing is not None),
-            "–" if outcome.cycles is None else f"{outcome.cycles:,}",
+        psnr = decibels(outcome.psnr_db, error is not None)
+        largest = "–" if error is None else f"{round(error.max_error * LEVELS)} of {LEVELS}"
+        lost = decibels(packing and packing.psnr_db, packing is not None)
+        cells = (
+            psnr,
+            shown(error and error.ssim, ".5f"),
+            largest,
+            lost,
+            shown(outcome.cycles, ",.0f"),
             left_out(outcome),
-            outcome.bound,
-            "pass" if outcome.passed else "FAIL",
         )
+        drawn.add_row(outcome.name, *cells, outcome.bound, "pass" if outcome.passed else "FAIL")
     return drawn
 
 

@@ -2,13 +2,11 @@
 
 from splatcore.model.pack.pack import STEPS, pack
 from splatcore.sim.cli import options
-from splatcore.sim.cli.frames import render_frame
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import difference
-from splatcore.sim.common.output import check_writable, console, progress_bar, write
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import check_writable, console, progress_bar, write, write_json
 from splatcore.sim.common.source import open_camera, open_source
-from splatcore.spec.convention import SPLATCORE
+from splatcore.sim.machine.engines import reference
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -39,28 +37,21 @@ def pack_command(
         original = source.scene
         view = open_camera(camera, size, source)
     with progress_bar("packing", len(STEPS)) as advance:
-        model, report = pack(
-            original,
-            config,
-            sh_degree,
-            lambda step: advance(STEPS.index(step), len(STEPS), f"packing: {step}"),
-        )
-    pictures = [
-        render_frame(gaussians, view, SPLATCORE, label).pixels
-        for label, gaussians in (
-            ("packed model", model.gaussians()),
-            ("scene, same degree", original.with_sh_degree(report.sh_degree).gaussians()),
-            ("scene", source.gaussians),
-        )
-    ]
-    loss = difference(pictures[0], pictures[1])
-    facts = report.as_dict() | {
-        "preset": config.name,
-        "psnr_db": loss.psnr_db,
-        "ssim": loss.ssim,
-        "max_error": loss.max_error,
-        "psnr_db_all_harmonics": difference(pictures[0], pictures[2]).psnr_db,
+
+        def tell(step: str):
+            advance(STEPS.index(step), len(STEPS), f"packing: {step}")
+
+        model, report = pack(original, config, sh_degree, tell)
+    rendered = {
+        "packed model": model.gaussians(),
+        "scene, same degree": original.with_sh_degree(report.sh_degree).gaussians(),
+        "scene": source.gaussians,
     }
+    packed, cut, whole = (
+        reference(gaussians, view, label=label).pixels for label, gaussians in rendered.items()
+    )
+    facts = report.as_dict() | {"preset": config.name} | vars(difference(packed, cut))
+    facts["psnr_db_all_harmonics"] = difference(packed, whole).psnr_db
     write(output, model.image.tobytes())
     console.print(describe.table({"model": str(output)} | facts))
     write_json(json, facts)

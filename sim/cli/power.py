@@ -7,9 +7,8 @@ from rich.table import Table
 
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
-from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
-from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import open_camera, open_source, packed_model
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.eda.machine_gates import netlist, sizes

@@ -1,9 +1,8 @@
 """The command `programs`: the microprograms and their schedules."""
 
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
-from splatcore.sim.common.output import check_writable, console
+from splatcore.sim.common.output import check_writable, console, write_json
 from splatcore.sim.common.paper import OPERATIONS, PES_BUSY
-from splatcore.sim.common.result import write_json
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table
 from splatcore.spec.config import Config
@@ -27,9 +26,7 @@ ShowOption = option(str | None, "NAME", "Print this program's steps and their ti
 
 @app.command("programs")
 def programs_command(
-    show: ShowOption = None,
-    preset: PresetOption = "DEFAULT",
-    json: JsonOption = None,
+    show: ShowOption = None, preset: PresetOption = "DEFAULT", json: JsonOption = None
 ):
     """List the microprograms of stages 0 and 1: operations, cycles, how busy the PEs are."""
     check_writable(json)

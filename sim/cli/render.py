@@ -7,13 +7,13 @@ from pathlib import Path
 from splatcore.golden.reference import Frame
 from splatcore.sim.cli import options
 from splatcore.sim.cli import render_rtl as rtl
-from splatcore.sim.cli.frames import render_frame, render_golden
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
-from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.metric import Result
+from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.picture import write_heat_map, write_png
-from splatcore.sim.common.result import Result, write_json
 from splatcore.sim.common.source import ENGINES, check_known, open_camera, open_source
+from splatcore.sim.machine.engines import golden_of, reference
 from splatcore.spec.convention import ORIGINAL, SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -66,9 +66,9 @@ def render_command(
         colour = convention.background
         return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
     if engine == "golden":
-        frame = render_golden(source, view, config, convention.background)
+        frame = golden_of(source, view, config, convention.background)
     else:
-        frame = render_frame(source.gaussians, view, convention, "rendering")
+        frame = reference(source.gaussians, view, convention)
     result = Result(
         engine, config.name, source.name, camera or view.name, (view.width, view.height),
         round(time.perf_counter() - begin, 3), frame.counts,

@@ -9,10 +9,9 @@ import typer
 from splatcore.golden import pipeline
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
-from splatcore.sim.common.metric import Difference, difference
-from splatcore.sim.common.output import check_writable, console, progress_bar
+from splatcore.sim.common.metric import Difference, Result, difference
+from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.picture import write_error_map, write_png
-from splatcore.sim.common.result import Result, write_json
 from splatcore.sim.common.source import Source, packed_model
 from splatcore.sim.machine import engines
 from splatcore.sim.machine.diagnosis import diagnose
@@ -102,7 +101,7 @@ def render_rtl(
     convention = replace(SPLATCORE, background=background)
     metrics = []
     for k, (frame, view) in enumerate(zip(run.frames, views, strict=True)):
-        exact = engines.reference(model, view, convention).pixels
+        exact = engines.reference(model.gaussians(), view, convention).pixels
         metrics.append(difference(frame.pixels, exact, source.name))
         if k == 0 and request.error_map:
             title = f"{source.name}: hardware against the reference"
@@ -141,8 +140,9 @@ def report(
         )
     table = {f"cycles, {name}": value for name, value in engines.cycles(run).items()}
     table["fps_at_800mhz"] = table.pop("cycles, fps_at_800mhz")
-    table |= run.frames[-1].counters
-    console.print(describe.table(table | {"traffic, MB": engines.traffic_megabytes(run)}))
+    last = run.frames[-1]
+    table |= last.counters | {"traffic, MB": sum(last.traffic.values()) / 1e6}
+    console.print(describe.table(table))
     return same
 
 

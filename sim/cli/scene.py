@@ -7,8 +7,8 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.sim.cli.options import JsonOption, SourceArgument, app, argument, option
 from splatcore.sim.common import describe
-from splatcore.sim.common.output import check_writable, console, progress_bar, whole_file, write
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common import output as files
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import open_source
 
 NameArgument = argument(str, "NAME", "Which scene.")
@@ -30,20 +30,20 @@ def scene_command(
     seed: SeedOption = 0,
     cameras: CamerasOption = None,
 ):
-    check_writable(output, cameras)
+    files.check_writable(output, cameras)
     with progress_bar(f"generating {name}"):
         scene = generate(name, count, seed)
-        with whole_file(output) as part:
+        with files.whole_file(output) as part:
             write_ply(part, scene)
         if cameras:
-            write(cameras, cameras_json([generated_camera(name)]).encode())
+            files.write(cameras, cameras_json([generated_camera(name)]).encode())
     console.print(f"{output}: {len(scene)} Gaussians, SH degree {scene.sh_degree}")
 
 
 @app.command("info")
 def info_command(scene: SourceArgument, json: JsonOption = None):
     """Say what a scene or packed model holds: counts, extents, ranges, anything odd."""
-    check_writable(json)
+    files.check_writable(json)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         facts = describe.describe(source)

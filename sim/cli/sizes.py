@@ -4,15 +4,13 @@ from collections import Counter
 from dataclasses import asdict
 
 import typer
-from rich.table import Table
 
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES, WHOLE
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
 from splatcore.sim.common import paper
-from splatcore.sim.common.output import check_writable, console, progress_bar
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.source import check_known
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.eda import fpga
 from splatcore.sim.eda.machine_gates import synthesise_machine
 from splatcore.sim.eda.synth import DEPTH_MAX, gates, memories
@@ -58,11 +56,9 @@ def _synthesise_parts(config: Config, names: list[str]) -> dict:
         with progress_bar(f"synthesising {name}"):
             found = gates(PARTS[name](config))
         nand2 = paper.GATES.get(paper.STAGE_OF.get(name))
-        row = (
-            *(found.nand2, nand2, found.depth, found.speed_nand2, found.speed_depth),
-            *(found.flip_flops, found.memory_bits),
-        )
-        table.add_row(name, *("–" if value is None else f"{value:,.0f}" for value in row))
+        row = [found.nand2, nand2, found.depth, found.speed_nand2, found.speed_depth]
+        row += [found.flip_flops, found.memory_bits]
+        table.add_row(name, *(shown(value, ",.0f") for value in row))
         facts[name] = vars(found) | {"memory_bits": found.memory_bits, "paper_nand2": nand2}
     console.print(table)
     return facts
@@ -100,8 +96,14 @@ def fpga_command(
                 found[name] = fpga.placed(fpga.PARTS[name](config), device)
             except fpga.NotPlaced as error:
                 failed[name] = str(error)
+    headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
+    table = new_table("part", headings, f"preset {config.name} on an LFE5U-{device.upper()}")
+    for name, part in found.items():
+        counts = (part.luts, part.flip_flops, part.multipliers, part.block_rams)
+        times = (part.fmax_mhz, part.logic, part.routing)
+        table.add_row(name, *(f"{n:,}" for n in counts), *(f"{value:.1f}" for value in times))
     if found:
-        print_whole(_placed_table(found, f"preset {config.name} on an LFE5U-{device.upper()}"))
+        print_whole(table)
     for name, part in found.items():
         console.print(f"{name}: from {part.begin} to {part.end}", soft_wrap=True, markup=False)
     for name, why in failed.items():
@@ -110,17 +112,6 @@ def fpga_command(
     write_json(json, {"preset": config.name, "device": device, "parts": parts, "failed": failed})
     if failed:
         raise typer.Exit(1)
-
-
-def _placed_table(found: dict[str, fpga.Placed], title: str) -> Table:
-    """Size and speed of each part."""
-    headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
-    table = new_table("part", headings, title)
-    for name, part in found.items():
-        counts = (part.luts, part.flip_flops, part.multipliers, part.block_rams)
-        times = (part.fmax_mhz, part.logic, part.routing)
-        table.add_row(name, *(f"{n:,}" for n in counts), *(f"{value:.1f}" for value in times))
-    return table
 
 
 @app.command("memories")

@@ -1,6 +1,6 @@
 """Differences between two 8-bit images: PSNR, SSIM, maximum error and the metrics of perception."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,6 +28,34 @@ class Difference:
         return self.max_error == 0
 
 
+@dataclass
+class Result:
+    """One rendered or compared image as `--json` writes it (docs/json.md); None where a command has
+    nothing to say."""
+
+    engine: str
+    preset: str
+    scene: str | None = None
+    camera: str | None = None
+    size: tuple[int, int] | None = None  # width, height
+    seconds: float | None = None
+    counts: dict[str, int | float] = field(default_factory=dict)
+    psnr_db: float | None = None
+    ssim: float | None = None
+    max_error: float | None = None
+    identical: bool | None = None
+    cycles: int | None = None
+    fps_at_800mhz: float | None = None
+    traffic_bytes: dict[str, int] | None = None
+
+    def with_difference(self, difference: Difference) -> "Result":
+        """Fill in the metrics; returns self."""
+        for name, value in asdict(difference).items():
+            setattr(self, name, value)
+        self.identical = difference.identical
+        return self
+
+
 def _same_size(image: np.ndarray, reference: np.ndarray, name: str):
     """InputError, naming `name`, if the sizes of two images differ."""
     if image.shape != reference.shape:
@@ -46,11 +74,8 @@ def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") ->
                 gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
             )
         )  # fmt: skip
-    return Difference(
-        psnr_db=psnr(image / LEVELS, reference / LEVELS),
-        ssim=ssim,
-        max_error=float(channel_error(image, reference).max() / LEVELS),
-    )
+    largest = float(channel_error(image, reference).max() / LEVELS)
+    return Difference(psnr(image / LEVELS, reference / LEVELS), ssim, largest)
 
 
 def psnr(image: np.ndarray, reference: np.ndarray) -> float | None:

@@ -1,9 +1,11 @@
 """Writing results: whole files or none, and progress bars."""
 
+import json
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
@@ -63,16 +65,18 @@ def write(path: str | Path, data: bytes):
         part.write_bytes(data)
 
 
+def write_json(path: Path | None, value: object):
+    """Write an object (a dataclass or a dict) as JSON, if there is a path to write to."""
+    if path is not None:
+        value = value if isinstance(value, dict) else asdict(value)
+        write(path, (json.dumps(value, indent=2, allow_nan=False) + "\n").encode())
+
+
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator:
     """A bar on standard error; yields advance(done, total) and removes the bar at the end."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed}/{task.total}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
+    text, count = TextColumn("{task.description}"), TextColumn("{task.completed}/{task.total}")
+    columns = (text, BarColumn(), count, TimeElapsedColumn(), TimeRemainingColumn())
     terminal = messages.is_terminal
     with Progress(*columns, console=messages, transient=True, disable=not terminal) as progress:
         task = progress.add_task(label, total=total)

@@ -1,6 +1,5 @@
 """The paper's published figures: Chang and Chang, "A 129FPS Full HD Real-Time Accelerator for 3D
-Gaussian Splatting", IEEE TVCG. `docs/paper.md` holds them against each other.
-"""
+Gaussian Splatting", IEEE TVCG. `docs/paper.md` holds them against each other."""
 
 FPS = 129  # frames a second, the average of its scene set B, at 1920×1080 and 800 MHz
 

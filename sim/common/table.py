@@ -27,6 +27,11 @@ def new_table(
     return table
 
 
+def shown(value: float | None, form: str, scale: float = 1, none: str = "–") -> str:
+    """A number in a table, divided by `scale`; `none` where there is none."""
+    return none if value is None else format(value / scale, form)
+
+
 def print_whole(table: Table):
     """Print a table as wide as it is, on any terminal."""
     room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum

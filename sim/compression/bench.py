@@ -14,8 +14,7 @@ from splatcore.model.compress.checkpoint import Step
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.pack.pack import pack
 from splatcore.sim.bench.campaign import Failure
-from splatcore.sim.common.output import messages
-from splatcore.sim.common.result import write_json
+from splatcore.sim.common.output import messages, write_json
 from splatcore.sim.compression.measure import Measurer, Version, kept, left_by, original
 from splatcore.sim.compression.plot import write_sheet
 from splatcore.sim.compression.run import Run

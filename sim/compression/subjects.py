@@ -22,8 +22,7 @@ from splatcore.model.formats.packed import is_packed
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.common.cache import digest
-from splatcore.sim.common.scenes import VARIABLE, camera_beside, scene_folder
-from splatcore.sim.common.source import open_source
+from splatcore.sim.common.source import VARIABLE, camera_beside, open_source, scene_folder
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config

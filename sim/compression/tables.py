@@ -7,7 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from splatcore.sim.common.output import write
-from splatcore.sim.common.table import comma_separated
+from splatcore.sim.common.table import comma_separated, shown
 from splatcore.sim.compression.bench import PARTS
 
 MEGABYTE = 1e6
@@ -17,12 +17,7 @@ Column = tuple[str, Callable[[dict], str]]
 
 def number(name: str, form: str, scale: float = 1.0) -> Callable[[dict], str]:
     """Prints a value of a row, divided by `scale`; "–" where there is none."""
-
-    def cell(row: dict) -> str:
-        value = row.get(name)
-        return "–" if value is None else format(value / scale, form)
-
-    return cell
+    return lambda row: shown(row.get(name), form, scale)
 
 
 def valued(name: str, form: str) -> Callable[[dict], str]:

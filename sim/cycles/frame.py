@@ -48,17 +48,11 @@ class Cycles:
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:
     """Cycles of a frame of the golden model. timing: of memory; its latency matters here."""
     points = frame.points
-    intervals = {
-        "chunk": chunk_interval(config),
-        "cull": schedule(config, culling(config.depth_interval)).interval,
-        "place": schedule(config, program("place")).interval,
-        "project": schedule(config, projection(config)).interval,
-    }
     return Cycles(
-        chunk=len(points.read) * intervals["chunk"],
-        cull=len(points.points) * intervals["cull"],
-        place=len(points.front) * intervals["place"],
-        project=len(points.inside) * intervals["project"],
+        chunk=len(points.read) * chunk_interval(config),
+        cull=len(points.points) * schedule(config, culling(config.depth_interval)).interval,
+        place=len(points.front) * schedule(config, program("place")).interval,
+        project=len(points.inside) * schedule(config, projection(config)).interval,
         bin=int(bin_costs(frame).sum()) + len(frame.binned.lists.count),  # and all lists' ends
         sort=sort_cycles(config, np.diff(frame.start)),
         raster=raster_cycles(config, frame),

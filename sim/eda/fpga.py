@@ -65,8 +65,7 @@ class NotPlaced(Exception):
 @dataclass(frozen=True)
 class Placed:
     """A part on a device, without what is around it. begin, end: of the path that limits Fmax, as
-    names of registers; logic, routing: ns of it.
-    """
+    names of registers; logic, routing: ns of it."""
 
     luts: int
     flip_flops: int

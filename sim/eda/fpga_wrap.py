@@ -83,24 +83,21 @@ class Lanes(wiring.Component):
     def __init__(self, config: Config, pixels: int):
         self.evaluate = Evaluate(config, 0, pixels)
         self.blend = Blend(config, block_count(config), pixels)
-        inner = (self.evaluate, self.blend)
-        super().__init__(
-            {
-                name: member
-                for part in inner
-                for name, member in part.signature.members.items()
-                if name != "log2_alphas"
-            }
-        )
+        members = self.evaluate.signature.members, self.blend.signature.members
+        both = {name: member for part in members for name, member in part.items()}
+        del both["log2_alphas"]
+        super().__init__(both)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.evaluate, m.submodules.blend = self.evaluate, self.blend
         m.d.comb += self.blend.log2_alphas.eq(self.evaluate.log2_alphas)
         for part in (self.evaluate, self.blend):
-            for name, member in part.signature.members.items():
-                if name == "log2_alphas":
-                    continue
-                inner, outer = getattr(part, name), getattr(self, name)
+            for name in part.signature.members.keys() & self.signature.members.keys():
+                member, inner, outer = (
+                    self.signature.members[name],
+                    getattr(part, name),
+                    getattr(self, name),
+                )
                 m.d.comb += inner.eq(outer) if member.flow == In else outer.eq(inner)
         return m

@@ -69,8 +69,7 @@ PARTS = tuple(Part(stage, *part) for stage, paths in PATHS.items() for part in p
 @dataclass(frozen=True)
 class Size:
     """A part's instances together; depths are those of the deepest. flip_flops_before: what their
-    descriptions ask for, before synthesis has taken away what is constant or read by nobody.
-    """
+    descriptions ask for, before synthesis has taken away what is constant or read by nobody."""
 
     part: Part
     count: int
@@ -172,11 +171,10 @@ def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
     """Gates of each part. advance: told of the pieces done, of all, and which is next."""
     work = pieces(hierarchy)
     found: dict[Part, list[dict[str, float]]] = {part: [] for part, _ in work}
+    memories: dict[Part, list[str]] = {part: [] for part in found}
     for done, (part, piece) in enumerate(work):
         advance(done, len(work), f"synthesising {part.name}")
         found[part].append(piece.gates() | {"flip_flops_before": flip_flops_before(piece)})
-    memories: dict[Part, list[str]] = {part: [] for part in found}
-    for part, piece in work:
         memories[part] += (memory_name(*size) for size in piece.memories)
     whole = []
     for part, all in found.items():  # their sum, of depths the largest

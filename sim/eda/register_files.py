@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.sim.common.output import write
-from splatcore.sim.eda.files import filled
+from splatcore.sim.eda.verilog import filled
 from splatcore.spec import registers
 from splatcore.spec.axi import READERS, WRITERS
 from splatcore.spec.binning import groups_max

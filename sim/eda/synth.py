@@ -44,8 +44,7 @@ delete t:$scopeinfo
 opt_clean
 """
 """`expose` takes memories out: what they are connected to become inputs and outputs. No `opt` after
-`dfflegalize`: it would bring back flip-flops that `stat` has no size for.
-"""
+`dfflegalize`: it would bring back flip-flops that `stat` has no size for."""
 
 RESULT = """
 opt_clean

@@ -1,20 +1,23 @@
-"""Verilog of the machine and of its stages, and lint."""
+"""Verilog of the machine and of its stages, files for tools beside it, and lint."""
 
 import re
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 from amaranth.back import verilog
 from amaranth.lib import wiring
+from amaranth.lib.wiring import In
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from splatcore.hdl.stages import STAGES
 from splatcore.hdl.top import Top
 from splatcore.sim.common.output import write
-from splatcore.sim.eda.files import constraints, core, memory_list
-from splatcore.sim.eda.macros import Macros, module
+from splatcore.sim.common.table import comma_separated
+from splatcore.sim.eda.macros import Macros, memory_name, module
 from splatcore.sim.rtl.verilator import environment
-from splatcore.spec.config import Config
+from splatcore.spec.config import CLOCK_HZ, KB, Config
 
 HEADER = """\
 // Splatcore {name}, preset {preset}. Generated; the source is {source}.
@@ -41,6 +44,56 @@ TOP = "splatcore_top"
 MEMORIES_FILE = "splatcore_memories.v"
 
 INSTANCE = re.compile(r"^  (splatcore_\w+) +\\?(\S+) +\($", re.M)
+
+RESET_CYCLES = 2
+
+ENVIRONMENT = Environment(
+    loader=PackageLoader("splatcore.sim.eda", "."),
+    undefined=StrictUndefined,
+    keep_trailing_newline=True,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def filled(name: str, **facts) -> str:
+    """The template `NAME.jinja` beside this file with these facts."""
+    return ENVIRONMENT.get_template(f"{name}.jinja").render(facts)
+
+
+def memory_list(shapes: list[tuple[int, int]], instances: Iterable[tuple[str, str]]) -> str:
+    """Memories as CSV: module, words, bits, ports, how many there are, which instances.
+
+    instances: (path, module) of all modules of the machine.
+    """
+    places: dict[str, list[str]] = {memory_name(*shape): [] for shape in shapes}
+    for path, name in instances:
+        if name in places:
+            places[name].append(path)
+    rows = []
+    for (words, bits), (name, paths) in zip(shapes, places.items(), strict=True):
+        kilobytes = f"{words * bits * len(paths) / 8 / KB:.3f}"
+        size = {"module": name, "words": words, "bits": bits, "ports": "1 write, 1 read"}
+        found = {"count": len(paths), "kilobytes": kilobytes, "instances": " ".join(paths)}
+        rows.append(size | found)
+    return comma_separated(rows)
+
+
+def core(config: Config, top: str, sources: list[str], waivers: str) -> str:
+    """A core file for FuseSoC."""
+    facts = {"config": config, "version": version("splatcore")}
+    return filled("splatcore.core", **facts, top=top, sources=sources, waivers=waivers)
+
+
+def constraints(config: Config, component: wiring.Component) -> str:
+    """Constraints for synthesis and timing at `CLOCK_HZ`."""
+    ports: dict[bool, list[str]] = {True: [], False: []}
+    for path, member, _ in component.signature.flatten(component):
+        ports[member.flow == In].append("__".join(map(str, path)))
+    period = 1e9 / CLOCK_HZ
+    times = {"period": period, "uncertainty": period / 10, "half": period / 2}
+    facts = {"config": config, "megahertz": CLOCK_HZ / 1e6, "reset": RESET_CYCLES}
+    return filled("splatcore.sdc", **times, **facts, inputs=ports[True], outputs=ports[False])
 
 
 def stage_source(
@@ -84,19 +137,14 @@ def instances(text: str, top: str) -> Iterator[tuple[str, str]]:
 
 def write_stages(config: Config, folder: Path) -> list[Path]:
     """Write every stage of a machine into a folder, and the waivers; the paths of the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, make in STAGES.items():
-        path = folder / f"splatcore_{name}.v"
-        write(path, stage_source(name, make(config), config).encode())
-        paths.append(path)
-    write(folder / WAIVERS.name, WAIVERS.read_bytes())
-    return [*paths, folder / WAIVERS.name]
+    texts = {
+        f"splatcore_{k}.v": stage_source(k, make(config), config) for k, make in STAGES.items()
+    }
+    return _written(folder, texts)
 
 
 def write_top(config: Config, folder: Path) -> list[Path]:
     """Write the whole machine into a folder, its memories, and what tools want to know of them."""
-    folder.mkdir(parents=True, exist_ok=True)
     top, macros = Top(config), Macros()
     source = stage_source("top", top, config, macros)
     shapes = sorted(set(macros.sizes))
@@ -108,11 +156,18 @@ def write_top(config: Config, folder: Path) -> list[Path]:
         "memories.csv": memory_list(shapes, instances(source, TOP)),
         "splatcore.core": core(config, TOP, [MEMORIES_FILE, f"{TOP}.v"], WAIVERS.name),
         "splatcore.sdc": constraints(config, top),
-        WAIVERS.name: WAIVERS.read_text(),
     }
-    for name, text in texts.items():
-        write(folder / name, text.encode())
-    return [folder / name for name in texts]
+    return _written(folder, texts)
+
+
+def _written(folder: Path, texts: dict[str, str]) -> list[Path]:
+    """Write files by name into a folder, and the waivers; their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts |= {WAIVERS.name: WAIVERS.read_text()}
+    paths = {folder / name: text for name, text in texts.items()}
+    for path, text in paths.items():
+        write(path, text.encode())
+    return list(paths)
 
 
 WRITERS = {"top": write_top, "stages": write_stages}

@@ -48,8 +48,7 @@ adds to the first, the part before."""
 
 def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
     """NAND2-equivalents of all of a machine's parts of a name together. tell: called with the name
-    of the part that is next.
-    """
+    of the part that is next."""
     found, first = {}, 0.0
     for name, (build, count) in PARTS.items():
         tell(name)
@@ -66,12 +65,8 @@ def _lane(config: Config) -> float:
     return two - one
 
 
-def _primitive(name: str) -> Callable[[Config], float]:
-    return lambda config: area(PRIMITIVES[name](config))
-
-
-def _small_sorter(config: Config) -> float:
-    return area(PRIMITIVES["sub_sorter"](replace(config, sub_sorter_entries=SMALL_ENTRIES)))
+def _primitive(name: str, **sizes: int) -> Callable[[Config], float]:
+    return lambda config: area(PRIMITIVES[name](replace(config, **sizes)))
 
 
 PES_BEFORE = sum(PES[name] for name in ("chunk", "cull", "place"))
@@ -90,7 +85,10 @@ SHARES: dict[str, tuple[Share, ...]] = {
         (_primitive("multiply_add"), lambda config: config.pes * config.pe_arrays + PES_BEFORE),
     ),
     "sort_digits": (
-        (_small_sorter, lambda c: c.sub_sorters * c.sub_sorter_entries / SMALL_ENTRIES),
+        (
+            _primitive("sub_sorter", sub_sorter_entries=SMALL_ENTRIES),
+            lambda config: config.sub_sorters * config.sub_sorter_entries / SMALL_ENTRIES,
+        ),
     ),
 } | {field: tuple(OF_RASTER[part] for part in format.parts) for field, format in FORMATS.items()}
 """By format: the parts that most of its bits' gates are in, and how many a machine has."""
@@ -135,7 +133,7 @@ def bit_gates(config: Config, field: str) -> float:
 @cache
 def _line(name: str, field: str, values: tuple[int, int]) -> tuple[float, float]:
     """A part's size at 0 of a field, and what each more takes."""
-    low, high = (area(PRIMITIVES[name](replace(DEFAULT, **{field: v}))) for v in values)
+    low, high = (_primitive(name, **{field: value})(DEFAULT) for value in values)
     slope = (high - low) / (values[1] - values[0])
     return low - slope * values[0], slope
 

@@ -5,15 +5,17 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.source import Source, packed_model
 from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.path import build, check_fits, simulate
 from splatcore.sim.machine.script import IDEAL
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
-from splatcore.spec.convention import Convention
+from splatcore.spec.convention import SPLATCORE, Convention
 from splatcore.spec.error import InputError
 from splatcore.spec.group import colour_format
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Gaussians
 
 
 def cycles(run: Run) -> dict[str, int | float | None]:
@@ -23,21 +25,10 @@ def cycles(run: Run) -> dict[str, int | float | None]:
     one's time is its slower half's, which had memory for itself.
     """
     first, second = run.preprocessing_cycles, run.rendering_cycles
-    if run.frame_cycles:
-        frame = round(float(np.mean(run.frame_cycles)))
-    else:
-        frame = max(first[0], second[0])
-    return {
-        "preprocessing": first[0],
-        "rendering": second[0],
-        "frame": frame,
-        "fps_at_800mhz": round(CLOCK_HZ / frame, 1),
-    }
-
-
-def traffic_megabytes(run: Run) -> float:
-    """Of the last frame, whose counters are all there."""
-    return sum(run.frames[-1].traffic.values()) / 1e6
+    single = max(first[0], second[0])
+    frame = round(float(np.mean(run.frame_cycles))) if run.frame_cycles else single
+    halves = {"preprocessing": first[0], "rendering": second[0]}
+    return halves | {"frame": frame, "fps_at_800mhz": round(CLOCK_HZ / frame, 1)}
 
 
 def background_codes(config: Config, background: tuple[float, float, float]) -> tuple[int, ...]:
@@ -52,10 +43,20 @@ def golden(config: Config, job: Job) -> pipeline.Frame:
         return pipeline.render(config, *job)
 
 
-def reference(model: PackedModel, view: Camera, convention: Convention) -> Frame:
-    """The float64 reference's frame of a packed model."""
-    with progress_bar("rendering by the reference") as advance:
-        return render(model.gaussians(), view, convention, advance)
+def golden_of(source: Source, camera: Camera, config: Config, background) -> pipeline.Frame:
+    """The same of a source; a scene is packed first. InputError for too large an image."""
+    check_fits(config, camera)
+    with progress_bar("packing"):
+        model = packed_model(source, config)
+    return golden(config, Job(model, camera, background_codes(config, background)))
+
+
+def reference(
+    gaussians: Gaussians, view: Camera, convention: Convention = SPLATCORE, label: str = "rendering"
+) -> Frame:
+    """The float64 reference's frame, with a progress bar over its tiles."""
+    with progress_bar(f"{label} by the reference") as advance:
+        return render(gaussians, view, convention, advance)
 
 
 def rtl_pixels(config: Config, model: PackedModel, view: Camera, background) -> np.ndarray:

@@ -83,8 +83,7 @@ class Rendered:
 @dataclass
 class Run:
     """Results of a run. error: the machine's own; state: last values of `STATE`; memory:
-    bytes as they are at the end, which `areas` explains.
-    """
+    bytes as they are at the end, which `areas` explains."""
 
     frames: list[Rendered]
     report: Report
@@ -127,16 +126,14 @@ class Run:
     @property
     def frame_cycles(self) -> list[int]:
         """Of each frame but the last: from where its tiles can be rendered until the next one's
-        can, while that one's points were made.
-        """
+        can, while that one's points were made."""
         spans = self._rendering()
         return [after - before for (before, _), (after, _) in pairwise(spans)]
 
 
 class Machine:
     """A compiled machine. source: Verilog to take instead of the machine's own; trace: whether it
-    can write waveforms; toggles: whether it counts how often each net changes.
-    """
+    can write waveforms; toggles: whether it counts how often each net changes."""
 
     def __init__(
         self, config: Config, source: str | None = None, trace: bool = False, toggles: bool = False

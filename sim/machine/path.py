@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from splatcore.model.cameras.orbit import moved
 from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.source import check_known
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.script import TIMINGS, Timing
 from splatcore.spec.camera import Camera
@@ -21,20 +22,14 @@ STEP = np.radians(0.25)
 
 def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
     """Cameras on a circle around what a camera looks at: the place in front of it that is as deep
-    as the points [N, 3] that it sees, on the average (median).
-    """
+    as the points [N, 3] that it sees, on the average (median), 1 if there are none."""
     axis, forward = camera.rotation[1], camera.rotation[2]
-    target = camera.position + forward * _depth(camera, points)
-    turns = (Rotation.from_rotvec(k * STEP * axis).as_matrix() for k in range(1, frames))
-    return [camera, *(moved(camera, target, turn, 1.0) for turn in turns)]
-
-
-def _depth(camera: Camera, points: np.ndarray) -> float:
-    """The median depth of the points within a camera's image, 1 if there are none."""
     x, y, z = (points @ camera.rotation.T + camera.translation).T
     across, down = camera.tan_half_fov
     seen = (z > NEAR_PLANE) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
-    return float(np.median(z[seen])) if seen.any() else 1.0
+    target = camera.position + forward * (np.median(z[seen]) if seen.any() else 1.0)
+    turns = (Rotation.from_rotvec(k * STEP * axis).as_matrix() for k in range(1, frames))
+    return [camera, *(moved(camera, target, turn, 1.0) for turn in turns)]
 
 
 def check_fits(config: Config, camera: Camera):
@@ -46,10 +41,9 @@ def check_fits(config: Config, camera: Camera):
 
 def find_timing(name: str) -> Timing:
     """The timing of that name; InputError lists the names."""
-    try:
-        return TIMINGS[name.lower()]
-    except KeyError:
-        raise InputError(f"--timing '{name}': unknown (there are {', '.join(TIMINGS)})") from None
+    if name.lower() not in TIMINGS:
+        check_known("--timing", TIMINGS, name)
+    return TIMINGS[name.lower()]
 
 
 def build(config: Config, trace: bool = False, source: str | None = None) -> Machine:

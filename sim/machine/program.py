@@ -30,8 +30,7 @@ constexpr uint32_t BEAT_BITS = {BEAT_BITS}, INTERRUPT_ERROR = {INTERRUPT_ERROR};
 def compiled(source: str, trace: bool = False, toggles: bool = False, level: str = FAST) -> Path:
     """The program for a machine's Verilog; with `trace` it can write waveforms of the stages'
     ports (VCD), with `toggles` it counts how often each net changes (SAIF). level: of the C++
-    compiler.
-    """
+    compiler."""
     more = ("--trace", "--trace-depth", "4") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")

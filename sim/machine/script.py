@@ -151,8 +151,7 @@ class Report:
     """A run. answers: by the number of the command, for those that were done. events: cycle and
     bits of each interrupt. read, written: beats by reader and writer. regions: bytes read and
     written. outside: accesses that no region allows, the first ones told. rule: of AXI that was
-    broken. command: that the script was at.
-    """
+    broken. command: that the script was at."""
 
     result: str = ""
     cycles: int = 0

@@ -71,8 +71,7 @@ class Counts:
     """Switching of a frame. parts: by name, as in `sim.eda.machine_gates.PARTS`.
     cycles: of a frame.
     sample_every: one in so many windows was looked at; counted: cycles of these. simulated: cycles
-    of the run. traffic: bytes by cause.
-    """
+    of the run. traffic: bytes by cause."""
 
     parts: dict[str, Activity]
     memories: list[Accesses]

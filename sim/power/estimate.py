@@ -34,8 +34,7 @@ class Gates(NamedTuple):
 @dataclass(frozen=True)
 class Logic:
     """A part or a stage. activity: changes of a net's bit in a cycle; switching, clock: J of a
-    frame; leakage: W.
-    """
+    frame; leakage: W."""
 
     nand2: float
     flip_flops: int
@@ -154,12 +153,6 @@ def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimat
 
 def sum_of(parts: list[Logic]) -> Logic:
     """Parts together; their activity is that of the mean NAND2."""
-    nand2 = sum(part.nand2 for part in parts)
-    return Logic(
-        nand2,
-        sum(part.flip_flops for part in parts),
-        sum(part.activity * part.nand2 for part in parts) / nand2,
-        sum(part.switching for part in parts),
-        sum(part.clock for part in parts),
-        sum(part.leakage for part in parts),
-    )
+    nand2, flip_flops, _, *energies = map(sum, zip(*map(astuple, parts), strict=True))
+    activity = sum(part.activity * part.nand2 for part in parts) / nand2
+    return Logic(nand2, flip_flops, activity, *energies)

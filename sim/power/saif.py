@@ -14,8 +14,7 @@ DURATION = re.compile(r"\s*\(DURATION (\d+)\)")
 
 class Net(NamedTuple):
     """A bit of a net. path: instances that it is in, from the outermost on; low, high: time that
-    it was 0 and 1; changes: times that it rose or fell.
-    """
+    it was 0 and 1; changes: times that it rose or fell."""
 
     path: tuple[str, ...]
     name: str

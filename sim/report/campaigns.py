@@ -47,8 +47,7 @@ def speeds(results: Results) -> Iterator[Item]:
     facts, found = by_view(results)
     steps = [step["name"] for step in facts["steps"]]
     rows = [[PAPER, "", *(step["paper_fps"] for step in facts["steps"])]]
-    for view, by_step in found.items():
-        rows.append([*view, *(_fps(by_step.get(step)) for step in steps)])
+    rows += [[*view, *(_fps(row.get(step)) for step in steps)] for view, row in found.items()]
     yield Table(
         "ablation",
         f"Frames a second at 800 MHz with one saving after the other, {facts['size']}, by the "
@@ -57,7 +56,7 @@ def speeds(results: Results) -> Iterator[Item]:
         [*VIEW, *(Column(step, "FPS", 1) for step in steps)],
         rows, ("ablation",), frozenset({0}),
     )  # fmt: skip
-    factors = [[*row[:2], *gains(row[2:])[1:], _whole(row[2:])] for row in rows]
+    factors = [[*row[:2], *gains(row[2:])[1:], *gains([row[2], row[-1]])[1:]] for row in rows]
     yield Table(
         "ablation-gains",
         "What each step gains over the one before it. A step can only gain where the half of the "
@@ -77,11 +76,6 @@ def speeds(results: Results) -> Iterator[Item]:
 
 def _fps(row: Facts | None) -> float | None:
     return row and row["fps_at_800mhz"]
-
-
-def _whole(values: list[float | None]) -> float | None:
-    """The last over the first."""
-    return values[-1] / values[0] if values[0] and values[-1] else None
 
 
 def bars(results: Results) -> Iterator[Item]:
@@ -139,11 +133,6 @@ MAPS_IN_A_ROW = 3
 MAP_HEIGHT = 1.62  # inches of a row of maps with their titles
 
 
-def percent(share: float | None) -> float | None:
-    """A share in percent."""
-    return None if share is None else 100 * share
-
-
 COUNTS = {"gaussians": THOUSAND, "projected": THOUSAND, "splats": THOUSAND, "tile_pairs": MILLION}
 """Counts of a view and their units."""
 
@@ -160,12 +149,12 @@ def rates(results: Results) -> Iterator[Item]:
     facts, found = results.rows("work")
     nothing = [None] * len(COUNTS)
     rows = [
-        ["the paper, compressed", "", *nothing, *map(percent, RATES_PAPER)],
-        ["the paper, uncompressed", "", *nothing, *map(percent, RATES_UNCOMPRESSED)],
+        [f"the paper, {kind}", "", *nothing, *(rate and 100 * rate for rate in rates)]
+        for kind, rates in (("compressed", RATES_PAPER), ("uncompressed", RATES_UNCOMPRESSED))
     ]
     for row in found:
         counts = [row[key] / unit for key, unit in COUNTS.items()]
-        rows.append([row["scene"], row["camera"], *counts, *(percent(row[key]) for key in RATES)])
+        rows.append([row["scene"], row["camera"], *counts, *(100 * row[key] for key in RATES)])
     means = [100 * sum(row[key] for row in found) / len(found) for key in RATES]
     rows.append(["mean of ours", count_of(found), *nothing, *means])
     yield Table(

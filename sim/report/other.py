@@ -11,7 +11,7 @@ from splatcore.sim.bench.hard_cases import SHEET
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.paper import FPS, MEMORY_POWER
 from splatcore.sim.report.page import MILLION, THOUSAND, Card, Column, Figure, Item, Table, Text
-from splatcore.sim.report.results import Facts, Results, read
+from splatcore.sim.report.results import Facts, Results, in_units, read
 from splatcore.spec.error import InputError
 
 HARD_SOURCES = ("hard", "hard-rtl", "hard-paper")
@@ -58,14 +58,11 @@ def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
     names = dict.fromkeys(name for facts in found.values() for name in facts["cases"])
     for name in names:
         all = [facts["cases"].get(name) for facts in found.values()]
-        first = next(case for case in all if case)
-        row = [name.replace("_", " "), first["about"]]
+        row = [name.replace("_", " "), next(filter(None, all))["about"]]
         for case in all:
-            if case is None:
-                row += [None] * 3
-            else:
-                error = case["max_error"]
-                row += [case["psnr_db"], None if error is None else error * LEVELS, case["passed"]]
+            error = case and case["max_error"]
+            error = None if error is None else error * LEVELS
+            row += [case["psnr_db"], error, case["passed"]] if case else [None] * 3
         yield row
 
 
@@ -110,14 +107,14 @@ def power(results: Results) -> Iterator[Item]:
         watts = (logic["switching"] + logic["clock"]) * fps + logic["leakage"]
         rows.append([
             stage, logic["nand2"] / THOUSAND, 100 * logic["activity"], watts / MILLI,
-            milli(paper["logic_w"].get(stage)),
+            in_units(paper["logic_w"], stage, MILLI),
         ])  # fmt: skip
     for stage, memory in facts["stage_memories"].items():
         watts = memory["access"] * fps + memory["leakage"]
         name, _ = MEMORY_POWER.get(stage, (None, None))
         text = f"memories of {stage}" + (f"; the paper's: {name}" if name else "")
-        rows.append([text, None, None, watts / MILLI, milli(paper["memory_w"].get(name))])
-    rows.append(["all, estimate", None, None, facts["power_w"] / MILLI, milli(paper["power_w"])])
+        rows.append([text, None, None, watts / MILLI, in_units(paper["memory_w"], name, MILLI)])
+    rows.append(["all, estimate", None, None, facts["power_w"] / MILLI, paper["power_w"] / MILLI])
     strong = {len(rows) - 1}
     rows.append(["DRAM, estimate, apart", None, None, facts["dram_w"] / MILLI, None])
     size = "×".join(map(str, facts["size"]))
@@ -137,13 +134,8 @@ def power(results: Results) -> Iterator[Item]:
     yield Card(
         "How large",
         f"≈ {facts['power_w'] / MILLI:,.0f} mW",
-        f"an estimate, first order: {what}; the paper: {milli(paper['power_w']):.0f} mW at {FPS}",
+        f"an estimate, first order: {what}; the paper: {paper['power_w'] / MILLI:.0f} mW at {FPS}",
     )
-
-
-def milli(watts: float | None) -> float | None:
-    """W in mW."""
-    return None if watts is None else watts / MILLI
 
 
 def placed(results: Results) -> Iterator[Item]:

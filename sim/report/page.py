@@ -24,8 +24,7 @@ THOUSAND, MILLION = 1e3, 1e6
 @dataclass(frozen=True)
 class Column:
     """A table's column. digits: behind the point, None for text; none: stands for no value; wide:
-    has long texts.
-    """
+    has long texts."""
 
     name: str
     unit: str = ""
@@ -57,8 +56,7 @@ class Column:
 @dataclass
 class Table:
     """Rows of as many values as columns. key: its file's name; sources: results it is made of;
-    strong: rows that sum up or stand out.
-    """
+    strong: rows that sum up or stand out."""
 
     key: str
     caption: str
@@ -77,12 +75,9 @@ class Table:
 
     def facts(self) -> dict:
         """For the JSON file."""
-        return {
-            "caption": self.caption,
-            "commands": self.commands,
-            "columns": [column.heading for column in self.columns],
-            "rows": [list(row) for row in self.rows],
-        }
+        about = {"caption": self.caption, "commands": self.commands}
+        headings = [column.heading for column in self.columns]
+        return about | {"columns": headings, "rows": list(map(list, self.rows))}
 
     def comma_separated(self) -> str:
         """For a CSV file: the JSON file's values; nothing for none."""

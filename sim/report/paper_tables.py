@@ -20,18 +20,10 @@ BITS = 8  # of a byte
 
 def operations(results: Results) -> Iterator[Item]:
     """Operation counts of stage 1 with and without products with zeros."""
-    rows = [
-        paper_row(what, pes, busy)
-        for what, pes, busy in (
-            ("with zeros", paper.PES_DENSE, None),
-            ("without zeros", paper.PES, paper.PES_BUSY),
-        )
-    ]
+    rows = [paper_row("with zeros", paper.PES_DENSE, None)]
+    rows.append(paper_row("without zeros", paper.PES, paper.PES_BUSY))
     for facts in results.each(("programs", "programs-paper")):
-        rows += [
-            own_row(facts, what, skip)
-            for what, skip in (("with zeros", False), ("without zeros", True))
-        ]
+        rows += [own_row(facts, "with zeros", False), own_row(facts, "without zeros", True)]
     yield Table(
         "operations",
         "Operations of stage 1 for a Gaussian with harmonics of degree 1, with and without "

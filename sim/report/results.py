@@ -31,8 +31,7 @@ SOURCES = {
     "fpga": ("fpga.json", "PRESET"),
 }
 """Files by name, and the variables of make that their rules take. `fit` has no rule, as only its
-user knows what to ask it for.
-"""
+user knows what to ask it for."""
 
 
 class Facts(dict):
@@ -56,6 +55,12 @@ def _facts(value: object, file: str, place: str) -> object:
     if isinstance(value, list):
         return [_facts(item, file, f"{place}[{n}]") for n, item in enumerate(value)]
     return value
+
+
+def in_units(facts: dict, key: str | None, unit: float) -> float | None:
+    """A number in another unit; None where there is none."""
+    value = facts.get(key)
+    return None if value is None else value / unit
 
 
 def _refuse(word: str):
@@ -100,8 +105,7 @@ def measured_with(facts: dict) -> Options:
 @dataclass
 class Results:
     """A folder of results. used: names of the results asked for since it was emptied; troubles:
-    faults that leave a result to show.
-    """
+    faults that leave a result to show."""
 
     folder: Path
     options: Options = field(default_factory=Options)

@@ -82,8 +82,7 @@ def names(rows: Sequence[Facts]) -> list[str]:
 
 def of_views(rows: list[Facts]) -> tuple[list[Column], Callable[[Facts], list], str]:
     """Columns of each view, with size and memory if rows differ there; their cells; and what all
-    rows have alike of both, for a caption.
-    """
+    rows have alike of both, for a caption."""
     texts = {"size": lambda row: row["size"], "memory": lambda row: row["timing"]["name"]}
     differ = [text for text in texts.values() if len({text(row) for row in rows}) > 1]
     alike = [text(rows[0]) for text in texts.values() if text not in differ]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.paper import FPS, GATES_ALL
 from splatcore.sim.report.page import MILLION, NONE, THOUSAND, Card, Column, Figure, Item, Table
-from splatcore.sim.report.results import Facts, Results
+from splatcore.sim.report.results import Facts, Results, in_units
 from splatcore.sim.report.scenes import AGAINST_RTL, CYCLES_MAX, VIEW, against_rtl
 from splatcore.sim.report.sweep_plot import knobs, plane
 from splatcore.spec.error import InputError
@@ -21,12 +21,6 @@ def swept(results: Results) -> tuple[Facts, Facts]:
     if not facts["points"]:
         raise InputError(f"{facts.file}: holds no point")
     return facts, facts["points"]
-
-
-def in_units(point: Facts, key: str, unit: float) -> float | None:
-    """A number of a point in another unit; None for a point that failed there."""
-    value = point.get(key)
-    return None if value is None else value / unit
 
 
 def summary(results: Results) -> Iterator[Item]:

@@ -33,8 +33,7 @@ def values(points: Facts, what: str) -> dict[str, float]:
 
 def beaten_by_none(places: dict[str, tuple[float, float]]) -> list[str]:
     """Points that no other one beats, in their order; less of the first number is better, and more
-    of the second.
-    """
+    of the second."""
     found = []
     for name in sorted(places, key=lambda name: (places[name][0], -places[name][1])):
         if not found or places[name][1] > places[found[-1]][1]:
@@ -44,8 +43,7 @@ def beaten_by_none(places: dict[str, tuple[float, float]]) -> list[str]:
 
 def scatter(axes: Axes, points: Facts, across: str, up: str) -> dict[str, tuple[float, float]]:
     """Points by knob, those of the front filled, the front of this plane as steps; returns the
-    points to be named.
-    """
+    points to be named."""
     x, y = values(points, across), values(points, up)
     places = {name: (x[name], y[name]) for name in points if name in x and name in y}
     for number, knob in enumerate(dict.fromkeys(point["knob"] for point in points.values())):

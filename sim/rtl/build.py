@@ -16,8 +16,7 @@ CPP = Path(__file__).parent  # the folder of the C++
 
 SPLIT = "--output-split 200000 --output-split-cfuncs 1000 --output-split-ctrace 1000".split()
 """Few files of short functions: each file costs the C++ compiler the headers, and a function more
-time than its length.
-"""
+time than its length."""
 
 ARGS = [
     "--cc", "--exe", "--build", "--build-jobs", "2", "-O3", "--x-assign", "fast", "-Wno-fatal",

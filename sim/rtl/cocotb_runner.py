@@ -4,11 +4,11 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import patch
 from xml.etree import ElementTree
 
 import cocotb
@@ -59,7 +59,8 @@ def run_testbench(
     if simulator not in PROGRAM:
         raise ValueError(f"simulator {simulator!r} is not one of {', '.join(PROGRAM)}")
     variables = environment() if simulator == "verilator" else dict(os.environ)
-    with _environment(variables | {PARAMETERS: json.dumps(parameters)}):
+    # The runner takes what it needs from the process's environment.
+    with patch.dict(os.environ, variables | {PARAMETERS: json.dumps(parameters)}):
         folder = build(component, simulator)
         with TemporaryDirectory() as results:
             _run(simulator, module, seed, folder, Path(results))
@@ -156,15 +157,3 @@ def _excerpt(log: Path) -> str:
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
     first = next((k for k, line in enumerate(lines) if COMPLAINT.search(line)), -LOG_LINES)
     return "\n".join(line.strip() for line in lines[first:][:LOG_LINES])
-
-
-@contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """The process's environment replaced for a while: the runner takes what it needs from there."""
-    before = dict(os.environ)
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)

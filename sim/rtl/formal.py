@@ -124,15 +124,9 @@ def _run(source: str, mode: str, depth: int) -> tuple[str, str]:
         for part, program in PROGRAMS.items():
             command += [f"--{part}", str(programs / program)]
         path = os.pathsep.join([str(programs), os.environ.get("PATH", "")])  # for the solver
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env=os.environ | {"PATH": path},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            check=False,
-        )
+        variables, output = os.environ | {"PATH": path}, subprocess.PIPE
+        together = {"stdout": output, "stderr": subprocess.STDOUT, "text": True}
+        done = subprocess.run(command, cwd=folder, env=variables, check=False, **together)
     status = DONE.findall(done.stdout)
     if not status or status[0] not in ("PASS", "FAIL", "UNKNOWN"):
         tail = "\n".join(done.stdout.splitlines()[-LOG_LINES:])

@@ -233,10 +233,7 @@ def _ports_header(ports: Ports, samples: tuple[str, ...], source: str) -> str:
             for name, width in widths.items()
         )
 
-    sampled = (
-        listed("SAMPLE", {name: ports.out[name] for name in samples}),
-        listed("END", ports.read),
-    )
+    sampled = [listed("SAMPLE", {k: ports.out[k] for k in samples}), listed("END", ports.read)]
     lines = {
         "HAS_CLOCK": int("\n  input clk;" in source),
         "HAS_RESET": int("\n  input rst;" in source),

@@ -7,10 +7,9 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.bench.sort import BOUND
 from splatcore.sim.bench.sort_rows import KEYS
 from splatcore.sim.common.picture import read_png
-from splatcore.sim.compression import run as compression_run
 from splatcore.sim.cycles.sort import cycles
 from splatcore.spec.config import TINY
-from tb.helpers.command import check_documented, check_refused, load, run
+from tb.helpers.command import check_documented, load, run
 
 LENGTHS = [1, 16, 65, 300]
 
@@ -62,37 +61,3 @@ def test_times_are_medians_without_the_first(monkeypatch):
     camera = generated_camera("garden", 16, 16)
     found = bench_differentiable.measure(generate("garden", 20).gaussians(), camera, 3)
     assert found["forward_seconds"] == 2 and found["backward_seconds"] == 20
-
-
-@pytest.mark.parametrize(
-    "arguments, message",
-    {
-        "sort -o out --lengths 1,two": "--lengths '1,two': are not numbers",
-        "sort -o out --lengths 0,4": "--lengths '0,4': are not all in 1",
-        "sort -o out --preset HUGE": "HUGE",
-        "sort -o none/out": "none/out",
-        "sort -o out --json none/a.json": "none/a.json",
-        "differentiable --gaussians 0": "--gaussians: count: 0 is not in 1",
-        "differentiable --size 0x5": "--size 0x5: width 0",
-        "differentiable --repeat 0": "--repeat 0: is not at least 1",
-        "differentiable --json none/a.json": "none/a.json",
-    }.items(),
-)
-def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    check_refused(capsys, f"bench {arguments}", message)
-    assert not list(tmp_path.iterdir())
-
-
-def test_without_torch(monkeypatch, capsys):
-    monkeypatch.setattr(compression_run, "find_spec", lambda name: None)
-    message = r"pip install 'splatcore\[compress\]'"
-    check_refused(capsys, "bench differentiable --gaussians 20", message)
-
-
-def test_help(capsys):
-    assert run("bench", "--help") == 0
-    assert "sort" in capsys.readouterr().out
-    assert run("bench", "sort", "--help") == 0
-    assert "--lengths" in capsys.readouterr().out
-    assert run("bench", "fly") == 2

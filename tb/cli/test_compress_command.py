@@ -144,12 +144,3 @@ def test_bad_input(scene_file, tmp_path, capsys):
     assert "is a packed model already" in capsys.readouterr().err
     assert run("train", str(tmp_path), "-o", str(tmp_path / "s.ply")) == 2
     assert "no cameras.bin or cameras.txt" in capsys.readouterr().err
-
-
-def test_without_pytorch(scene_file, tmp_path, capsys, monkeypatch):
-    from splatcore.sim.compression import run as compression_run
-
-    monkeypatch.setattr(compression_run, "find_spec", lambda name: None)
-    for command in (["compress", str(scene_file)], ["train", str(tmp_path)]):
-        assert run(*command, "-o", str(tmp_path / "m")) == 2
-        assert "pip install 'splatcore[compress]'" in capsys.readouterr().err

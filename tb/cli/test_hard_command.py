@@ -20,7 +20,7 @@ from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
 from tb.helpers.bounds import BOUND
-from tb.helpers.command import check_documented, check_refused, load, run
+from tb.helpers.command import check_documented, load, run
 
 QUICK = ("opacity_edge", "empty", "one", "one_pixel")  # cases of less than a tenth of a second
 
@@ -206,32 +206,3 @@ def test_a_bit_of_the_hardware(tmp_path, monkeypatch, capsys):
     assert not case["identical"] and not case["passed"] and case["psnr_db"] > PSNR_MIN
     text = capsys.readouterr().out
     assert "1 pixels differ from the golden model's, first (30, 20)" in text and "0 of 1" in text
-
-
-BAD = {
-    "name": ("roof", "hard case 'roof'.*needles, flakes.*one_pixel"),
-    "engine": ("one --engine gpu", "'gpu'"),
-    "preset": ("one --preset huge", "'huge'"),
-    "size": ("one --size wide", "'wide'"),
-    "too large": ("one --preset tiny --size 65x64", "65x64.*64x64"),
-    "timing": ("one --engine rtl --timing slow", "'slow'.*ideal, lpddr4"),
-    "timing of what": ("one --timing ideal", "--timing: goes with --engine rtl"),
-    "no folder": ("one -o none/pictures", "none/pictures: there is no folder"),
-    "a file": ("one -o file", "file: is no folder"),
-    "results": ("one --json none/a.json", "none/a.json"),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_input(case, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
-    arguments, message = BAD[case]
-    check_refused(capsys, f"hard {arguments}", message)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_help(capsys):
-    assert run("hard", "--help") == 0
-    text = re.sub(r"\s|│", "", capsys.readouterr().out)
-    assert all(name in text for name in HARD) and "52dB" in text

@@ -5,9 +5,12 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from splatcore.model.formats.ply import write_ply
 from splatcore.sim.cli.main import main
+from tb.helpers.clouds import cloud
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -43,3 +46,14 @@ def check_documented(heading: str, keys: Iterable[str]):
 
 def load(path) -> dict:
     return json.loads(path.read_text())
+
+
+def write_scene(folder: Path):
+    """A small scene and two cameras: scene.ply, cameras.json."""
+    write_ply(folder / "scene.ply", cloud(0, count=200))
+    cameras = [
+        {"id": n, "img_name": f"view_{n}", "width": 64, "height": 48, "fx": 60.0, "fy": 60.0,
+         "position": [0.1 * n, 0, -3], "rotation": np.eye(3).tolist()}
+        for n in (4, 7)
+    ]  # fmt: skip
+    (folder / "cameras.json").write_text(json.dumps(cameras))

@@ -71,17 +71,10 @@ class Join(wiring.Component):
     """`o` is an item of each of `a` and `b` beside each other, xor `key`; without a clock."""
 
     def __init__(self):
-        super().__init__(
-            {
-                "a": In(stream.Signature(8)),
-                "b": In(stream.Signature(92)),
-                "o": Out(stream.Signature(100)),
-                "key": In(100),
-                "mask": In(8),
-                "masked": Out(8),
-                "keys": Out(100),
-            }
-        )
+        inputs = {"a": In(stream.Signature(8)), "b": In(stream.Signature(92))}
+        inputs |= {"key": In(100), "mask": In(8)}
+        outputs = {"o": Out(stream.Signature(100)), "masked": Out(8), "keys": Out(100)}
+        super().__init__(inputs | outputs)
 
     def elaborate(self, platform) -> Module:
         m = Module()

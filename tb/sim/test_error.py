@@ -14,7 +14,7 @@ from splatcore.sim.accuracy import points as error
 from splatcore.sim.accuracy.points import Reference, measure, measure_view, with_width
 from splatcore.sim.accuracy.run import HARD_CASES, everything
 from splatcore.sim.common.picture import read_png
-from splatcore.sim.common.scenes import View, camera_beside
+from splatcore.sim.common.source import View, camera_beside
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.error import InputError
@@ -243,22 +243,6 @@ def test_command(folder, capsys):
         documented = file.read().partition("## `splatcore error`")[2].partition("\n## ")[0]
     for keys in (result, result["machines"]["PAPER"], facts, facts["machines"]["PAPER"], FIELDS):
         assert all(f"`{key}`" in documented for key in keys)
-
-
-def test_options_that_do_not_go_together(folder, capsys):
-    for arguments, message in {
-        "--scenes none": "--scenes none: there is no such folder",
-        "--camera scene.cameras.json --scenes .": "--camera: goes with a SCENE",
-        "scene.ply --scenes .": "--scenes .: name a folder or a SCENE",
-        "scene.ply none.ply": "none.ply: No such file",
-        "scene.ply --camera none.json": "none.json: no such file",
-        "scene.ply --preset HUGE": "HUGE",
-        "scene.ply --stage roof": "--stage 'roof'",
-    }.items():
-        capsys.readouterr()
-        assert run("error", *arguments.split()) == 2
-        printed = capsys.readouterr()
-        assert printed.err.startswith("error: ") and message in printed.err and not printed.out
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """`splatcore error --stage sort`: windows of keys, what changes places, and the pictures; and
-`--stage raster`: the sweep of stage 3's formats.
-"""
+`--stage raster`: the sweep of stage 3's formats."""
 
 from dataclasses import replace
 
@@ -13,7 +12,7 @@ from splatcore.sim.accuracy import raster as error_raster
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.sort import EXACT_ORDER, FRACTIONS, WAYS, depth_codes, reordered, window
 from splatcore.sim.common.picture import read_png
-from splatcore.sim.common.scenes import View
+from splatcore.sim.common.source import View
 from splatcore.spec.config import DEFAULT
 from tb.helpers.command import ROOT, load, run
 

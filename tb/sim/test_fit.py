@@ -210,28 +210,6 @@ def test_nothing_is_written_if_it_is_impossible(tmp_path, capsys, prices, scene)
     assert not path.exists()
 
 
-@pytest.mark.parametrize(
-    "options, error",
-    [
-        (("--fps", 0), "--fps 0: is not in"), (("--fps", "nan"), "--fps nan: is not in"),
-        (("--fps", -3), "--fps -3"), (("--fps", 9, "--psnr", "inf"), "--psnr inf"),
-        (("--fps", 9, "--psnr", 0), "--psnr 0"),
-        (("--fps", 9, "--size", "5000x10"), "--size 5000x10: "),
-        (("--fps", 9, "--cameras", "none.json"), "none.json"),
-        (("--fps", 9, "--cameras", "{empty}"), "holds no cameras"),
-        (("--fps", 9, "-o", "x.json"), "does not end with .toml"),
-        (("--fps", 9, "-o", "{folder}/paper.toml"), "the name of a preset that is built in"),
-    ],
-)  # fmt: skip
-def test_bad_input(tmp_path, capsys, scene, options, error):
-    (tmp_path / "empty.json").write_text("[]")
-    texts = [str(o).format(empty=tmp_path / "empty.json", folder=tmp_path) for o in options]
-    output = () if "-o" in texts else ("-o", tmp_path / "out.toml")
-    assert run("fit", scene, *texts, *output) == 2
-    assert re.search(f"^error: .*{re.escape(error)}", capsys.readouterr().err, re.M)
-    assert not (tmp_path / "out.toml").exists()
-
-
 @pytest.mark.slow
 def test_a_bit_takes_what_synthesis_says():
     """The linear model against a lane that is synthesised whole."""

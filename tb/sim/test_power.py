@@ -1,8 +1,9 @@
 """The ESTIMATE of power: SAIF files, arithmetic, and counts that a frame's counters bear out."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isclose
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,7 +12,7 @@ from splatcore.sim.cli.power import lines, report, table
 from splatcore.sim.common.cache import VARIABLE
 from splatcore.sim.eda.machine_gates import PARTS, Size
 from splatcore.sim.machine.machine import Job
-from splatcore.sim.machine.script import IDEAL, Region, Script, execute
+from splatcore.sim.machine.script import IDEAL, Script, execute
 from splatcore.sim.power import activity
 from splatcore.sim.power.activity import (
     Accesses,
@@ -96,13 +97,7 @@ COUNTS = Counts(
 )  # fmt: skip
 
 
-@dataclass
-class Empty:
-    """Memory that nobody may access."""
-
-    base: int = 0
-    regions: tuple[Region, ...] = ()
-
+NOBODYS = SimpleNamespace(base=0, regions=())  # memory that nobody may access
 
 GATES = {"axi": Gates(1000.0, 70), "cull": Gates(500.0, 20)}
 
@@ -272,13 +267,12 @@ def test_frame(monkeypatch):
 @pytest.mark.slow
 def test_nothing_started(tmp_path):
     """A machine that nobody starts hardly switches anything: nets find their values once, and the
-    arrays' sequencers go round.
-    """
+    arrays' sequencers go round."""
     machine = activity.Machine(TINY, activity.machine_source(TINY), toggles=True)
     script = Script(TINY)
     script.cycles(IDLE)
     (tmp_path / "memory").write_bytes(bytes(1 << 12))
-    execute(machine.program, tmp_path, script, Empty(), IDEAL, settings=activity.settings(1))
+    execute(machine.program, tmp_path, script, NOBODYS, IDEAL, settings=activity.settings(1))
     sizes = activity.memory_sizes(activity.machine_source(TINY))
     parts, memories = read_counts(tmp_path / "waves.saif", sizes, 1.0)
     for name, found in parts.items():

@@ -1,7 +1,6 @@
 """`splatcore report` names what is missing; `make report` measures that and nothing else."""
 
 import json
-import re
 import shlex
 import subprocess
 import sys
@@ -10,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from splatcore.sim.report.results import SOURCES, Options, Results
-from splatcore.sim.report.sections import SECTIONS
-from tb.helpers.command import ROOT, check_refused, run
+from tb.helpers.command import ROOT
 from tb.helpers.report_page import Page, Report, report
 from tb.helpers.report_samples import SIZE, VIEWS, everything, write
 
@@ -250,27 +248,3 @@ def test_the_command_is_that_of_the_result(results):
     write(path, value | {"rows": rows, "size": "1920x1080", "preset": "TINY"})
     found.facts("work")
     assert found.command("work") == f"{start}SCENES=garden PRESET=TINY {path}"
-
-
-@pytest.mark.parametrize(
-    "arguments, message",
-    {
-        "-o out --section speed": "--section 'speed': unknown (there are scenes, sweep, paper",
-        "-o out --size 3": "--size '3': is not WIDTHxHEIGHT",
-        "-o out --preset HUGE": "preset 'HUGE': unknown",
-        "-o out --scene none.ply": "none.ply",
-        "-o none/out": "none/out: there is no folder",
-    }.items(),
-)
-def test_bad_input(arguments, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    check_refused(capsys, f"report {arguments}", re.escape(message))
-    assert not list(tmp_path.iterdir())
-
-
-def test_help(capsys):
-    assert run("report", "--help") == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert "--no-run" not in text
-    for word in ("make report", "--section", "report.html", "needs no network", *SECTIONS):
-        assert word in text

@@ -1,0 +1,167 @@
+"""Bad input of all commands: one line of error, and nothing is written; and their help."""
+
+import re
+
+import pytest
+
+from splatcore.model.generate.generate import GENERATORS
+from splatcore.model.generate.hard import HARD
+from splatcore.sim.compression import run as compression_run
+from splatcore.sim.report.sections import SECTIONS
+from tb.helpers.command import check_refused, run, write_scene
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with a small scene, two cameras, its packed model, and what is none of these."""
+    folder = tmp_path_factory.mktemp("refused")
+    write_scene(folder)
+    scene, model, cameras = map(folder.joinpath, ("scene.ply", "scene.splatcore", "cameras.json"))
+    assert run("pack", scene, "-o", model, "--camera", cameras) == 0
+    image, data = bytearray(model.read_bytes()), scene.read_bytes()
+    image[1000] ^= 1
+    less = data.replace(b"property float rot_3\n", b"", 1)
+    files = {"damaged.splatcore": image, "cut.ply": data[:5000], "less.ply": less, "file": b""}
+    files |= {"bare.json": b'[{"id": 0, "width": 4, "height": 4}]', "empty.json": b"[]"}
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return folder
+
+
+@pytest.fixture
+def unchanged(place, monkeypatch):
+    """That folder to work in; a test leaves it as it was."""
+    monkeypatch.chdir(place)
+    before = {path: path.read_bytes() for path in place.iterdir()}
+    yield
+    assert {path: path.read_bytes() for path in place.iterdir()} == before
+
+
+WAVES = "render scene.ply --engine rtl --preset tiny --size 9x9 --waves w.vcd -o a.png"
+
+BAD = {
+    "bench ablation -o nowhere/X garden": "nowhere/X: there is no folder",
+    "bench differentiable --gaussians 0": "--gaussians: count: 0 is not in 1",
+    "bench differentiable --size 0x5": "--size 0x5: width 0",
+    "bench differentiable --repeat 0": "--repeat 0: is not at least 1",
+    "bench differentiable --json none/a.json": "none/a.json",
+    "bench scenes --out out scene.ply --timing x": "'x'.*ideal, lpddr4",
+    "bench scenes --out out --cameras 3 scene.splatcore": "no file of cameras",
+    "bench sort -o out --lengths 1,two": "--lengths '1,two': are not numbers",
+    "bench sort -o out --lengths 0,4": "--lengths '0,4': are not all in 1",
+    "bench sort -o out --preset HUGE": "HUGE",
+    "bench sort -o none/out": "none/out",
+    "bench sort -o out --json none/a.json": "none/a.json",
+    "bench sweep -o out --point best": "--point 'best': unknown",
+    "bench sweep -o out garden --size 0x5": "--size 0x5: width 0 is not in",
+    "compare scene.ply": "two images",
+    "compare scene.ply scene.ply -o a.png": "scene.ply: is not an image",
+    "compare reference reference -o a.png": "--scene",
+    "error scene.ply --width wide": "'wide'.*7/16",
+    "error empty": "empty: no Gaussian is visible",
+    "error scene.ply --stage roof": "--stage 'roof'",
+    "error --scenes none": "--scenes none: there is no such folder",
+    "error --camera cameras.json --scenes .": "--camera: goes with a SCENE",
+    "error scene.ply --scenes .": r"--scenes \.: name a folder or a SCENE",
+    "error scene.ply none.ply": r"none\.ply: No such file",
+    "error scene.ply --camera none.json": r"none\.json: no such file",
+    "error scene.ply --preset HUGE": "HUGE",
+    "fit scene.ply -o out.toml --fps 0": "--fps 0: is not in",
+    "fit scene.ply -o out.toml --fps nan": "--fps nan: is not in",
+    "fit scene.ply -o out.toml --fps -3": "--fps -3",
+    "fit scene.ply -o out.toml --fps 9 --psnr inf": "--psnr inf",
+    "fit scene.ply -o out.toml --fps 9 --psnr 0": "--psnr 0",
+    "fit scene.ply -o out.toml --fps 9 --size 5000x10": "--size 5000x10: ",
+    "fit scene.ply -o out.toml --fps 9 --cameras none.json": r"none\.json",
+    "fit scene.ply -o out.toml --fps 9 --cameras empty.json": "holds no cameras",
+    "fit scene.ply --fps 9 -o x.json": r"does not end with \.toml",
+    "fit scene.ply --fps 9 -o paper.toml": "the name of a preset that is built in",
+    "fpga --stage nothing": "--stage 'nothing': unknown",
+    "fpga --device 12k": "--device '12k': unknown",
+    "hard roof": "hard case 'roof'.*needles, flakes.*one_pixel",
+    "hard one --engine gpu": "'gpu'",
+    "hard one --preset huge": "'huge'",
+    "hard one --size wide": "'wide'",
+    "hard one --preset tiny --size 65x64": "65x64.*64x64",
+    "hard one --engine rtl --timing slow": "'slow'.*ideal, lpddr4",
+    "hard one --timing ideal": "--timing: goes with --engine rtl",
+    "hard one -o none/pictures": "none/pictures: there is no folder",
+    "hard one -o file": "file: is no folder",
+    "hard one --json none/a.json": "none/a.json",
+    "info less.ply": "less.ply.*rot_3",
+    "pack cut.ply -o a.splatcore": "cut.ply",
+    "pack scene.splatcore -o a.splatcore": "scene.splatcore.*packed",
+    "programs --show roof": "'roof'.*cull",
+    "render none.ply -o a.png": "none.ply",
+    "render cameras.json -o a.png": "cameras.json",
+    "render scene.ply --camera none.json -o a.png": "none.json",
+    "render scene.ply --camera cameras.json:5 -o a.png": "cameras.json.*5",
+    "render scene.ply --camera bare.json -o a.png": "bare.json.*fx",
+    "render scene.ply --size 0x10 -o a.png": "width 0",
+    "render scene.ply --size 99999x10 -o a.png": "width 99999",
+    "render scene.ply --size big -o a.png": "--size 'big'",
+    "render scene.ply --engine golden --original -o a.png": "golden: no --original",
+    "render scene.ply --engine rtl --heat-map h.png -o a.png": "rtl: no --original",
+    "render scene.ply --engine rtl --preset tiny -o a.png": "1920x1080.*64x64",
+    "render scene.ply --frames 2 -o a.png": "--frames: goes with --engine rtl",
+    "render scene.ply --engine rtl --frames 0 -o a.png": "--frames 0",
+    "render scene.ply --engine rtl --timing x -o a.png": "'x'.*ideal, lpddr4",
+    "render scene.ply --engine rtl --waves w.vcd -o a.png": "--window or --tile",
+    "render scene.ply --engine rtl --window 1:2 -o a.png": "--waves",
+    f"{WAVES} --window 2": "--window '2'",
+    f"{WAVES} --tile 1,0": "--tile 1,0.*9x9",
+    "render scene.ply --engine gpu -o a.png": "gpu",
+    "render scene.ply --preset HUGE -o a.png": "HUGE.*DEFAULT, PAPER, TINY",
+    "render scene.ply -o none/a.png": "none/a.png",
+    "render scene.ply -o a.png --json none/a.json": "none/a.json",
+    "render scene.ply -o a.png --heat-map none/h.png": "none/h.png",
+    "render scene.ply --background 1,2 -o a.png": "--background '1,2'",
+    "render damaged.splatcore -o a.png": "damaged.splatcore: checksum",
+    "report -o out --section speed": r"--section 'speed': unknown \(there are scenes, sweep, paper",
+    "report -o out --size 3": "--size '3': is not WIDTHxHEIGHT",
+    "report -o out --preset HUGE": "preset 'HUGE': unknown",
+    "report -o out --scene none.ply": r"none\.ply",
+    "report -o none/out": "none/out: there is no folder",
+    "scene jungle -o a.ply": "jungle.*garden",
+    "scene garden --count 0 -o a.ply": "count: 0",
+    "synth --stage roof": "'roof'.*project",
+    "verilog -o none/rtl": "none/rtl",
+}
+"""Arguments → a pattern of what is said of them."""
+
+
+@pytest.mark.parametrize("arguments", BAD)
+def test_bad_input(unchanged, capsys, arguments):
+    check_refused(capsys, arguments, BAD[arguments])
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "bench differentiable --gaussians 20",
+        "bench compression garden --out out",
+        "compress scene.ply -o m",
+        "train . -o m",
+    ],
+)
+def test_without_torch(unchanged, monkeypatch, capsys, arguments):
+    monkeypatch.setattr(compression_run, "find_spec", lambda name: None)
+    message = r"needs PyTorch; install it by pip install 'splatcore\[compress\]'"
+    check_refused(capsys, arguments, message)
+
+
+PLAIN = "info pack render compare error programs verilog synth memories cycles"
+HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
+    "scene": list(GENERATORS)[:3], "bench": ["sort"], "bench sort": ["--lengths"],
+    "hard": [*HARD, "52 dB"],
+    "report": ["make report", "--section", "report.html", "needs no network", *SECTIONS],
+}  # fmt: skip
+"""Commands, and what their help tells."""
+
+
+@pytest.mark.parametrize("command", HELP)
+def test_help(command, capsys):
+    assert run(*command.split(), "--help") == 0
+    text = re.sub(r"\s|│", "", capsys.readouterr().out)
+    assert len(text) > 300 and "--no-run" not in text
+    assert all("".join(words.split()) in text for words in HELP[command])
