@@ -5,9 +5,6 @@ from itertools import islice
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
 
 from splatcore.golden.pipeline import render as golden_render
@@ -28,8 +25,6 @@ from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
 from splatcore.spec.scene import Scene
 from tb.helpers.compression_scene import RECIPE, SIZE, nothing
-
-pytestmark = pytest.mark.compress
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
-
-pytest.importorskip("torch")
 
 from splatcore.model.compress import distill as distill_module
 from splatcore.model.compress.compress import Compression, decibels
@@ -17,8 +14,6 @@ from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.packed import SH_C0
 from tb.helpers.compression_scene import SIZE, nothing
-
-pytestmark = pytest.mark.compress
 
 
 def test_distilling(scene, cameras):

@@ -3,9 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
-
-pytest.importorskip("torch")
 
 from splatcore.golden.reference import render
 from splatcore.model.cameras.orbit import GAP
@@ -14,8 +11,6 @@ from splatcore.model.compress.teacher import NEARER, teacher_targets, teacher_vi
 from splatcore.model.generate.generate import generate
 from splatcore.spec.camera import look_at
 from tb.helpers.compression_scene import nothing
-
-pytestmark = pytest.mark.compress
 
 SIZE = (48, 32)
 

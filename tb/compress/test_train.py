@@ -1,12 +1,8 @@
 """Training from photographs: it learns, grows, goes on where it stopped, and says what is wrong."""
 
-# ruff: noqa: E402 (without torch the file ends before the imports that need it)
-
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
-
+import torch
 from skimage.metrics import structural_similarity
 
 from splatcore.model.cameras.surround import surrounding_views
@@ -20,8 +16,6 @@ from splatcore.model.gradients.similarity import blur, photograph_loss, ssim
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import SH_C0
 from tb.helpers.compression_scene import nothing
-
-pytestmark = pytest.mark.compress
 
 STEPS = 60
 
