@@ -1,8 +1,9 @@
-"""A packed model: the bytes that lie in DRAM, and what they stand for."""
+"""A packed model: the bytes that lie in DRAM or in a file, and what they stand for."""
 
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -215,3 +216,21 @@ def _check(model: PackedModel):
             refuse(part, f"is said to be at {model.value(part) * memory.ALIGNMENT}")
     if model.value("checksum") != checksum(model.image):
         refuse("checksum", "is wrong: the file is damaged")
+
+
+def is_packed(path: str | Path) -> bool:
+    """True if the file begins as a packed model does."""
+    try:
+        with open(path, "rb") as file:
+            return int.from_bytes(file.read(4), "little") == memory.MAGIC
+    except OSError:
+        return False
+
+
+def read_model(path: str | Path) -> PackedModel:
+    """A packed model from a file; InputError names the file and the field."""
+    try:
+        image = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    return PackedModel(image, str(path))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
-from splatcore.model.formats.packed import read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import GENERATORS
@@ -17,6 +16,7 @@ from splatcore.sim.cli.main import COMMANDS as FILES
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.common.result import Result
+from splatcore.spec.packed import read_model
 from tb.helpers.clouds import cloud
 from tb.helpers.command import KEYS, ROOT, check_refused, load, run
 
