@@ -36,13 +36,9 @@ def features_of(config: Config, splats: Splats) -> Codes:
 def encode(config: Config, centre, across, shear, along, opacity, colour, extent) -> Codes:
     """Features from float64 values in pixels; across and along as in Q."""
     format, pixel = config.arithmetic, 2.0**-config.screen_exponent
-    values = {
-        "u": centre[:, 0] * pixel,
-        "v": centre[:, 1] * pixel,
-        "across": across * POWER_SCALE / pixel**2,
-        "shear": shear,
-        "along": along * POWER_SCALE / pixel**2,
-    }
+    values = {"u": centre[:, 0] * pixel, "v": centre[:, 1] * pixel}
+    values |= {"across": across * POWER_SCALE / pixel**2, "shear": shear}
+    values["along"] = along * POWER_SCALE / pixel**2
     codes = {name: format.encode(value) for name, value in values.items()}
     codes["opacity"] = OPACITY.encode(-np.log2(opacity))
     for channel, name in enumerate(("red", "green", "blue")):
