@@ -5,17 +5,18 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 
 from splatcore.spec import memory
-from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY, preset
+from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.error import InputError
 from splatcore.spec.number import FP16
+from splatcore.spec.preset import find_preset
 
 
 def test_names():
     assert [config.name for config in PRESETS.values()] == list(PRESETS)
-    assert preset("paper") is PAPER
+    assert find_preset("paper") is PAPER
     with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
-        preset("x")
+        find_preset("x")
 
 
 def test_frozen_and_hashable():
