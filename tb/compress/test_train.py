@@ -9,10 +9,9 @@ from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress import train as train_module
 from splatcore.model.compress.compress import decibels
 from splatcore.model.compress.teacher import pictures
-from splatcore.model.compress.train import Training, initial_scene, train
+from splatcore.model.compress.train import Training, initial_scene, photograph_loss, ssim, train
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import generate
-from splatcore.model.gradients.similarity import blur, photograph_loss, ssim
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import SH_C0
 from tb.helpers.compression_scene import nothing
