@@ -147,4 +147,4 @@ def test_gradients_of_the_loss():
     wanted = torch.tensor(rng.random((9, 14, 3)))
     assert torch.autograd.gradcheck(lambda image: photograph_loss(image, wanted), (picture,))
     planes = torch.tensor(rng.random((2, 9, 14)), requires_grad=True)
-    assert torch.autograd.gradcheck(blur, (planes,))
+    assert torch.autograd.gradcheck(train_module.blur, (planes,))
