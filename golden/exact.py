@@ -36,13 +36,9 @@ def features_of(config: Config, splats: Splats) -> Codes:
 def encode(config: Config, centre, across, shear, along, opacity, colour, extent) -> Codes:
     """Features from float64 values in pixels; across and along as in Q."""
     format, pixel = config.arithmetic, 2.0**-config.screen_exponent
-    values = {
-        "u": centre[:, 0] * pixel,
-        "v": centre[:, 1] * pixel,
-        "across": across * POWER_SCALE / pixel**2,
-        "shear": shear,
-        "along": along * POWER_SCALE / pixel**2,
-    }
+    values = {"u": centre[:, 0] * pixel, "v": centre[:, 1] * pixel}
+    values |= {"across": across * POWER_SCALE / pixel**2, "shear": shear}
+    values["along"] = along * POWER_SCALE / pixel**2
     codes = {name: format.encode(value) for name, value in values.items()}
     codes["opacity"] = OPACITY.encode(-np.log2(opacity))
     for channel, name in enumerate(("red", "green", "blue")):
@@ -55,21 +51,15 @@ def encode(config: Config, centre, across, shear, along, opacity, colour, extent
 def entries_of(config: Config, splats: Splats, camera: Camera) -> Entries:
     """Exact lists of groups in depth order."""
     lists = tile_lists(splats, camera, SPLATCORE)
-    _, columns = group_grid(config, camera.width, camera.height)
+    rows, columns = group_grid(config, camera.width, camera.height)
     lengths = np.diff(lists.start)
     row, column = np.divmod(np.repeat(np.arange(len(lengths)), lengths), -(-camera.width // TILE))
     group = row // config.group * columns + column // config.group
     tile = row % config.group * config.group + column % config.group
-    return grouped(config, group, lists.splat, tile, (camera.width, camera.height))
-
-
-def grouped(config: Config, group, splat, tile, size: tuple[int, int]) -> Entries:
-    """Entries of pairs [N] of a splat, numbered in depth order, and a tile of a group."""
-    key = group.astype(np.int64) << 32 | splat
+    key = group.astype(np.int64) << 32 | lists.splat
     order = np.argsort(key, kind="stable")
     unique, first = np.unique(key[order], return_index=True)
     bits = np.int64(1) << tile[order].astype(np.int64)
     mask = np.bitwise_or.reduceat(bits, first) if len(first) else bits
-    groups = int(np.prod(group_grid(config, *size)))
-    start = np.searchsorted(unique >> 32, np.arange(groups + 1))
+    start = np.searchsorted(unique >> 32, np.arange(rows * columns + 1))
     return Entries(start, unique & 0xFFFFFFFF, mask)

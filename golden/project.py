@@ -45,25 +45,14 @@ def look_up(config: Config, model: PackedModel, index: np.ndarray) -> Values:
     Values [M] that `config.arithmetic` holds, by the names of `spec.programs`: the sums of the
     entries, times 2^exponent of the header, rounded once.
     """
-    fields = _fields(config, model, index, COLOURS, COLOUR_ENTRY, "colour")
-    if model.format.sh_degree:
-        fields |= _fields(config, model, index, SLOPES, SH_ENTRY, "sh")
+    fields: Values = {}
+    for part, names, record in (("colour", COLOURS, COLOUR_ENTRY), ("sh", SLOPES, SH_ENTRY)):
+        stages = [name for name in model.format.codebook_words if name.startswith(part)]
+        if stages:
+            chosen = (_entries(model, record, s)[model.attributes[s][index]] for s in stages)
+            values = np.ldexp(sum(chosen).astype(np.float64), model.value(f"{part}_exponent"))
+            fields |= zip(names, config.arithmetic.round(values).T, strict=True)
     return fields
-
-
-def _fields(
-    config: Config,
-    model: PackedModel,
-    index: np.ndarray,
-    names: tuple[str, ...],
-    record: Record,
-    part: str,
-) -> Values:
-    """The numbers of one codebook by name."""
-    stages = [name for name in model.format.codebook_words if name.startswith(part)]
-    total = sum(_entries(model, record, stage)[model.attributes[stage][index]] for stage in stages)
-    values = np.ldexp(total.astype(np.float64), model.value(f"{part}_exponent"))
-    return dict(zip(names, config.arithmetic.round(values).T, strict=True))
 
 
 def _entries(model: PackedModel, record: Record, stage: str) -> np.ndarray:

@@ -195,23 +195,12 @@ def harmonics(direction: np.ndarray, degree: int) -> np.ndarray:
     if degree >= 1:
         terms += [-C1 * y, C1 * z, -C1 * x]
     if degree >= 2:
-        terms += [
-            C2[0] * x * y,
-            -C2[1] * y * z,
-            C2[2] * (2 * zz - xx - yy),
-            -C2[3] * x * z,
-            C2[4] * (xx - yy),
-        ]
+        terms += [C2[0] * x * y, -C2[1] * y * z, C2[2] * (2 * zz - xx - yy)]
+        terms += [-C2[3] * x * z, C2[4] * (xx - yy)]
     if degree >= 3:
-        terms += [
-            -C3[0] * y * (3 * xx - yy),
-            C3[1] * x * y * z,
-            -C3[2] * y * (4 * zz - xx - yy),
-            C3[3] * z * (2 * zz - 3 * xx - 3 * yy),
-            -C3[4] * x * (4 * zz - xx - yy),
-            C3[5] * z * (xx - yy),
-            -C3[6] * x * (xx - 3 * yy),
-        ]
+        terms += [-C3[0] * y * (3 * xx - yy), C3[1] * x * y * z, -C3[2] * y * (4 * zz - xx - yy)]
+        terms += [C3[3] * z * (2 * zz - 3 * xx - 3 * yy), -C3[4] * x * (4 * zz - xx - yy)]
+        terms += [C3[5] * z * (xx - yy), -C3[6] * x * (xx - 3 * yy)]
     return np.stack(terms, axis=1)
 
 

@@ -44,18 +44,11 @@ def sort(config: Config, counts: np.ndarray, entries: Codes) -> Sorted:
     spilled = np.concatenate([np.zeros(0, int), *(run.order for run in runs)])
     addresses = [address(run.area, run.start) + np.arange(len(run.order)) for run in runs]
     back = np.concatenate([np.zeros(0, int), *(piece.order for piece in pieces)])
-    return Sorted(
-        given,
-        {
-            "address": np.concatenate([np.zeros(0, np.uint32), *addresses]).astype(np.uint32),
-            "entry": {field: entries[field][spilled] for field in FIELDS},
-        },
-        {
-            "address": np.array([address(p.area, p.start) for p in pieces], np.uint32),
-            "count": np.array([len(p.order) for p in pieces], np.uint32),
-        },
-        {field: entries[field][back] for field in FIELDS},
-    )
+    spill = {"address": np.concatenate([np.zeros(0, np.uint32), *addresses]).astype(np.uint32)}
+    spill["entry"] = {field: entries[field][spilled] for field in FIELDS}
+    wanted = {"address": np.array([address(p.area, p.start) for p in pieces], np.uint32)}
+    wanted["count"] = np.array([len(p.order) for p in pieces], np.uint32)
+    return Sorted(given, spill, wanted, {field: entries[field][back] for field in FIELDS})
 
 
 @dataclass(frozen=True, eq=False)

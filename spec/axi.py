@@ -35,25 +35,13 @@ LENGTH_BITS = 8
 PREPROCESSING, RENDERING = 0, 1
 """The machine's halves."""
 
-READERS = {
-    "model": PREPROCESSING,
-    "positions": PREPROCESSING,
-    "attributes": PREPROCESSING,
-    "groups": RENDERING,
-    "lists": RENDERING,
-    "scratch": RENDERING,
-    "features": RENDERING,
-}
+READERS = dict.fromkeys(("model", "positions", "attributes"), PREPROCESSING)
+READERS |= dict.fromkeys(("groups", "lists", "scratch", "features"), RENDERING)
 """Who reads → for which half: a model's header, codebooks and chunk headers, its positions and its
 attributes; the groups' table, their lists, entries being sorted, features in sorted order."""
 
-WRITERS = {
-    "features": PREPROCESSING,
-    "lists": PREPROCESSING,
-    "groups": PREPROCESSING,
-    "scratch": RENDERING,
-    "pixels": RENDERING,
-}
+WRITERS = dict.fromkeys(("features", "lists", "groups"), PREPROCESSING)
+WRITERS |= dict.fromkeys(("scratch", "pixels"), RENDERING)
 """Who writes → for which half."""
 
 ID_BITS = (max(len(READERS), len(WRITERS)) - 1).bit_length()

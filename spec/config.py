@@ -214,11 +214,3 @@ TINY = Config(
 """Small enough to reach overflow and full states within seconds of simulation."""
 
 PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY)}
-
-
-def preset(name: str) -> Config:
-    """The preset of that name in any case; InputError lists the names."""
-    try:
-        return PRESETS[name.upper()]
-    except KeyError:
-        raise InputError(f"preset '{name}': unknown (there are {', '.join(PRESETS)})") from None

@@ -74,12 +74,8 @@ def frame_constants(
             constants[f"v{name}{k}"] = rows[axis, k]
             constants[f"w{name}{k}"] = np.ldexp(rows[axis, k], factor_exponent)
     for axis, name in enumerate("xy"):
-        constants |= {
-            f"guard_{name}": guard[axis],
-            f"spread_{name}": spread[axis],
-            f"limit_{name}": limit[axis],
-            f"principal_{name}": principal[axis] * pixel,
-        }
+        constants |= {f"guard_{name}": guard[axis], f"spread_{name}": spread[axis]}
+        constants |= {f"limit_{name}": limit[axis], f"principal_{name}": principal[axis] * pixel}
     rounded = {name: float(config.arithmetic.round(value)) for name, value in constants.items()}
     grid = np.rint(np.ldexp(camera.position, -position_exponent))
     if not (np.abs(grid) <= CAMERA.max).all():

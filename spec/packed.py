@@ -1,8 +1,9 @@
-"""A packed model: the bytes that lie in DRAM, and what they stand for."""
+"""A packed model: the bytes that lie in DRAM or in a file, and what they stand for."""
 
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -53,7 +54,38 @@ class PackedModel:
     name: str = ""
 
     def __post_init__(self):
-        _check(self)
+        """InputError, naming the field, unless the header describes the image."""
+
+        def refuse(field: str, why: str):
+            raise InputError(f"{self.name}: {field} {why}")
+
+        if len(self.image) < HEADER.size or self.value("magic") != memory.MAGIC:
+            refuse("magic", "is not that of a packed model")
+        if self.value("version") != memory.VERSION:
+            refuse("version", f"{self.value('version')} is not {memory.VERSION}")
+        if self.value("sh_degree") > 1:
+            refuse("sh_degree", f"{self.value('sh_degree')} is not 0 or 1")
+        if self.value("position") >= len(memory.POSITION_FORMATS):
+            refuse("position", f"{self.value('position')} is unknown")
+        for field in ("position_exponent", "factor_exponent", "colour_exponent", "sh_exponent"):
+            if abs(self.value(field)) > memory.EXPONENT_MAX:
+                refuse(field, f"{self.value(field)} is not within ± {memory.EXPONENT_MAX}")
+        for field in ("colour_index", "sh_index"):
+            if self.header[field].max() > 16:
+                refuse(field, f"of {self.header[field].max()} bits is over 16")
+        if bool(self.header["sh_index"].any()) != (self.format.sh_degree > 0):
+            refuse("sh_index", f"does not go with SH degree {self.format.sh_degree}")
+        try:
+            expected = self.layout.end
+        except ValueError as error:
+            refuse("colour_index", str(error))
+        if len(self.image) != expected:
+            refuse("count", f"{len(self)} needs {expected} bytes but there are {len(self.image)}")
+        for part in memory.PLACED:
+            if self.value(part) * memory.ALIGNMENT != getattr(self.layout, part):
+                refuse(part, f"is said to be at {self.value(part) * memory.ALIGNMENT}")
+        if self.value("checksum") != checksum(self.image):
+            refuse("checksum", "is wrong: the file is damaged")
 
     @cached_property
     def header(self) -> dict[str, np.ndarray]:
@@ -182,36 +214,19 @@ def checksum(image: np.ndarray) -> int:
     return zlib.crc32(image[place + HEADER["checksum"].width // 8 :].tobytes(), start)
 
 
-def _check(model: PackedModel):
-    """InputError, naming the field, unless the header describes the image."""
-
-    def refuse(field: str, why: str):
-        raise InputError(f"{model.name}: {field} {why}")
-
-    if len(model.image) < HEADER.size or model.value("magic") != memory.MAGIC:
-        refuse("magic", "is not that of a packed model")
-    if model.value("version") != memory.VERSION:
-        refuse("version", f"{model.value('version')} is not {memory.VERSION}")
-    if model.value("sh_degree") > 1:
-        refuse("sh_degree", f"{model.value('sh_degree')} is not 0 or 1")
-    if model.value("position") >= len(memory.POSITION_FORMATS):
-        refuse("position", f"{model.value('position')} is unknown")
-    for field in ("position_exponent", "factor_exponent", "colour_exponent", "sh_exponent"):
-        if abs(model.value(field)) > memory.EXPONENT_MAX:
-            refuse(field, f"{model.value(field)} is not within ± {memory.EXPONENT_MAX}")
-    for field in ("colour_index", "sh_index"):
-        if model.header[field].max() > 16:
-            refuse(field, f"of {model.header[field].max()} bits is over 16")
-    if bool(model.header["sh_index"].any()) != (model.format.sh_degree > 0):
-        refuse("sh_index", f"does not go with SH degree {model.format.sh_degree}")
+def is_packed(path: str | Path) -> bool:
+    """True if the file begins as a packed model does."""
     try:
-        expected = model.layout.end
-    except ValueError as error:
-        refuse("colour_index", str(error))
-    if len(model.image) != expected:
-        refuse("count", f"{len(model)} needs {expected} bytes but there are {len(model.image)}")
-    for part in memory.PLACED:
-        if model.value(part) * memory.ALIGNMENT != getattr(model.layout, part):
-            refuse(part, f"is said to be at {model.value(part) * memory.ALIGNMENT}")
-    if model.value("checksum") != checksum(model.image):
-        refuse("checksum", "is wrong: the file is damaged")
+        with open(path, "rb") as file:
+            return int.from_bytes(file.read(4), "little") == memory.MAGIC
+    except OSError:
+        return False
+
+
+def read_model(path: str | Path) -> PackedModel:
+    """A packed model from a file; InputError names the file and the field."""
+    try:
+        image = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    return PackedModel(image, str(path))

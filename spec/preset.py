@@ -16,7 +16,7 @@ from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
 
-from splatcore.spec.config import DEFAULT, FORMATS, PRESETS, Config, preset
+from splatcore.spec.config import DEFAULT, FORMATS, PRESETS, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
 from splatcore.spec.number import FP16, FP24, Float
@@ -39,13 +39,11 @@ def find_preset(text: str) -> Config:
     A name comes first: a file that is called like one is reached as ./NAME.
     """
     if text.upper() in PRESETS:
-        return preset(text)
+        return PRESETS[text.upper()]
     if Path(text).exists() or text.lower().endswith(SUFFIX):
         return read_preset(text)
-    names = ", ".join(PRESETS)
-    raise InputError(
-        f"preset '{text}': unknown (there are {names}, and files like machine{SUFFIX})"
-    )
+    there = f"{', '.join(PRESETS)}, and files like machine{SUFFIX}"
+    raise InputError(f"preset '{text}': unknown (there are {there})")
 
 
 def read_preset(path: str | Path) -> Config:
@@ -71,7 +69,7 @@ def read_preset(path: str | Path) -> Config:
     if name.upper() in PRESETS:
         raise InputError(f"{path}: name {name!r} is that of a preset that is built in")
     try:
-        config = replace(preset(base), **values)
+        config = replace(PRESETS[base.upper()], **values)
         check_buildable(config)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

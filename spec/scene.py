@@ -6,6 +6,9 @@ import numpy as np
 
 from splatcore.spec.error import InputError
 
+ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
+"""Fields of a `Scene` that have a row for each Gaussian."""
+
 
 def sh_count(degree: int) -> int:
     """Number of spherical-harmonics coefficients per channel up to `degree`."""
@@ -73,8 +76,7 @@ class Scene:
 
     def __getitem__(self, index) -> "Scene":
         """The Gaussians that a numpy index (slice, mask or integers) selects."""
-        arrays = ("position", "scale", "quaternion", "opacity", "sh")
-        return replace(self, **{name: getattr(self, name)[index] for name in arrays})
+        return replace(self, **{name: getattr(self, name)[index] for name in ARRAYS})
 
     def with_sh_degree(self, degree: int) -> "Scene":
         """The scene with the coefficients above `degree` dropped."""

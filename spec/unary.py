@@ -201,7 +201,6 @@ def _terms(path: Datapath, slope: int, curve: int, rest: int) -> int:
     """The sum without its offset."""
     if not path.degree:
         return 0
-    distance = rest if rest >> path.rest - 1 else ~rest
     linear = slope * ((1 << path.rest) - 1 - rest)
     if path.degree == 1:
         return linear

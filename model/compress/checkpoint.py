@@ -15,13 +15,11 @@ import numpy as np
 
 from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error, reading
-from splatcore.model.formats.packed import read_model
-from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Scene, sh_count
+from splatcore.spec.packed import PackedModel, read_model
+from splatcore.spec.scene import ARRAYS, Scene, sh_count
 
 STEPS = "steps.json"
 KINDS = ("original", "prune", "distill", "quantize")
-ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
 Result = Scene | PackedModel
 
 

@@ -146,12 +146,9 @@ class Compression:
 
         def make() -> tuple[Scene, float | None]:
             smaller = prune(scene, self.weights(scene, name), rate)
-            tensors, steps, seed = (
-                trainable.tensors_of(smaller),
-                self.recipe.steps,
-                self.recipe.seed,
-            )
-            adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, self.recipe.rate)
+            tensors, recipe = trainable.tensors_of(smaller), self.recipe
+            adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, recipe.rate)
+            steps, seed = recipe.steps, recipe.seed
             loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name)
             return sound(trainable.scene_of(tensors, scene.name)), loss
 
@@ -163,9 +160,8 @@ class Compression:
 
         def make() -> tuple[Scene, float | None]:
             student, loss = distill(
-                scene, degree, self.cameras, self.extent, self.recipe.rate,
-                self.recipe.distill_steps, self.recipe.seed, self.tell, name,
-            )  # fmt: skip
+                scene, degree, self.cameras, self.extent, self.recipe, self.tell, name
+            )
             return sound(trainable.scene_of(student, scene.name)), loss
 
         return self.step(name, "distill", make)

@@ -8,6 +8,7 @@ import torch
 from numba import njit, prange
 
 from splatcore.model.cameras.surround import perturbed
+from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import view_weights
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
@@ -17,6 +18,8 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import Scene, sh_count
 
+Views = Sequence[Camera]
+
 PERTURBED = 0.5  # share of the steps on views beside the training views
 MOVE = 0.1  # largest distance of these from their training view: share of the extent of the cameras
 TURN = np.radians(5.0)  # largest angle between the two, radians
@@ -25,19 +28,11 @@ PULL = 0.1  # weight of the coefficients as they were in the least squares, over
 
 
 def distill(
-    scene: Scene,
-    degree: int,
-    cameras: Sequence[Camera],
-    extent: float,
-    rate: float,
-    steps: int,
-    seed: int,
-    tell: Tell,
-    what: str,
+    scene: Scene, degree: int, cameras: Views, extent: float, recipe: Recipe, tell: Tell, what: str
 ) -> tuple[trainable.Tensors, float | None]:
     """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
 
-    `extent` (scene units) and `rate`, a share of REFINING, set the learning rates.
+    `extent` (scene units) and the recipe's rate, a share of REFINING, set the learning rates.
 
     It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
     views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
@@ -46,8 +41,8 @@ def distill(
     with torch.no_grad():
         teacher = [tensor.detach() for tensor in trainable.rendered(trainable.tensors_of(scene))]
     student = trainable.tensors_of(projected(scene, degree, cameras))
-    rng = np.random.default_rng(seed)
-    views = views_in_turn(cameras, seed)
+    rng = np.random.default_rng(recipe.seed)
+    views = views_in_turn(cameras, recipe.seed)
 
     def loss_of() -> torch.Tensor:
         camera = next(views)
@@ -57,12 +52,12 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*trainable.rendered(student), camera).image, wanted)
 
-    adams = trainable.optimizers(student, extent, trainable.REFINING, SHARE * rate)
-    loss = optimise(adams, steps, loss_of, tell, what)
+    adams = trainable.optimizers(student, extent, trainable.REFINING, SHARE * recipe.rate)
+    loss = optimise(adams, recipe.distill_steps, loss_of, tell, what)
     return student, loss
 
 
-def projected(scene: Scene, degree: int, cameras: Sequence[Camera]) -> Scene:
+def projected(scene: Scene, degree: int, cameras: Views) -> Scene:
     """The scene with harmonics up to `degree` whose colours, as the cameras see each Gaussian, are
     nearest to those it had.
 

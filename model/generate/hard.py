@@ -25,7 +25,7 @@ from splatcore.model.generate.hard_case import (
 )
 from splatcore.spec.camera import look_at
 from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, NEAR_PLANE, TRANSMITTANCE_MIN
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import ARRAYS, Scene
 
 __all__ = ["HARD", "HardCase"]
 
@@ -188,8 +188,7 @@ def unnormalised_quaternions(rng: np.random.Generator) -> Scene:
 @hard_case("NaN and Inf in every field among good Gaussians: they must vanish and be counted")
 def not_finite(rng: np.random.Generator) -> Scene:
     scene = spread(rng, 300)
-    names = ("position", "scale", "quaternion", "opacity", "sh")
-    arrays = {name: getattr(scene, name).copy() for name in names}
+    arrays = {name: getattr(scene, name).copy() for name in ARRAYS}
     bad = rng.permutation(300)[: 3 * len(arrays)].reshape(len(arrays), 3)
     for array, rows in zip(arrays.values(), bad, strict=True):
         flat = array.reshape(300, -1)

@@ -8,7 +8,7 @@ import numpy as np
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.packed import SH_C0
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import ARRAYS, Scene
 
 WIDTH, HEIGHT = 64, 48
 """Pixels of a hard case unless its size is the point: few tiles, so that RTL runs in minutes."""
@@ -88,5 +88,4 @@ def in_one_tile(rng: np.random.Generator, scene: Scene, depth: np.ndarray) -> Sc
 
 def together(*scenes: Scene) -> Scene:
     """One scene of all Gaussians of `scenes`, in order; their SH degrees are equal."""
-    names = ("position", "scale", "quaternion", "opacity", "sh")
-    return Scene(*(np.concatenate([getattr(s, name) for s in scenes]) for name in names))
+    return Scene(*(np.concatenate([getattr(s, name) for s in scenes]) for name in ARRAYS))

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from splatcore.golden.reference import render
 from splatcore.model.cameras.surround import surrounding_views
-from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, ply_bytes
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.photographs import Target
@@ -25,7 +25,7 @@ from splatcore.sim.compression import run
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
-from splatcore.spec.scene import Gaussians, Scene
+from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 
 LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
 

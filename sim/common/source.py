@@ -10,7 +10,6 @@ from pathlib import Path
 
 from splatcore.model.cameras.view import sensible_view
 from splatcore.model.formats.camera_file import read_camera
-from splatcore.model.formats.packed import is_packed, read_model
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.model.pack.pack import largest_factor, pack
@@ -18,7 +17,7 @@ from splatcore.spec.camera import SIZE_MAX, Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
-from splatcore.spec.packed import PackedModel
+from splatcore.spec.packed import PackedModel, is_packed, read_model
 from splatcore.spec.scene import Gaussians, Scene
 
 ENGINES = ("reference", "golden", "rtl")

@@ -15,10 +15,9 @@ import numpy as np
 
 from splatcore.golden.reference import render
 from splatcore.model.cameras.surround import surrounding_views
-from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, ply_bytes
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
-from splatcore.model.formats.packed import is_packed
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.common.cache import digest
@@ -27,7 +26,8 @@ from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.scene import Scene
+from splatcore.spec.packed import is_packed
+from splatcore.spec.scene import ARRAYS, Scene
 
 SCENES = ("banana", "flowers.spz", "playbot.spz", "skull.sog", "leica-sofort-top8192.ply")
 """Files of the folder SPLATCORE_SCENES that are compressed if none is named."""

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
-from splatcore.model.formats.packed import read_model
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.main import COMMANDS as FILES
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.metric import Result
 from splatcore.sim.common.picture import read_png
+from splatcore.spec.packed import read_model
 from tb.helpers.command import KEYS, ROOT, load, run, write_scene
 
 

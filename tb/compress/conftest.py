@@ -7,6 +7,22 @@ from splatcore.model.generate.generate import generate
 from splatcore.spec.scene import Scene
 from tb.helpers.compression_scene import SIZE, garden_with_harmonics, nothing
 
+PLAIN = ("test_checkpoint.py", "test_prune.py")  # files of tests that run without PyTorch
+
+
+class WithTorch(pytest.Module):
+    """A file of tests that need PyTorch: skipped where there is none."""
+
+    def collect(self):
+        pytest.importorskip("torch")
+        self.add_marker("compress")
+        return super().collect()
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    kind = pytest.Module if module_path.name in PLAIN else WithTorch
+    return kind.from_parent(parent, path=module_path)
+
 
 @pytest.fixture(scope="session")
 def garden() -> Scene:

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.model.compress.checkpoint import ARRAYS, STEPS, Checkpoints, Step, ply_bytes
+from splatcore.model.compress.checkpoint import STEPS, Checkpoints, Step, ply_bytes
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
+from splatcore.spec.scene import ARRAYS
 from tb.helpers.scenes import random_scene
 
 SCENE = replace(random_scene(40, 3), name="cube")

@@ -5,14 +5,11 @@ from itertools import islice
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-
 import torch
 
 from splatcore.golden.pipeline import render as golden_render
 from splatcore.golden.reference import render as reference
-from splatcore.model.compress.checkpoint import ARRAYS, Checkpoints, ply_bytes
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.compress import Compression, compress, decibels
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.recipe import Recipe
@@ -26,10 +23,8 @@ from splatcore.sim.common.metric import psnr
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import ARRAYS, Scene
 from tb.helpers.compression_scene import RECIPE, SIZE, nothing
-
-pytestmark = pytest.mark.compress
 
 
 @pytest.fixture(scope="module")

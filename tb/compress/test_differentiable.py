@@ -1,13 +1,10 @@
 """The differentiable renderer against a dense one by torch, finite differences, the reference."""
 
-# ruff: noqa: E402 (without torch the file ends before the imports that need it)
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
+import torch
 
 from splatcore.golden.reference import render as reference
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
@@ -15,8 +12,6 @@ from splatcore.model.gradients.differentiable import blending_weights, render
 from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, SPLATCORE
 from tb.helpers.dense_splatting import PARAMETERS, dense_render
 from tb.helpers.splatting_scenes import MAKERS, loss, scene, tensors, view
-
-pytestmark = pytest.mark.compress
 
 EXACT = 1e-8
 """Float64, relatively: the kernels' exponential is within 4e-10; 2e-9 is the worst seen."""

@@ -4,22 +4,18 @@ Its rasterizer needs one, so a stand-in takes its place: it has gsplat's signatu
 is given, and draws with the CPU's kernels. What the real one draws is not tested here.
 """
 
-# ruff: noqa: E402 (without torch the file ends before the imports that need it)
-
 import inspect
 
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
-gsplat = pytest.importorskip("gsplat")
+import torch
 
 from splatcore.model.gradients.differentiable import _render_cuda, render
 from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.convention import SPLATCORE
 from tb.helpers.scenes import random_scene
 
-pytestmark = pytest.mark.compress
+gsplat = pytest.importorskip("gsplat")
 
 REAL = inspect.signature(gsplat.rasterization)
 

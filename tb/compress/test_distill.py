@@ -1,31 +1,33 @@
-"""Distillation: least squares, then teaching, each by itself and both together."""
+"""Distillation: least squares, then teaching; views and pictures that a scene learns from."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-pytest.importorskip("torch")
-
+from splatcore.golden.reference import render
+from splatcore.model.cameras.orbit import GAP
+from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress import distill as distill_module
 from splatcore.model.compress.compress import Compression, decibels
 from splatcore.model.compress.distill import degrees, distill, projected
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.teacher import pictures, teacher_targets
+from splatcore.model.compress.teacher import NEARER, pictures, teacher_targets, teacher_views
 from splatcore.model.gradients.trainable import scene_of
+from splatcore.spec.camera import look_at
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.packed import SH_C0
 from tb.helpers.compression_scene import SIZE, nothing
 
-pytestmark = pytest.mark.compress
+SMALL = (48, 32)
 
 
 def test_distilling(scene, cameras):
     """Fewer harmonics that were taught are better than fewer that were cut."""
     strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
     wanted = list(pictures(strong, cameras, nothing))
-    student, loss = distill(strong, 1, cameras, 1.0, 0.3, 40, 0, nothing, "test")
+    recipe = Recipe(rate=0.3, distill_steps=40)
+    student, loss = distill(strong, 1, cameras, 1.0, recipe, nothing, "test")
     assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
     cut = decibels(strong.with_sh_degree(1), wanted)
     assert decibels(scene_of(student), wanted) > cut + 0.3
@@ -46,7 +48,7 @@ def test_least_squares_of_harmonics(scene, cameras):
 
 
 def test_it_begins_with_least_squares(scene, cameras):
-    student, loss = distill(scene, 1, cameras, 1.0, 1.0, 0, 0, nothing, "test")
+    student, loss = distill(scene, 1, cameras, 1.0, Recipe(distill_steps=0), nothing, "test")
     assert loss is None and np.allclose(scene_of(student).sh, projected(scene, 1, cameras).sh)
 
 
@@ -70,7 +72,7 @@ def test_half_of_the_steps_are_beside_the_views(scene, cameras, monkeypatch):
         return beside[-1]
 
     monkeypatch.setattr(distill_module, "perturbed", noted)
-    distill(scene, 1, cameras, 2.0, 1.0, 40, 0, nothing, "test")
+    distill(scene, 1, cameras, 2.0, Recipe(distill_steps=40), nothing, "test")
     assert 12 <= len(beside) <= 28
     away = [
         min(np.linalg.norm(camera.position - own.position) for own in cameras) for camera in beside
@@ -87,3 +89,36 @@ def test_whether_harmonics_are_worth_it(scene):
         targets = teacher_targets(own, 6, SIZE, 0, nothing)
         work = Compression(targets, Recipe(), None, DEFAULT, nothing)
         assert work.worth_harmonics(own) == worth
+
+
+def test_from_all_round(garden):
+    """Without cameras the views are `surrounding_views`; broken Gaussians do not matter."""
+    broken = replace(garden, opacity=np.where(np.arange(700) < 3, np.nan, garden.opacity))
+    told = []
+    targets = teacher_targets(broken, 5, SMALL, 2, lambda *what: told.append(what))
+    wanted = surrounding_views(broken.gaussians(), 5, *SMALL, 2)
+    for target, camera in zip(targets, wanted, strict=True):
+        assert np.array_equal(target.camera.rotation, camera.rotation)
+        assert np.allclose(target.camera.position, camera.position, rtol=1e-12)
+    assert [done for _, done, _, _ in told] == [1, 2, 3, 4, 5]
+
+
+def test_on_the_path_of_cameras(garden):
+    """Views as far from the scene as the cameras, with their lens, and none where one is."""
+    eyes = [np.array([3 * np.sin(a), -1.2, 3 * np.cos(a)]) for a in (0.0, 1.5, 3.0, 4.5)]
+    cameras = [look_at(eye, [0, -0.3, 0], 480, 240, 400.0) for eye in eyes]
+    views = teacher_views(garden.gaussians(), 20, SMALL, 0, cameras)
+    away = [np.linalg.norm(view.position - [0, -0.3, 0]) for view in views]
+    whole = np.hypot(3, 0.9)
+    assert len(views) == 20 and max(away) / whole < NEARER * 1.01 and whole / min(away) < 1.06
+    for view in views:
+        assert (view.width, view.height, view.fx, view.fy) == (*SMALL, 40.0, 400 * 32 / 240)
+        ahead = [camera.rotation[2] @ view.rotation[2] for camera in cameras]
+        assert max(ahead) <= np.cos(GAP)
+
+
+def test_pictures_are_the_scenes_own(garden):
+    """The reference's 8-bit pictures, but for the last bit of single pixels in float32."""
+    for target in teacher_targets(garden, 3, SMALL, 0, nothing):
+        apart = np.abs(target.image - render(garden.gaussians(), target.camera).pixels.astype(int))
+        assert apart.max() <= 1 and apart.mean() < 0.01 and target.image.std() > 10

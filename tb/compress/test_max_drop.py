@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-
 from splatcore.model.compress import compress as compress_module
 from splatcore.model.compress.checkpoint import Checkpoints
 from splatcore.model.compress.compress import Compression, compress, decibels
@@ -14,8 +12,6 @@ from splatcore.model.compress.significance import significance
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from tb.helpers.compression_scene import RECIPE, nothing
-
-pytestmark = pytest.mark.compress
 
 
 def test_max_drop(scene, targets, checkpoints, tmp_path):

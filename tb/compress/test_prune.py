@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from splatcore.model.compress import prune as pruning
-from splatcore.model.compress.checkpoint import ARRAYS
 from splatcore.model.compress.prune import cheapest_pairs, prune, sound
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import ALPHA_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
+from splatcore.spec.scene import ARRAYS
 from tb.helpers.scenes import random_scene
 
 

@@ -1,13 +1,10 @@
 """The packed model's numbers in fine-tuning: what is rendered is what the machine reads."""
 
-# ruff: noqa: E402 (without torch the file ends before the imports that need it)
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
+import torch
 
 from splatcore.model.compress.compress import Compression
 from splatcore.model.compress.quantize import quantised, round_fixed, round_float, stored_positions
@@ -19,8 +16,6 @@ from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.memory import FACTOR, OPACITY
 from splatcore.spec.number import Float
 from tb.helpers.compression_scene import nothing
-
-pytestmark = pytest.mark.compress
 
 
 @pytest.mark.parametrize("degree", (0, 1))

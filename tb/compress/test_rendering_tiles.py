@@ -1,12 +1,9 @@
 """Kernels of the differentiable renderer: exponential, lists, and the same bits by any threads."""
 
-# ruff: noqa: E402 (without torch the file ends before the imports that need it)
-
 import numba
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
+import torch
 
 from splatcore.golden.reference import render as reference
 from splatcore.model.generate.generate import generate, generated_camera
@@ -16,8 +13,6 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SPLATCORE, TILE
 from tb.helpers.dense_splatting import PARAMETERS
 from tb.helpers.splatting_scenes import loss, tensors
-
-pytestmark = pytest.mark.compress
 
 
 def garden() -> tuple[dict[str, np.ndarray], Camera]:

@@ -1,27 +1,20 @@
 """Training from photographs: it learns, grows, goes on where it stopped, and says what is wrong."""
 
-# ruff: noqa: E402 (without torch the file ends before the imports that need it)
-
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
-
+import torch
 from skimage.metrics import structural_similarity
 
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress import train as train_module
 from splatcore.model.compress.compress import decibels
 from splatcore.model.compress.teacher import pictures
-from splatcore.model.compress.train import Training, initial_scene, train
+from splatcore.model.compress.train import Training, initial_scene, photograph_loss, ssim, train
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import generate
-from splatcore.model.gradients.similarity import blur, photograph_loss, ssim
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import SH_C0
 from tb.helpers.compression_scene import nothing
-
-pytestmark = pytest.mark.compress
 
 STEPS = 60
 
@@ -154,4 +147,4 @@ def test_gradients_of_the_loss():
     wanted = torch.tensor(rng.random((9, 14, 3)))
     assert torch.autograd.gradcheck(lambda image: photograph_loss(image, wanted), (picture,))
     planes = torch.tensor(rng.random((2, 9, 14)), requires_grad=True)
-    assert torch.autograd.gradcheck(blur, (planes,))
+    assert torch.autograd.gradcheck(train_module.blur, (planes,))

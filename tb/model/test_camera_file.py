@@ -70,17 +70,12 @@ def test_transforms_fields_of_view(tmp_path):
     assert np.allclose([camera.fx, camera.fy], [640, 240])
 
 
+COLMAP = [colmap_text(), colmap_text("SIMPLE_PINHOLE"), colmap_binary(), colmap_binary(0)]
+COLMAP += [colmap_text("OPENCV") | colmap_binary()]  # binary is preferred
+
+
 @pytest.mark.parametrize("parent", ["", "0", "sparse/0"])
-@pytest.mark.parametrize(
-    "files",
-    [
-        colmap_text(),
-        colmap_text("SIMPLE_PINHOLE"),
-        colmap_binary(),
-        colmap_binary(0),
-        colmap_text("OPENCV") | colmap_binary(),  # binary is preferred
-    ],
-)
+@pytest.mark.parametrize("files", COLMAP)
 def test_colmap(tmp_path, files, parent):
     write(tmp_path / parent, files)
     cameras = read_cameras(tmp_path)

@@ -13,9 +13,7 @@ from splatcore.model.generate.generate import PARTS, garden, generate, generated
 from splatcore.model.generate.hard import HARD
 from splatcore.spec.camera import look_at
 from splatcore.spec.error import InputError
-from splatcore.spec.scene import rotation_matrix
-
-ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
+from splatcore.spec.scene import ARRAYS, rotation_matrix
 
 
 def part_of(scene, name):

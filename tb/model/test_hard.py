@@ -8,7 +8,7 @@ import pytest
 from splatcore.golden.reference import Frame, project, render
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, NEAR_PLANE, TILE, TRANSMITTANCE_MIN
-from splatcore.spec.scene import rotation_matrix
+from splatcore.spec.scene import ARRAYS, rotation_matrix
 
 NAMES = [
     *("needles", "flakes", "whole_screen", "sub_pixel", "equal_depths", "long_list"),
@@ -16,7 +16,6 @@ NAMES = [
     *("transmittance_edge", "saturated_colours", "zero_scales", "unnormalised_quaternions"),
     *("not_finite", "empty", "one", "odd_size", "one_pixel"),
 ]
-ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
 
 
 @pytest.fixture

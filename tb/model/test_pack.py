@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
-from splatcore.model.formats.packed import is_packed, read_model
 from splatcore.model.pack.codebook import quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.pack import pack
@@ -13,7 +12,7 @@ from splatcore.spec.config import DEFAULT, PAPER, PRESETS
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CODEBOOK_MAX, COMPONENT, HEADER, model_format
-from splatcore.spec.packed import PackedModel, sh_from_slopes, slopes_from_sh
+from splatcore.spec.packed import PackedModel, is_packed, read_model, sh_from_slopes, slopes_from_sh
 from tb.helpers.clouds import camera, cloud
 
 BYTES_MAX = 22

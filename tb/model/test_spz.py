@@ -76,21 +76,12 @@ def _basis(d: np.ndarray) -> np.ndarray:
     Order and signs of the original `computeColorFromSH`.
     """
     x, y, z = d.T
-    return np.stack(
-        [
-            np.ones_like(x),
-            *(-y, z, -x),
-            *(x * y, -y * z, 2 * z * z - x * x - y * y, -x * z, x * x - y * y),
-            -y * (3 * x * x - y * y),
-            x * y * z,
-            -y * (4 * z * z - x * x - y * y),
-            z * (2 * z * z - 3 * x * x - 3 * y * y),
-            -x * (4 * z * z - x * x - y * y),
-            z * (x * x - y * y),
-            -x * (x * x - 3 * y * y),
-        ],
-        axis=1,
-    )
+    terms = [np.ones_like(x), -y, z, -x]
+    terms += [x * y, -y * z, 2 * z * z - x * x - y * y, -x * z, x * x - y * y]
+    terms += [-y * (3 * x * x - y * y), x * y * z, -y * (4 * z * z - x * x - y * y)]
+    terms += [z * (2 * z * z - 3 * x * x - 3 * y * y), -x * (4 * z * z - x * x - y * y)]
+    terms += [z * (x * x - y * y), -x * (x * x - 3 * y * y)]
+    return np.stack(terms, axis=1)
 
 
 def test_turned_scene_looks_the_same():

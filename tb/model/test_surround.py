@@ -124,16 +124,12 @@ def test_one_place(count, scale):
     assert (hits(scene, views) == 8).all()
 
 
-@pytest.mark.parametrize(
-    "scene",
-    [
-        gaussians(np.zeros((0, 3))),
-        gaussians(np.full((5, 3), np.nan)),
-        gaussians(ball(5), opacity=0.0),
-        gaussians(ball(5), opacity=np.nan),
-        gaussians(ball(5), scale=np.inf),
-    ],
-)
+NOTHING = [gaussians(np.zeros((0, 3))), gaussians(np.full((5, 3), np.nan))]
+NOTHING += [gaussians(ball(5), opacity=opacity) for opacity in (0.0, np.nan)]
+NOTHING += [gaussians(ball(5), scale=np.inf)]
+
+
+@pytest.mark.parametrize("scene", NOTHING)
 def test_nothing_to_see(scene):
     with pytest.raises(InputError, match="no Gaussian can be seen"):
         surrounding_views(scene, 4, 64, 36)

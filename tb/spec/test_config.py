@@ -1,21 +1,27 @@
-"""Presets and the memory layout that follows from them."""
+"""Presets, the memory layout that follows from them, and the table of stages."""
 
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 
+from splatcore.hdl.stages import STAGES, WHOLE
+from splatcore.sim.cycles.frame import Cycles
+from splatcore.sim.eda.machine_gates import PARTS
 from splatcore.spec import memory
-from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY, preset
+from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY
 from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.counters import counters
 from splatcore.spec.error import InputError
 from splatcore.spec.number import FP16
+from splatcore.spec.preset import find_preset
+from splatcore.spec.stages import BLOCKS, HALVES, NAMES, OF_POINTS
 
 
 def test_names():
     assert [config.name for config in PRESETS.values()] == list(PRESETS)
-    assert preset("paper") is PAPER
+    assert find_preset("paper") is PAPER
     with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
-        preset("x")
+        find_preset("x")
 
 
 def test_frozen_and_hashable():
@@ -65,3 +71,15 @@ def test_layout_is_in_order_and_aligned(count):
 def test_every_visible_opacity_has_a_code():
     assert memory.OPACITY.decode(memory.OPACITY.encode(0.0)) == 0
     assert 2.0**-memory.OPACITY.max > ALPHA_MIN  # what is kept can always reach alpha 1/255
+
+
+def test_all_have_the_same_stages():
+    """One table: hardware, cycle model, counters and parts for synthesis have the same."""
+    blocks = [block for half in BLOCKS.values() for block in half]
+    assert [*OF_POINTS, *blocks] == list(STAGES) and [*blocks, "control"] == list(WHOLE)
+    assert [field.name for field in fields(Cycles)] == [*NAMES, *HALVES]
+    named = [(half, *BLOCKS[half]) for half in HALVES]
+    assert list(counters(DEFAULT)) == [name for names in named for name in names]
+    assert {part.stage for part in PARTS} == {f"stage {k}" for k in range(4)} | {
+        "binning", "control",
+    }  # fmt: skip

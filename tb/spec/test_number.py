@@ -27,16 +27,8 @@ SMALL = [
     for signed, subnormal in product((True, False), repeat=2)
     for overflow in ("saturate", "infinity")
 ]
-LARGE = [
-    FP24,
-    FP16,
-    FP32,
-    Float(7, 16, signed=False),
-    Float(7, 16, subnormal=False),
-    Float(8, 23),
-    Float(10, 52),
-    Float(10, 52, signed=False, subnormal=False, overflow="infinity"),
-]
+LARGE = [FP24, FP16, FP32, Float(7, 16, signed=False), Float(7, 16, subnormal=False), Float(8, 23)]
+LARGE += [Float(10, 52), Float(10, 52, signed=False, subnormal=False, overflow="infinity")]
 FIXED = [
     Fixed(integer, fraction, signed, rounding)
     for integer, fraction in (
@@ -46,12 +38,8 @@ FIXED = [
     for signed in (True, False)
     for rounding in ("nearest-even", "floor", "ceiling")
 ]
-EVERY_CODE = [f for f in SMALL + FIXED if f.width <= 20] + [
-    FP16,
-    Float(7, 12),
-    Float(7, 12, signed=False, subnormal=False),
-    Bits(20),
-]
+EVERY_CODE = [f for f in SMALL + FIXED if f.width <= 20]
+EVERY_CODE += [FP16, Float(7, 12), Float(7, 12, signed=False, subnormal=False), Bits(20)]
 
 
 def anywhere(rng: np.random.Generator, count: int) -> np.ndarray:

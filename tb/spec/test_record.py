@@ -159,12 +159,8 @@ ONE = np.array([1])
     ],
 )
 def test_odd_codes_are_refused(changed, message):
-    codes = {
-        "position": np.array([[0, 0]]),
-        "depth": ONE,
-        "shape": {"a": ONE, "b": ONE, "c": ONE},
-        "live": ONE,
-    }
+    shape = dict.fromkeys("abc", ONE)
+    codes = {"position": np.array([[0, 0]]), "depth": ONE, "shape": shape, "live": ONE}
     SPLAT.pack(codes)
     with pytest.raises(ValueError, match=message):
         SPLAT.pack(codes | changed)
