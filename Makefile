@@ -61,7 +61,7 @@ verify: install
 check: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(PYTEST) -m "not slow and not scenes and not verify"
+	$(PYTEST) -m "not slow and not scenes and not verify and not compress"
 
 # The report and its results. A result is measured if it is missing or older than its scene files.
 # SCENES: files and generated scenes. Default: all in the folder SPLATCORE_SCENES, without that the

@@ -62,6 +62,7 @@ def check_command(folder: Path):
         assert (named.returncode == 0) == (room != "tb"), named.stderr
 
 
+@pytest.mark.slow
 def test_wheel(wheel, tmp_path):
     """With the libraries of this environment, in which the package itself cannot be seen."""
     python = environment(tmp_path)

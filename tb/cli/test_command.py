@@ -63,6 +63,7 @@ def test_a_generated_scene_by_name(folder):
     assert load(folder / "a.json")["scene"] == "needles"
 
 
+@pytest.mark.slow
 def test_an_empty_scene_is_a_black_picture(folder):
     """A scene of no Gaussians is false in Python; it is a scene all the same."""
     assert run("render", "empty", "-o", "a.png", "--json", "a.json") == 0
@@ -135,6 +136,7 @@ def test_synth_and_verilog(folder, capsys):
         assert f"module splatcore_{name}(" in text
 
 
+@pytest.mark.slow
 def test_empty_model(folder, capsys):
     """A model of no Gaussians is false in Python and a model none the less."""
     assert run("pack", "empty", "-o", "empty.splatcore") == 0
@@ -145,6 +147,7 @@ def test_empty_model(folder, capsys):
     assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db"] is None
 
 
+@pytest.mark.slow
 def test_memories(folder, capsys):
     assert run("memories", "--json", "m.json") == 0
     facts = load(folder / "m.json")
@@ -176,6 +179,7 @@ def test_result_has_the_documented_keys():
     assert all(f"`{key}`" in documented for key in (*KEYS, *others))
 
 
+@pytest.mark.slow
 def test_python_m_sim():
     command = [sys.executable, "-m", "splatcore", "render", "none.ply", "-o", "none.png"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -144,6 +144,7 @@ def test_judges():
         assert (HDL / name).is_dir() or (HDL / f"{name}.py").is_file(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tests", sorted(set(JUDGES.values())))
 def test_judges_are_there(tests, capsys):
     options = mutate.shlex.split(f"--collect-only -qq -p no:cacheprovider {tests}")

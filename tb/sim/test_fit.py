@@ -92,6 +92,7 @@ def test_the_machine_reaches_what_was_asked_for(fitted):
         assert found.fps(view.name) >= FPS
 
 
+@pytest.mark.slow
 def test_what_is_smaller_is_too_slow(fitted):
     found, tried = fitted(FPS, PSNR), set()
     for name, half in SIZES.items():

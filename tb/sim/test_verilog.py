@@ -225,6 +225,7 @@ def test_speed_takes_few_gates(name):
     assert least * found.nand2 < found.speed_nand2 < most * found.nand2
 
 
+@pytest.mark.slow
 def test_memories_fit():
     """All of DEFAULT's parts together stay within what the paper's machine has."""
     sizes = [size for parts in WHOLE.values() for make in parts for size in memories(make(DEFAULT))]
