@@ -121,7 +121,7 @@ def test_drop():
             assert np.array_equal(found[field], codes), (moment, field)
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_no_path_is_too_deep():
     """`phases` cuts the digits so that they fit in a cycle each time."""
     for widths in ((1,) * 23, (2,) * 12, (4, 4)):

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from splatcore.golden.pipeline import render
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.sim.fit.preset_file import write_preset
-from splatcore.sim.machine.machine import Job, Machine
+from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.waves import signals
 from splatcore.spec.config import TINY
@@ -40,12 +39,6 @@ FIRST, LAST = 300, 420  # cycles whose waveforms are recorded
 
 STREAMS = ("preprocess.points", "preprocess.bin", "render.sort", "render.raster", "axi")
 """Modules whose streams the view of waveforms must show."""
-
-
-@cache
-def other() -> Machine:
-    """Compiled once for its frames and for waveforms."""
-    return Machine(OTHER, trace=True)
 
 
 @pytest.mark.parametrize("timing", [IDEAL, LPDDR4, ROUGH], ids=lambda timing: timing.name)
@@ -100,15 +93,15 @@ def test_other_choices(timing):
     jobs.append(Job(garden(OTHER, 400), middle))
     cases = [HARD[name](0) for name in NEAR]
     jobs += [Job(pack(case.scene, OTHER)[0], case.camera) for case in cases]
-    run = other().run(jobs, timing, settings=lambda areas: {"window": "0 0"})
+    run = machine(OTHER).run(jobs, timing)
     check(OTHER, run, *jobs)
     pairs = [render(config, *jobs[0]).counts["tile_pairs"] for config in (OTHER, TINY)]
     assert pairs[0] > 1.2 * pairs[1]
 
 
+@pytest.mark.verify
 def test_waves_of_a_window(tmp_path):
     """The window alone is recorded, and the view shows signals that are there."""
-    other()
     preset, vcd = tmp_path / "other.toml", tmp_path / "w.vcd"
     write_preset(preset, OTHER, TINY)
     assert command("render", "needles", "--engine", "rtl", "--preset", preset, "--size", "16x16",

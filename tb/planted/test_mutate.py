@@ -126,7 +126,7 @@ def test_tests_that_hang_or_fail_anyway(tmp_path, monkeypatch):
     test = tmp_path / "test_clamp.py"
     test.write_text("import time\n\n\ndef test_hangs():\n    time.sleep(1000)\n")
     with monkeypatch.context() as patch:
-        patch.setattr(mutate, "TIMEOUT", 8)
+        patch.setattr(mutate, "TIMEOUT", 5)
         assert verdict(None, str(test), tmp_path) == "caught"
     test.write_text(TEST.replace("min(", "max("))
     monkeypatch.setattr(mutate, "JUDGES", {"": str(test)})

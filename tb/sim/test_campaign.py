@@ -54,7 +54,11 @@ def test_results_are_kept(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cluster", [False, True], ids=["processes", "cluster"])
+@pytest.mark.parametrize(
+    "cluster",
+    [False, pytest.param(True, marks=pytest.mark.verify)],
+    ids=["processes", "cluster"],
+)
 def test_failures_are_named_and_lose_nothing(tmp_path, cluster):
     """A task that fails, and one that takes its process with it; all others have their results."""
     tasks = [task(n, tmp_path / "log") for n in (0, 1, -1, 2)]

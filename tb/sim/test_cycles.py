@@ -65,7 +65,7 @@ def test_stage_2():
     check(cycles.sort, result.cycles)
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_stage_3():
     frame, cycles = modelled()
     camera = generated_camera("garden")

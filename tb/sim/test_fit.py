@@ -211,7 +211,7 @@ def test_nothing_is_written_if_it_is_impossible(tmp_path, capsys, prices, scene)
     assert not path.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_a_bit_takes_what_synthesis_says():
     """The linear model against a lane that is synthesised whole."""
     for field in ("weight", "transmittance"):

@@ -231,11 +231,14 @@ def test_command(monkeypatch, tmp_path, capsys):
         assert why in capsys.readouterr().err
 
 
+SMALL = replace(TINY, name="SMALL", sub_sorters=1, rasterizers=1)
+
+
 @pytest.mark.slow
 def test_frame(monkeypatch):
     """Accesses and traffic of a frame are those that its own counters and the golden model tell."""
     monkeypatch.setattr(activity, "kept_json", lambda kind, made_from, compute: compute())
-    job = Job(garden(TINY, 300), view(48, 32))
+    job = Job(garden(SMALL, 300), view(48, 32))
     runs = []
 
     def noted(*args, **options):
@@ -244,7 +247,7 @@ def test_frame(monkeypatch):
 
     simulate = activity.simulate
     monkeypatch.setattr(activity, "simulate", noted)
-    counts = counts_of(TINY, job, 1, "frame")
+    counts = counts_of(SMALL, job, 1, "frame")
     (found,) = runs
     told = found.frames[-1].counters
     assert counts.simulated == found.report.cycles
@@ -253,14 +256,14 @@ def test_frame(monkeypatch):
     for memory in counts.memories:
         name = memory.path.removeprefix("render.sort.runs.")
         writes[name], reads[name] = round(memory.writes, 2), round(memory.reads, 2)
-    sorters = [f"sorter{k}.memory" for k in range(TINY.sub_sorters)]
+    sorters = [f"sorter{k}.memory" for k in range(SMALL.sub_sorters)]
     assert sum(writes[name] for name in sorters) == pytest.approx(told["sort_entries"], abs=0.1)
     assert sum(reads[name] for name in sorters) == pytest.approx(told["sort_entries"], abs=0.1)
     assert sum(counts.traffic.values()) * 2 == sum(found.report.traffic.values())
     assert all(part.bits > part.still > 0 for part in counts.parts.values())
     assert counts.parts["project"].changes > 0
     monkeypatch.setattr(activity, "SAMPLE_LENGTH", 512)
-    sampled = counts_of(TINY, job, 3, "frame")
+    sampled = counts_of(SMALL, job, 3, "frame")
     assert sampled.counted < counts.counted / 2 and sampled.cycles == counts.cycles
 
 
@@ -268,12 +271,12 @@ def test_frame(monkeypatch):
 def test_nothing_started(tmp_path):
     """A machine that nobody starts hardly switches anything: nets find their values once, and the
     arrays' sequencers go round."""
-    machine = activity.Machine(TINY, activity.machine_source(TINY), toggles=True)
-    script = Script(TINY)
+    machine = activity.Machine(SMALL, activity.machine_source(SMALL), toggles=True)
+    script = Script(SMALL)
     script.cycles(IDLE)
     (tmp_path / "memory").write_bytes(bytes(1 << 12))
     execute(machine.program, tmp_path, script, NOBODYS, IDEAL, settings=activity.settings(1))
-    sizes = activity.memory_sizes(activity.machine_source(TINY))
+    sizes = activity.memory_sizes(activity.machine_source(SMALL))
     parts, memories = read_counts(tmp_path / "waves.saif", sizes, 1.0)
     for name, found in parts.items():
         most = SEQUENCED if name in OF_POINTS else STILL
