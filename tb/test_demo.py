@@ -14,10 +14,8 @@ from tb.helpers.command import ROOT
 @pytest.mark.slow
 def test_demo():
     """It ends well, and its picture from the hardware is the golden model's to the bit."""
-    done = subprocess.run(
-        ["make", "-o", "install", "-o", ".venv/installed", f"BIN={Path(sys.executable).parent}", "demo"],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+    make = ["make", "-o", "install", "-o", ".venv/installed", f"BIN={Path(sys.executable).parent}"]
+    done = subprocess.run([*make, "demo"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert json.loads((ROOT / "out/rtl.json").read_text())["identical"]
     assert read_png(ROOT / "out/rtl.png").shape == (360, 640, 3)
