@@ -2,7 +2,7 @@
 
 LONGEST = (
     "test_demo", "sim/test_verilog", "machine/test_machine", "hdl/test_sort", "hdl/test_raster",
-    "hdl/test_points", "machine/test_machine_axi", "sim/test_power", "planted/test_mutate",
+    "hdl/test_points", "machine/test_machine_axi", "planted/test_mutate",
     "sim/test_fit", "machine/test_machine_default", "cli/test_command", "hdl/test_bin",
     "hdl/test_subsort", "sim/test_cycles", "hdl/test_float", "hdl/test_unary", "hdl/test_codebook",
     "hdl/test_axi", "hdl/test_scale", "model/test_surround", "golden/test_pipeline",

@@ -227,7 +227,7 @@ def test_a_bit_of_every_format_takes_gates(field):
     assert bit_gates(DEFAULT, field) > 0
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_confirmed_by_the_hardware(monkeypatch, tmp_path, capsys, scene):
     """In RTL it is as fast as was asked for, and its picture is the golden model's."""
     monkeypatch.setattr(fit_formats, "bit_gates", lambda config, field: PRICES[field])

@@ -234,7 +234,7 @@ def test_command(monkeypatch, tmp_path, capsys):
 SMALL = replace(TINY, name="SMALL", sub_sorters=1, rasterizers=1)
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_frame(monkeypatch):
     """Accesses and traffic of a frame are those that its own counters and the golden model tell."""
     monkeypatch.setattr(activity, "kept_json", lambda kind, made_from, compute: compute())
@@ -267,7 +267,7 @@ def test_frame(monkeypatch):
     assert sampled.counted < counts.counted / 2 and sampled.cycles == counts.cycles
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_nothing_started(tmp_path):
     """A machine that nobody starts hardly switches anything: nets find their values once, and the
     arrays' sequencers go round."""

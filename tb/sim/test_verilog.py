@@ -137,7 +137,7 @@ def test_the_machine_is_clean(tmp_path):
     assert "period 1.25 " in constraints and set(re.findall(r"\w_axi__\w+", constraints)) < {*ports}
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_parts_are_the_whole():
     """Each flip-flop is in one part; parts of one kind are one piece."""
     hierarchy = machine_gates.netlist(TINY)
