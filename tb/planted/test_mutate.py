@@ -176,7 +176,7 @@ def missed(parts: dict[int, list], inputs: dict[str, np.ndarray]) -> set[int]:
     return {n for n in parts if np.array_equal(products[n], products[0])}
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_faults_of_a_multiplier():
     """What all pairs do not catch is no fault: another order agrees. A weak test misses more."""
     parts, pairs = multipliers(), []
