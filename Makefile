@@ -11,7 +11,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-lo
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
-	@echo "make test   install, then run every test; make demo is one of them"
+	@echo "make test   install, then run all tests but those of make verify; the demo is one"
 	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
 	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
 	@echo "make check  lint, the rules of the house and the quick tests"

@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -42,6 +43,15 @@ def check_documented(heading: str, keys: Iterable[str]):
     """docs/json.md has every key in the section of a heading."""
     section = (ROOT / "docs" / "json.md").read_text().partition(heading)[2].partition("\n## ")[0]
     assert not [key for key in keys if f"`{key}`" not in section]
+
+
+def make(*words: str, **variables: str) -> subprocess.CompletedProcess:
+    """Run make in the repository as if all was installed."""
+    variables = [f"{name}={value}" for name, value in variables.items()]
+    return subprocess.run(
+        ["make", "-o", "install", "-o", ".venv/installed", *variables, *words],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
 
 
 def load(path) -> dict:

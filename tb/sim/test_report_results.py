@@ -2,14 +2,13 @@
 
 import json
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from splatcore.sim.report.results import SOURCES, Options, Results
-from tb.helpers.command import ROOT
+from tb.helpers.command import make
 from tb.helpers.report_page import Page, Report, report
 from tb.helpers.report_samples import SIZE, VIEWS, everything, write
 
@@ -133,15 +132,6 @@ COMMANDS = {
     "fpga-tiny": "fpga --preset TINY --json DIR/fpga-tiny.json",
     "fpga": "fpga --json DIR/fpga.json PRESET",
 }
-
-
-def make(*words: str, **variables: str) -> subprocess.CompletedProcess:
-    """Run make in the repository as if all was installed."""
-    variables = [f"{name}={value}" for name, value in variables.items()]
-    return subprocess.run(
-        ["make", "-o", "install", "-o", ".venv/installed", *variables, *words],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
 
 
 def commands(*words: str, **variables: str) -> list[list[str]]:
