@@ -1,7 +1,7 @@
 """PLY scenes: the original layout of 3DGS in any property order, and PlayCanvas's compressed PLY.
 
-Sources: Kerbl et al. 2023 (`GaussianModel.save_ply`) and PlayCanvas's "Compressed PLY" format,
-which `gsply` decodes.
+Sources: Kerbl et al. 2023 (`GaussianModel.save_ply`) and PlayCanvas's "Compressed PLY" format, as
+its splat-transform reads it; `gsply` decodes all of it but the SH.
 """
 
 import os
@@ -26,6 +26,12 @@ CHUNK = 256  # Gaussians that share bounds in a compressed PLY
 
 REST_DEGREE = {3 * (sh_count(degree) - 1): degree for degree in range(4)}
 """Number of f_rest properties → SH degree."""
+
+SH_VALUE = (np.arange(256) + 0.5) / 32 - 4
+SH_VALUE[[0, 255]] = -4, 4
+"""SH coefficient of each byte of a compressed PLY: the middle of its step of 1/32 in ± 4, but the
+outermost bytes, to which a writer clamps, stand for the ends (splat-transform `decompressPly`).
+"""
 
 _BOUNDS = [
     f"{side}_{name}"
@@ -105,11 +111,14 @@ def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
     rest = _rest_names(vertex, path)
     parts = np.split(_columns(vertex, _PLAIN.split(), path), (3, 6, 9, 13), axis=1)
     constant, position, log_scale, quaternion, opacity = parts
-    higher = None
-    if rest:  # channel-major: f_rest_[channel·K + coefficient]
-        higher = _columns(vertex, rest, path).reshape(len(vertex), 3, -1).transpose(0, 2, 1)
+    higher = _channel_last(_columns(vertex, rest, path)) if rest else None
     opacity = file.sigmoid(opacity[:, 0])
     return file.stored_scene(path, position, log_scale, quaternion, opacity, constant, higher)
+
+
+def _channel_last(rest: np.ndarray) -> np.ndarray:
+    """Coefficients [N, 3·K], stored as f_rest_[channel·K + coefficient], as [N, K, 3]."""
+    return rest.reshape(len(rest), 3, -1).transpose(0, 2, 1)
 
 
 def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Scene:
@@ -127,14 +136,15 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
     bounds[:, 15:] = 1
     bounds[:, : len(names)] = _columns(chunk, names, path)
     packed = _integers(vertex, _PACKED, np.uint32, path)
-    sh = np.zeros((len(vertex), 0), np.uint8)
+    higher = None
     if "sh" in elements:
         if len(elements["sh"]) != len(vertex):
             raise input_error(path, f"element 'sh' has {len(elements['sh'])} rows")
-        sh = _integers(elements["sh"], _rest_names(elements["sh"], path), np.uint8, path)
+        names = _rest_names(elements["sh"], path)
+        sh = _integers(elements["sh"], names, np.uint8, path)
+        higher = _channel_last(SH_VALUE[sh])
     with file.reading(path):
-        data = gsply.decompress_from_bytes(_layout(bounds, packed, sh))
-    higher = data.shN.reshape(len(vertex), -1, 3)
+        data = gsply.decompress_from_bytes(_layout(bounds, packed))
     opacity = file.sigmoid(data.opacities)
     return file.stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
 
@@ -149,16 +159,13 @@ def _integers(table: np.ndarray, names: list[str], kind: type, where: object) ->
     return np.stack(columns, axis=1) if columns else np.zeros((len(table), 0), kind)
 
 
-def _layout(bounds: np.ndarray, packed: np.ndarray, sh: np.ndarray) -> bytes:
-    """The canonical compressed PLY of bounds [C, 18], packed [N, 4] and sh [N, 0 | 9 | 24 | 45]."""
+def _layout(bounds: np.ndarray, packed: np.ndarray) -> bytes:
+    """The canonical compressed PLY of bounds [C, 18] and packed [N, 4]."""
     lines = ["ply", "format binary_little_endian 1.0", f"element chunk {len(bounds)}"]
     lines += [f"property float {name}" for name in _BOUNDS]
     lines += [f"element vertex {len(packed)}"] + [f"property uint {name}" for name in _PACKED]
-    if sh.shape[1]:
-        lines += [f"element sh {len(sh)}"]
-        lines += [f"property uchar f_rest_{i}" for i in range(sh.shape[1])]
     header = "\n".join([*lines, "end_header", ""]).encode()
-    return header + bounds.tobytes() + packed.astype("<u4").tobytes() + sh.tobytes()
+    return header + bounds.tobytes() + packed.astype("<u4").tobytes()
 
 
 def write_ply(path: str | os.PathLike, scene: Scene) -> None:

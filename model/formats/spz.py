@@ -31,7 +31,15 @@ FRACTION_MAX = 24  # most fractional bits of a position, which has 24 bits
 ANTIALIASED = 1
 """Flag of a scene trained with a renderer that makes up in opacity for the covariance's blur."""
 
+EXTENDED = 2
+"""Flag of a file with extensions: records of type, size in bytes (both uint32) and content."""
+
 EXTENSION_MAX = 1 << 20  # bytes that may follow the sections of a gzip stream
+
+COORDINATES = 0xADBE0003
+"""Type of the extension SPZ_ADOBE_coordinate_system: the axes of the file, one uint32."""
+
+RUB = (0, 4)  # values of it: not stated, RUB
 
 SH_SIGN = np.array(
     [
@@ -64,6 +72,9 @@ class Header:
         quaternion = 3 if self.version < 3 else 4
         sh = 3 * (sh_count(self.degree) - 1)
         return [self.count * size for size in (position, 1, 3, 3, quaternion, sh) if size]
+
+    def __str__(self) -> str:
+        return f"{self.count} Gaussians of SH degree {self.degree}"
 
 
 def matches(start: bytes, suffix: str) -> bool:
@@ -110,11 +121,12 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes]:
         file.check_expansion(size, len(data), path)
         payload = stream.decompress(stream.unconsumed_tail, size + EXTENSION_MAX)
     if len(payload) < size:
-        raise input_error(path, f"holds {len(payload)} of the {size} bytes of its Gaussians")
+        raise input_error(path, f"holds {len(payload)} of the {size} bytes of {header}")
     if not stream.eof:
         raise input_error(path, "gzip stream is cut off or longer than its header says")
     if stream.unused_data:
         raise input_error(path, f"{len(stream.unused_data)} bytes follow the gzip stream")
+    _check_extensions(header, payload[size:], path)
     return header, payload[:size]
 
 
@@ -126,14 +138,15 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
         raise input_error(path, "header is cut off")
     streams, toc = struct.unpack_from("<BI", data, 15)
     if streams != len(header.sections):
-        raise input_error(path, f"{streams} streams, not {len(header.sections)}")
+        raise input_error(path, f"{streams} streams, not {len(header.sections)} of {header}")
     start = toc + 16 * streams
     if toc < 32 or start > len(data):
         raise input_error(path, f"table of contents at byte {toc} is outside the file")
+    _check_extensions(header, data[32:toc], path)
     for index, size in enumerate(header.sections):
         stored, claimed = struct.unpack_from("<QQ", data, toc + 16 * index)
         if claimed != size:
-            raise input_error(path, f"stream {index} has {claimed} bytes, not {size}")
+            raise input_error(path, f"stream {index} has {claimed} bytes, not {size} of {header}")
         if start + stored > len(data):
             raise input_error(path, f"stream {index} is cut off")
         with file.reading(path, f"stream {index} is no zstd stream"):
@@ -143,6 +156,17 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
             raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
         start += stored
     return header
+
+
+def _check_extensions(header: Header, records: bytes, path: str | os.PathLike) -> None:
+    """Refuses axes other than RUB; any other extension leaves the Gaussians as they are."""
+    while header.flags & EXTENDED and len(records) >= 8:
+        kind, size = struct.unpack_from("<II", records)
+        if kind == COORDINATES and len(records) >= 12:
+            axes = struct.unpack_from("<I", records, 8)[0]
+            if axes not in RUB:
+                raise input_error(path, f"extension 'coordinate system' is {axes}, not 4 (RUB)")
+        records = records[8 + size :]
 
 
 def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> Scene:

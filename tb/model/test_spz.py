@@ -8,8 +8,9 @@ import pytest
 import zstandard
 
 from splatcore.model.formats import spz
-from splatcore.model.formats.spz import SH_SIGN, turned
+from splatcore.model.formats.spz import COORDINATES, EXTENDED, turned
 from splatcore.spec.scene import rotation_matrix
+from tb.helpers.harmonics import harmonics
 from tb.helpers.scene_file import check_bad_scene, check_refused, read_written, spz_bytes, spz_codes
 from tb.helpers.scenes import random_scene
 
@@ -23,10 +24,10 @@ def read(tmp_path, data: bytes):
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("degree", range(4))
 def test_every_section(tmp_path, version, degree):
-    """Positions, opacities, colours, scales and SH by the formulas of the format; y, z negated."""
+    """Positions, opacities, colours and scales by the formulas of the format; y, z negated."""
     codes = spz_codes(version, 50, degree)
     scene = read(tmp_path, spz_bytes(version, codes, degree, fraction=10))
-    position, alpha, colour, scale, _, sh = (code.astype(np.int64) for code in codes)
+    position, alpha, colour, scale = (code.astype(np.int64) for code in codes[:4])
     if version == 1:
         position = codes[0].view("<f2").astype(float)
     else:
@@ -36,8 +37,6 @@ def test_every_section(tmp_path, version, degree):
     assert np.abs(scene.opacity - alpha[:, 0] / 255).max() < 2e-6  # gsply keeps 1e-6 from 0 and 1
     assert np.abs(scene.sh[:, 0] - (colour / 255 - 0.5) / 0.15).max() < 1e-6
     assert np.abs(np.log(scene.scale) - (scale / 16 - 10)).max() < 1e-12
-    higher = (sh.reshape(50, -1, 3) - 128) / 128
-    assert np.array_equal(scene.sh[:, 1:], higher * SH_SIGN[1 : (degree + 1) ** 2, None])
     assert (scene.sh_degree, scene.notes, scene.name) == (degree, (), f"{tmp_path}/scene.spz")
 
 
@@ -70,20 +69,6 @@ def _smallest_three(q: np.ndarray) -> np.ndarray:
     return np.frombuffer(struct.pack("<I", word), np.uint8)
 
 
-def _basis(d: np.ndarray) -> np.ndarray:
-    """Real spherical harmonics of degree 0 to 3 up to factors, of directions [N, 3]: [N, 16].
-
-    Order and signs of the original `computeColorFromSH`.
-    """
-    x, y, z = d.T
-    terms = [np.ones_like(x), -y, z, -x]
-    terms += [x * y, -y * z, 2 * z * z - x * x - y * y, -x * z, x * x - y * y]
-    terms += [-y * (3 * x * x - y * y), x * y * z, -y * (4 * z * z - x * x - y * y)]
-    terms += [z * (2 * z * z - 3 * x * x - 3 * y * y), -x * (4 * z * z - x * x - y * y)]
-    terms += [z * (x * x - y * y), -x * (x * x - 3 * y * y)]
-    return np.stack(terms, axis=1)
-
-
 def test_turned_scene_looks_the_same():
     """The turned coefficients give in the turned direction the colour that they gave before,
     and the turned covariance is that of the turned shape.
@@ -92,8 +77,8 @@ def test_turned_scene_looks_the_same():
     back = turned(scene)
     turn = np.diag([1.0, -1.0, -1.0])
     direction = np.random.default_rng(5).normal(size=(200, 3))
-    colour = np.einsum("nk,nkc->nc", _basis(direction), scene.sh)
-    colour_back = np.einsum("nk,nkc->nc", _basis(direction @ turn), back.sh)
+    colour = np.einsum("nk,nkc->nc", harmonics(direction, 3), scene.sh)
+    colour_back = np.einsum("nk,nkc->nc", harmonics(direction @ turn, 3), back.sh)
     assert np.abs(colour - colour_back).max() < 1e-12
     factor, factor_back = scene.gaussians().factor, turn @ back.gaussians().factor
     covariance = factor @ factor.transpose(0, 2, 1)
@@ -102,16 +87,32 @@ def test_turned_scene_looks_the_same():
     assert np.array_equal(turned(back).sh, scene.sh)
 
 
-def test_sign_table():
-    """Degree 1 as the scenes' SOURCES.md states it (y and z flip, x stays); degree 2 by hand."""
-    assert SH_SIGN[:9].tolist() == [1, -1, -1, 1, -1, 1, 1, -1, 1]
-
-
 def test_trailing_extension_is_allowed(tmp_path):
     """Bytes after the sections of a gzip stream belong to extensions."""
     codes = spz_codes(3, 4, 1)
     raw = gzip.decompress(spz_bytes(3, codes, 1))
     assert len(read(tmp_path, gzip.compress(raw + b"extension"))) == 4
+
+
+def _extended(version: int, axes: int) -> bytes:
+    """A file with two extensions: one that no reader knows, and its axes."""
+    records = struct.pack("<II3s", 0x12340001, 3, b"abc")
+    records += struct.pack("<III", COORDINATES, 4, axes)
+    data = spz_bytes(version, spz_codes(version, 4, 1), 1)
+    data = data if version == 4 else gzip.decompress(data)
+    data = data[:14] + bytes([EXTENDED]) + data[15:]
+    if version < 4:
+        return gzip.compress(data + records)
+    return data[:16] + struct.pack("<I", 32 + len(records)) + data[20:32] + records + data[32:]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_axes_other_than_rub_are_refused(tmp_path, version):
+    """An extension may state the axes: 4 is RUB, 6 is RDF, which PLY has."""
+    plain = read(tmp_path, spz_bytes(version, spz_codes(version, 4, 1), 1))
+    assert np.array_equal(read(tmp_path, _extended(version, 4)).sh, plain.sh)
+    message = "'coordinate system' is 6, not 4 (RUB)"
+    check_bad_scene(tmp_path / "scene.spz", _extended(version, 6), message)
 
 
 CODES = spz_codes(2, 4, 1)
