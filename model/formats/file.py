@@ -9,8 +9,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import Scene, sh_count
 
 EXPANSION_MAX = 1032
 """Decoded bytes per byte of a file that a reader accepts: the limit of deflate itself."""
@@ -65,6 +66,15 @@ def check_expansion(size: int, stored: int, where: object) -> None:
     """Refuses `size` decoded bytes that `stored` bytes of a file cannot hold."""
     if size > EXPANSION_MAX * stored:
         raise input_error(where, f"claims {size} bytes of data, too many for {stored} bytes")
+
+
+def check_degree(degree: int, count: int, size: int, rest: int, where: object) -> None:
+    """Refuses `rest` bytes after the last Gaussian that are the SH of a degree above the one that
+    the file claims: `count` Gaussians, `size` bytes a coefficient. Other bytes may follow.
+    """
+    for held in range(degree + 1, SH_DEGREE_MAX + 1):
+        if rest == 3 * size * count * (sh_count(held) - sh_count(degree)):
+            raise input_error(where, f"claims SH degree {degree}, holds {held}")
 
 
 def parse_json(data: bytes, where: object) -> object:

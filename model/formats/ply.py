@@ -50,18 +50,26 @@ def matches(start: bytes, suffix: str) -> bool:
 
 def read(path: str | os.PathLike) -> Scene:
     """The scene of a PLY file: binary of either byte order or ASCII, plain or compressed."""
-    _check_header(path)
+    start = _check_header(path)
     with file.reading(path):
         ply = PlyData.read(os.fspath(path))
     elements = {element.name: element.data for element in ply.elements}
     if "vertex" not in elements:
         raise input_error(path, "element 'vertex' is missing")
     file.check_count(len(elements["vertex"]), path)
-    return _compressed(elements, path) if "chunk" in elements else _plain(elements["vertex"], path)
+    compressed = "chunk" in elements
+    scene = _compressed(elements, path) if compressed else _plain(elements["vertex"], path)
+    if not ply.text:  # plyfile itself checks the ends of lines
+        rest = file_size(path) - start - sum(element.nbytes for element in elements.values())
+        size = 1 if compressed else 4  # as all known writers have it
+        file.check_degree(scene.sh_degree, len(scene), size, rest, path)
+    return scene
 
 
-def _check_header(path: str | os.PathLike) -> None:
-    """Refuses what plyfile would allocate for, or loop over, beyond what the file can hold."""
+def _check_header(path: str | os.PathLike) -> int:
+    """The header's size in bytes; refuses one of which plyfile would allocate for, or loop over,
+    more than the file can hold.
+    """
     size = file_size(path)
     text = file.read_bytes(path, HEADER_MAX).decode("latin-1")
     if not text.startswith("ply"):
@@ -88,6 +96,7 @@ def _check_header(path: str | os.PathLike) -> None:
             raise input_error(
                 path, f"element {name!r}: {count} × {properties} values in {size} bytes"
             )
+    return len(header) + len(end)
 
 
 def _columns(table: np.ndarray, names: list[str], where: object) -> np.ndarray:

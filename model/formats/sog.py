@@ -188,6 +188,9 @@ def _higher(sog: Sog, rows: np.ndarray) -> np.ndarray:
         count = file.field(section, "count", int, where)
     else:
         coefficients, count = width // PALETTE_ROW, PALETTE_ROW * height
+        claim = file.field(section, "shape", list, where, [0, coefficients])[1:2]
+        if claim not in ([], [coefficients], [3 * coefficients]):  # writers differ
+            raise input_error(where, f"'shape' is not that of {coefficients} coefficients")
     if coefficients not in _COEFFICIENTS.values():
         raise input_error(where, "SH degree is not 1, 2 or 3")
     if width != PALETTE_ROW * coefficients or not 1 <= count <= PALETTE_ROW * height:

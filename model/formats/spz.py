@@ -126,6 +126,8 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes]:
         raise input_error(path, "gzip stream is cut off or longer than its header says")
     if stream.unused_data:
         raise input_error(path, f"{len(stream.unused_data)} bytes follow the gzip stream")
+    if not header.flags & EXTENDED:
+        file.check_degree(header.degree, header.count, 1, len(payload) - size, path)
     _check_extensions(header, payload[size:], path)
     return header, payload[:size]
 

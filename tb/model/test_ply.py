@@ -182,6 +182,7 @@ BAD = {
     "property 'max_b' is missing": _packed([*CHUNK_BOUNDS[:-1], "blue"]),
     "'chunk' has 2 rows, not 1": _packed(chunks=2),
     "'sh' has 9 rows": _packed(rows=9),
+    "element 'sh': row 9: early end-of-file": _packed()[:-1],
     "12 properties 'f_rest_*'": _packed(sh=12),
     "'packed_scale' is not uint32": _packed().replace(b"uint packed_s", b"float packed_s"),
     "'f_rest_3' is not uint8": _packed().replace(b"uchar f_rest_3", b"char f_rest_3"),

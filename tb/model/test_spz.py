@@ -146,6 +146,7 @@ BAD = {
     "version 4 is not known": _raw(4, "<I", 4),
     "holds 0 Gaussians": _raw(8, "<I", 0),
     "holds 112 of the 140 bytes": _raw(8, "<I", 5),
+    "holds 111 of the 112 bytes of 4 Gaussians of SH degree 1": gzip.compress(RAW[:-1]),
     "too many for": _raw(8, "<I", 2**32 - 1),
     "SH degree 4": _raw(12, "<B", 4),
     "0 fractional bits": _raw(13, "<B", 0),
