@@ -8,10 +8,11 @@ from numba import njit
 from splatcore.golden.footprint import footprints
 from splatcore.spec import group as records
 from splatcore.spec.binning import PAGE_BITS, bursts_per_page
+from splatcore.spec.colour import CHANNELS, scaled_colours, unscaled_colour_format
 from splatcore.spec.config import Config
+from splatcore.spec.depth import depth_keys
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
-from splatcore.spec.raster import COLOURS as CHANNELS
 from splatcore.spec.record import Codes
 
 PAGE_MAX = (1 << PAGE_BITS) - 1
@@ -61,14 +62,14 @@ def bin_splats(
 ) -> Binned:
     """Splats [N], codes of `splat_record`, on an image of width × height pixels.
 
-    near_code: the near plane's code as a depth; pages: the size of list memory.
+    near_code: the near plane's code of `Config.arithmetic`; pages: the size of list memory.
     """
     found, rows = footprints(config, codes, width, height)
     kept, number = np.unique(found[:, 0], return_inverse=True)
     _, columns = records.group_grid(config, width, height)
     group = (found[:, 1] >> 16) * columns + (found[:, 1] & 0xFFFF)
     entries = {
-        "key": records.depth_keys(config, near_code, codes["z"])[found[:, 0]],
+        "key": keys(config, near_code, codes)[found[:, 0]],
         "splat": number.astype(np.uint64),
         "mask": found[:, 2].astype(np.uint64),
     }
@@ -82,9 +83,15 @@ def bin_splats(
     return Binned(kept, features(config, chosen), group, entries, lists, rows, counts)
 
 
+def keys(config: Config, near_code: int, codes: Codes) -> np.ndarray:
+    """Depth keys [N] of splats with codes [N] of `splat_record`."""
+    low = codes.get("z_low", np.zeros_like(codes["z"]))  # where depths are no finer
+    return depth_keys(config, near_code, codes["z"], low)
+
+
 def features(config: Config, splats: Codes) -> Codes:
     """Codes [K] of `feature_record` of splats with codes [K] of `splat_record`."""
-    format, record = config.arithmetic, records.feature_record(config)
+    record = records.feature_record(config)
     found = {name: splats[name] for name in ("u", "v", "shear")}
     found |= {name: splats[f"power_{name}"] for name in ("across", "along")}
     for name in ("half_width", "half_height"):
@@ -92,12 +99,13 @@ def features(config: Config, splats: Codes) -> Codes:
     steps = Fixed(record["opacity"].width, 0)
     for name, fixed, field in (
         ("opacity", steps, "attenuation"),
-        *((channel, records.unscaled_colour_format(config), channel) for channel in CHANNELS),
+        *((channel, unscaled_colour_format(config), channel) for channel in CHANNELS),
     ):
-        value = format.decode(splats[field])
+        source = dict(splat_record(config).fields)[field]
+        value = source.decode(splats[field])
         found[name] = fixed.encode(np.where(np.isnan(value), 0, value))
     for channel in CHANNELS:
-        found[channel] = records.scaled_colours(found[channel].astype(np.int64)).astype(np.uint64)
+        found[channel] = scaled_colours(found[channel].astype(np.int64)).astype(np.uint64)
     return found
 
 

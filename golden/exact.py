@@ -7,10 +7,11 @@ import numpy as np
 from splatcore.golden.raster import Entries
 from splatcore.golden.reference import Splats, tile_lists
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MIN, SPLATCORE, TILE
 from splatcore.spec.frame import POWER_SCALE
-from splatcore.spec.group import colour_format, extent_codes, group_grid
+from splatcore.spec.group import extent_codes, group_grid
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.record import Codes
 from splatcore.spec.scene import Gaussians

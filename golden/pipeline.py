@@ -10,6 +10,7 @@ from splatcore.golden.raster import Entries, Raster, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.renderable import check_renderable
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,11 @@ def render(
     background: tuple[int, int, int] = (0, 0, 0),
     pages: int = PAGE_MAX,
 ) -> Frame:
-    """Render one frame. background: codes of `spec.group.colour_format`; pages: of list memory."""
+    """Render one frame. background: codes of `spec.group.colour_format`; pages: of list memory.
+
+    InputError for a model that the machine does not render.
+    """
+    check_renderable(config, model)
     points = project_points(config, model, camera)
     near_code = int(config.arithmetic.encode(points.frame.near_plane))
     codes = splat_codes(config, points.projected)

@@ -12,11 +12,15 @@ from splatcore.golden.program import Values, run
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
+from splatcore.spec.depth import finer, narrowed
 from splatcore.spec.frame import FrameConstants, frame_constants
 from splatcore.spec.memory import CHUNK, EXTENT_SHIFT
 from splatcore.spec.microprogram import culling, program
+from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.programs import CORNERS
+from splatcore.spec.programs import CORNER_STEPS, CORNERS
+
+RAY = ("ray_x", "ray_y", "ray_z")
 
 SHARED = ("margin_x", "margin_y", "chunk_reach")  # values of a chunk that its points share
 
@@ -44,16 +48,16 @@ def project_points(config: Config, model: PackedModel, camera: Camera) -> Points
     )
     chunks, read = chunk(config, frame, model)
     points = np.flatnonzero(read[np.arange(len(model)) // CHUNK])
-    fields = rays(config, frame, model, points)
+    fields = rays(finer(config), frame, model, points)
     fields |= {name: chunks[name][points // CHUNK] for name in SHARED}
     culled, kept = cull(config, frame, fields)
-    fields["z"] = culled["z"]
+    fields |= {name: culled[name] for name in ("z", "z_low", *RAY)}
 
     placed, inside = place(config, frame, _take(fields, kept))
     front = points[kept]
     chosen = front[inside]
     shared = _take(_take(fields, kept), inside) | {axis: placed[axis][inside] for axis in "xy"}
-    projected = project(config, frame, model, shared, chosen)
+    projected = project(config, frame, model, shared, chosen) | {"z_low": shared["z_low"]}
     index = chosen
     if config.culling == "none":
         seen = shared["z"] > frame.near_plane
@@ -70,10 +74,10 @@ def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Va
     """Values of the chunk program, and which chunks [C] are kept.
 
     The ways from the camera to a chunk's ends along the world axes are exact on the grid and
-    rounded once. A chunk is skipped if the bounds of its points are behind the near plane or beyond
-    the guard band: `place` would drop every one of them. Absolute positions have no extent, and no
-    chunk is skipped; nor is any without culling, or beyond the guard band if the near plane alone
-    culls.
+    rounded once, then moved apart. A chunk is skipped if the bounds of its points are behind the
+    near plane or beyond the guard band: `place` would drop every one of them. Absolute positions
+    have no extent, and no chunk is skipped; nor is any without culling, or beyond the guard band if
+    the near plane alone culls.
     """
     headers, round_ = model.chunks, config.arithmetic.round
     exponent = model.value("position_exponent")
@@ -81,6 +85,7 @@ def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Va
     shift = headers["shift"].astype(np.int64) + EXTENT_SHIFT
     high = low + ((headers["extent"].astype(np.int64) + 1) << shift)
     ends = [round_(np.ldexp(end.astype(np.float64), exponent)) for end in (low, high)]
+    ends = [outward(config.arithmetic, end, up) for up, end in enumerate(ends)]
     fields: Values = {"chunk_reach": round_(headers["reach"])}
     for name, (constant, side) in CORNERS.items():
         falls = frame.constants[constant] < 0
@@ -93,6 +98,15 @@ def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Va
         kept &= values[f"{axis}_low"] <= values[f"far_{axis}"]
         kept &= -values[f"{axis}_high"] <= values[f"far_{axis}"]
     return values, kept
+
+
+def outward(format: Float, values: np.ndarray, up: int) -> np.ndarray:
+    """Values [N] `CORNER_STEPS` codes farther up or down; those at an end of the format stay."""
+    codes = format.encode(values).astype(np.int64)
+    exponent = codes >> format.fraction & (1 << format.exponent) - 1
+    steps = np.where((values >= 0) == up, CORNER_STEPS, -CORNER_STEPS)
+    inside = (exponent > 0) & (exponent < (1 << format.exponent) - 2)
+    return format.decode((codes + np.where(inside, steps, 0)).astype(np.uint64))
 
 
 def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.ndarray) -> Values:
@@ -110,10 +124,15 @@ def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values,
     """Values of the cull program, and which points [N] are kept: z + Δz beyond the near plane.
 
     Δz is the reach of the point's chunk if `Config.depth_interval`, else 0. Without culling all
-    are.
+    are. Rays come as `spec.depth.finer`; they leave narrowed, and z with the bits z_low below.
     """
-    values = run(config, culling(config.depth_interval), frame.constants | points)
+    fine = finer(config)
+    values = run(fine, culling(config.depth_interval), frame.constants | points)
     kept = values["farthest" if config.depth_interval else "z"] > frame.near_plane
+    for name in (*RAY, "z"):
+        codes, low = narrowed(config, fine.arithmetic.encode(values[name]))
+        values[name] = config.arithmetic.decode(codes)
+    values["z_low"] = low.astype(np.uint64)
     return values, np.full_like(kept, True) if config.culling == "none" else kept
 
 

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from splatcore.golden.colour import codebook_sums, colours
 from splatcore.golden.program import Values, run
 from splatcore.spec.config import Config
 from splatcore.spec.frame import FrameConstants
-from splatcore.spec.memory import CODEBOOK_WORD, COLOUR_ENTRY, SH_ENTRY
 from splatcore.spec.microprogram import projection
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import COLOURS, SLOPES
-from splatcore.spec.record import Record
 
 
 def attributes(config: Config, model: PackedModel, index: np.ndarray) -> Values:
@@ -34,32 +33,23 @@ def project(
 
     `points` are their camera coordinates x, y, z and their rays.
     """
-    fields = points | attributes(config, model, index) | look_up(config, model, index)
+    fields = frame.constants | points | attributes(config, model, index)
+    if config.colours == "beside":
+        return run(config, projection(config), fields) | colours(config, model, points, index)
     steps = projection(replace(config, sh_degree=model.format.sh_degree))
-    return run(config, steps, frame.constants | fields)
+    return run(config, steps, fields | look_up(config, model, index))
 
 
 def look_up(config: Config, model: PackedModel, index: np.ndarray) -> Values:
-    """Colours, and G if the model has harmonics, of the Gaussians `index` [M] of a model.
+    """Colours, and G if the model has harmonics, of the Gaussians `index` [M] of a compact model,
+    for arrays that make colours.
 
     Values [M] that `config.arithmetic` holds, by the names of `spec.programs`: the sums of the
-    entries, times 2^exponent of the header, rounded once.
+    entries, times 2^E of the header, rounded once.
     """
     fields: Values = {}
-    for part, names, record in (("colour", COLOURS, COLOUR_ENTRY), ("sh", SLOPES, SH_ENTRY)):
-        stages = [name for name in model.format.codebook_words if name.startswith(part)]
-        if stages:
-            chosen = (_entries(model, record, s)[model.attributes[s][index]] for s in stages)
-            values = np.ldexp(sum(chosen).astype(np.float64), model.value(f"{part}_exponent"))
-            fields |= zip(names, config.arithmetic.round(values).T, strict=True)
+    parts = (("colour", COLOURS), ("sh", SLOPES))[: model.format.sh_degree + 1]
+    for (part, names), exponent in zip(parts, model.exponents, strict=False):
+        values = np.ldexp(codebook_sums(model, part, index).astype(np.float64), exponent)
+        fields |= zip(names, config.arithmetic.round(values).T, strict=True)
     return fields
-
-
-def _entries(model: PackedModel, record: Record, stage: str) -> np.ndarray:
-    """All entries of a stage, integers [2^bits, D]."""
-    words = model.image[model.layout.colours :]  # what is copied to the codebook memory
-    start = model.format.codebook_words[stage] * CODEBOOK_WORD
-    count = 1 << model.format.attribute_record[stage].width
-    codes = record.unpack(words[start:][: count * record.size].reshape(count, record.size))
-    (field, format), *_ = record.fields  # the other field is reserved
-    return format.decode(codes[field]).astype(np.int64)

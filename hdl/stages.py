@@ -77,6 +77,7 @@ LARGE = ("sort", "raster")  # stages that take minutes to synthesise; `PRIMITIVE
 PRIMITIVES: dict[str, Build] = {
     "position": Position,
     "codebook": Codebook,
+    "colour": lambda config: Project(config).colour,
     "array": lambda config: Array(config, microprogram.projection(config), stalls=False),
     "multiply": lambda config: Multiply(config.arithmetic, config.multiply_latency),
     "add": lambda config: Add(config.arithmetic, config.add_latency),

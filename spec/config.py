@@ -72,16 +72,18 @@ class Config:
     width_max: int = size(1920, 1, 4096)
     height_max: int = size(1080, 1, 4096)
 
-    # The packed model. `sh_degree` is the highest that the colour program evaluates; index bits
-    # are those of each codebook stage, for models of degree 0 and 1 in turn (see `spec.memory`).
-    sh_degree: int = size(1, 0, 1)
+    # The packed model. `sh_degree` is the highest that the machine evaluates: in small integers
+    # beside the projection's array (`spec.colour`), or degree 1 of compact models in the array.
+    # Index bits are those of each codebook stage, for compact models of degree 0 and 1 in turn.
+    sh_degree: int = size(3, 0, 3)
+    colours: Literal["beside", "array"] = "beside"
     position: Literal["chunk", "absolute"] = "chunk"
     colour_index: tuple[tuple[int, ...], ...] = ((9, 9), (7, 6))
     sh_index: tuple[tuple[int, ...], ...] = ((), (7, 7))
 
     # Stages 0 and 1: cull and project.
     arithmetic: Float = FP24
-    depth: Float = Float(7, 16, signed=False, subnormal=False)
+    depth: Float = Float(7, 20, signed=False, subnormal=False)  # `spec.depth` says what has it
     screen_exponent: int = 0  # stages 0 and 1 measure the screen in units of 2^this pixels
     screen_fraction: int = 5  # bits of a screen coordinate below one pixel
     pe_arrays: int = size(1, 1, 4)
@@ -157,8 +159,10 @@ class Config:
                 raise self._error(name, f"is not a power of two from {about.low} on")
         if not 8 <= self.sort_key_bits <= 24:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
+        if self.colours == "array" and self.sh_degree > 1:
+            raise self._error("sh_degree", "is above 1, the highest that colours='array' knows")
         for name in ("colour_index", "sh_index"):
-            if len(getattr(self, name)) <= self.sh_degree:
+            if len(getattr(self, name)) <= min(self.sh_degree, 1):
                 raise self._error(name, f"says nothing about models of degree {self.sh_degree}")
 
     def _error(self, field: str, why: str) -> InputError:
@@ -185,6 +189,8 @@ DEFAULT = Config()
 
 PAPER = Config(
     name="PAPER",
+    sh_degree=1,
+    colours="array",
     position="absolute",
     colour_index=((9,), (9,)),
     sh_index=((), (8,)),

@@ -9,10 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.memory import OPACITY
-from splatcore.spec.number import Bits, Fixed, Float
+from splatcore.spec.number import Bits, Float
 from splatcore.spec.point import values
 from splatcore.spec.record import Record
 
@@ -24,9 +25,6 @@ ENTRY_BITS = 64
 
 COUNT_BITS = 24
 """Width of a count of entries."""
-
-COLOUR_INTEGER = 3
-"""Bits of a splat's colour before the point."""
 
 
 def group_pixels(config: Config) -> int:
@@ -41,17 +39,8 @@ def group_grid(config: Config, width: int, height: int) -> tuple[int, int]:
 
 
 def key_format(config: Config) -> Bits:
-    """A depth key."""
+    """A depth key (`spec.depth`)."""
     return Bits(config.sort_key_bits)
-
-
-def depth_keys(config: Config, near_code: int, codes: np.ndarray) -> np.ndarray:
-    """Keys [N] of the codes [N] of depths: codes from the near plane's on, up to the largest key.
-
-    Codes of numbers that are not negative rise with them, and so do the keys.
-    """
-    steps = codes.astype(np.int64) - near_code
-    return np.clip(steps, 0, (1 << config.sort_key_bits) - 1).astype(np.uint64)
 
 
 def entry_record(config: Config) -> Record:
@@ -64,26 +53,6 @@ def sorted_record(config: Config) -> Record:
     """An entry after sorting, or (end 1) the mark behind the last one of a group."""
     splat, mask = Bits(SPLAT_BITS), Bits(config.group**2)
     return Record("sorted", {"splat": splat, "mask": mask, "end": Bits(1)})
-
-
-COLOUR_GUARD = 3
-"""Bits more that a colour has before it is brought to units of 255/256."""
-
-
-def colour_format(config: Config) -> Fixed:
-    """A splat's red, green or blue."""
-    return Fixed(COLOUR_INTEGER, config.colour_fraction)
-
-
-def unscaled_colour_format(config: Config) -> Fixed:
-    """The same before it is in units of 255/256."""
-    return Fixed(COLOUR_INTEGER, config.colour_fraction + COLOUR_GUARD)
-
-
-def scaled_colours(codes):
-    """Colour codes for unscaled ones, rounded to nearest; of integers or of hardware values."""
-    finer = COLOUR_GUARD + 8
-    return ((codes << 8) - codes + (1 << finer - 1)) >> finer
 
 
 EXTENT_FRACTION = 6

@@ -14,28 +14,45 @@ Gaussian's place and the header's octant ends; only the rest is stored, 45 bits 
 absolute positions (`PAPER`) a coordinate is stored as a float, the grid's step is the smallest one,
 and headers tell only the reach.
 
-Attributes hold L, the lower-triangular factor of the 3D covariance L·Lᵀ, times
-2^−factor_exponent (its diagonal is never negative and has no sign bit), −log2(opacity), and one
-index for each codebook stage. Colours are residual-quantised: the sum of one entry per stage,
-times 2^colour_exponent, is the colour that the original renderer has as SH0·C0 + 0.5; likewise the
-SH entries sum to the 3×3 matrix G (times 2^sh_exponent) in colour + G·direction, with the unit
-direction from camera to Gaussian: the degree-1 harmonics with their constants multiplied in.
+The first beat of a Gaussian's attributes holds L, the lower-triangular factor of the 3D covariance
+L·Lᵀ, times 2^−factor_exponent (its diagonal is never negative and has no sign bit), −log2(opacity),
+and its colour, in one of two ways (`spec.colour` has the arithmetic):
+
+- Codebooks (compact models, degree 0 or 1): one index for each stage. The sum of one entry per
+  stage, times 2^E of degree 0, is the colour that the original renderer has as SH0·C0 + 0.5; the
+  SH entries sum to the 3×3 matrix G (times 2^E of degree 1) in colour + G·direction, with the unit
+  direction from camera to Gaussian: the degree-1 harmonics with their constants multiplied in.
+- Steps (all index bits 0): the base in 9 bits a channel; harmonics lie in further beats right
+  behind the first, as many as the chunk's header says (`spec.colour.LAYOUTS`), which has the steps.
+
+Attributes of a chunk follow those of the chunk before.
 """
 
 from dataclasses import dataclass
 from itertools import accumulate
 
+from splatcore.spec.colour import (
+    BASE,
+    CHANNELS,
+    DEGREES,
+    LAYOUT_BITS,
+    LAYOUTS,
+    STEP_BITS,
+)
 from splatcore.spec.config import KB, Config
 from splatcore.spec.number import FP16, Bits, Fixed, Float
 from splatcore.spec.record import Array, Format, Record
 
 MAGIC = int.from_bytes(b"SPLT", "little")
-VERSION = 2
+VERSION = 3
 ALIGNMENT = 64
 """Bytes: parts begin at a multiple of a short burst."""
 
 CODEBOOK_MAX = 8 * KB
 """Bytes of both codebooks together, in DRAM as on chip."""
+
+COMPACT_DEGREE = 1
+"""The highest degree for which there are codebooks."""
 
 CHUNK = 256
 """Gaussians in a chunk (the last one of a model may have fewer)."""
@@ -87,15 +104,14 @@ HEADER = Record(
         "checksum": Bits(32),  # CRC-32 of everything but this field
         "position_exponent": Fixed(15, 0, signed=True),
         "factor_exponent": Fixed(15, 0, signed=True),
-        "colour_exponent": Fixed(15, 0, signed=True),
-        "sh_exponent": Fixed(15, 0, signed=True),
+        "exponent": Array(Fixed(15, 0, signed=True), DEGREES),  # E of each degree (`spec.colour`)
         "colour_index": Array(Bits(8), 4),  # index bits of each stage, 0 where there is none
         "sh_index": Array(Bits(8), 4),
         "positions": Bits(32),  # where these parts begin, in units of ALIGNMENT from the header on
         "attributes": Bits(32),
         "colours": Bits(32),
         "end": Bits(32),
-        "reserved": Array(Bits(64), 2),
+        "reserved": Array(Bits(32), 3),
     },
 )
 
@@ -110,7 +126,8 @@ CHUNK_HEADER = Record(
         "extent": Array(Bits(OFFSET_BITS - EXTENT_SHIFT), 3),
         "reach": REACH,
         "octant_end": Array(Bits(9), OCTANTS - 1),  # Gaussians of the chunk up to that octant
-        "reserved": Bits(18),
+        "harmonics": Bits(LAYOUT_BITS),  # one of `spec.colour.LAYOUTS`
+        "step": Array(Bits(STEP_BITS), DEGREES),
     },
 )
 
@@ -128,15 +145,21 @@ in the least significant bits. Both codebooks are copied there as they lie in DR
 
 @dataclass(frozen=True)
 class ModelFormat:
-    """Formats of a model's parts: everything but the number of Gaussians.
+    """Formats of a model's parts: everything but the number of Gaussians and of their beats.
 
-    `colour_index` and `sh_index` hold the index bits of each codebook stage.
+    `colour_index` and `sh_index` hold the index bits of each codebook stage; there are none in
+    models in steps.
     """
 
     sh_degree: int
     position: str
     colour_index: tuple[int, ...]
     sh_index: tuple[int, ...]
+
+    @property
+    def codebooks(self) -> bool:
+        """True if colours are sums of codebook entries, False if they are in steps."""
+        return bool(self.colour_index)
 
     @property
     def position_record(self) -> Record:
@@ -146,12 +169,14 @@ class ModelFormat:
 
     @property
     def attribute_record(self) -> Record:
-        """One Gaussian's attributes."""
+        """The first beat of a Gaussian's attributes."""
         fields: dict[str, Format] = {name: DIAGONAL for name in ("l00", "l11", "l22")}
         fields |= {name: FACTOR for name in ("l10", "l20", "l21")}
         fields["opacity"] = OPACITY
         for part, stages in (("colour", self.colour_index), ("sh", self.sh_index)):
             fields |= {f"{part}{stage}": Bits(bits) for stage, bits in enumerate(stages)}
+        if not self.codebooks:
+            fields |= dict.fromkeys(CHANNELS, BASE)
         spare = ATTRIBUTE_BITS - sum(format.width for format in fields.values())
         if spare < 0:
             raise ValueError(f"{self}: attributes are {-spare} bits too wide")
@@ -190,14 +215,15 @@ class ModelFormat:
                 start += entry.size << bits
         return words
 
-    def layout(self, count: int) -> "Layout":
-        """Byte offsets of the parts of a model of `count` Gaussians."""
+    def layout(self, count: int, harmonics: int = 0) -> "Layout":
+        """Byte offsets of the parts of a model of `count` Gaussians with so many beats of harmonics
+        in all."""
         chunks, rest = divmod(count, CHUNK)
         sizes = (
             HEADER.size,
             chunk_count(count) * CHUNK_HEADER.size,
             chunks * self.position_stride + -(-rest * self.position_record.width // 8),
-            count * ATTRIBUTE_BITS // 8,
+            (count + harmonics) * ATTRIBUTE_BITS // 8,
             self.colour_entries * COLOUR_ENTRY.size,
             self.sh_entries * SH_ENTRY.size,
         )
@@ -218,10 +244,29 @@ class Layout:
 
 
 def model_format(config: Config, degree: int) -> ModelFormat:
-    """The format in which a machine wants its models of that SH degree."""
+    """The format in which a machine wants its compact models of that SH degree, 0 or 1."""
     return ModelFormat(
         degree, config.position, config.colour_index[degree], config.sh_index[degree]
     )
+
+
+def compact_degrees(config: Config) -> range:
+    """Degrees of the compact models that a machine renders."""
+    return range(min(config.sh_degree, COMPACT_DEGREE) + 1)
+
+
+def harmonics_bytes(config: Config) -> int:
+    """Bytes of the beats of harmonics of all slots of the projection: the codebook memory holds
+    them while a model in steps is rendered."""
+    if config.colours == "array" or not config.sh_degree:
+        return 0
+    most = max(layout.beats for layout in LAYOUTS)
+    return config.projection_slots * most * ATTRIBUTE_BITS // 8
+
+
+def step_format(config: Config, degree: int) -> ModelFormat:
+    """The format in which a machine wants models in steps of that SH degree."""
+    return ModelFormat(degree, config.position, (), ())
 
 
 def chunk_count(count: int) -> int:

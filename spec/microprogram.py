@@ -13,7 +13,8 @@ The other steps have units of their own, of which there is one each:
     maximum(a, b)     the larger one
 
 What no line makes is an input: one of `CONSTANTS`, which stay for a frame, or a field that comes
-with each item. Values are floats of `Config.arithmetic`. Lines may stand in any order
+with each item. Values are floats of `Config.arithmetic`, those of the cull programs of
+`spec.depth.finer`. Lines may stand in any order
 that makes a value before it is used; when each runs is decided in `spec.schedule`. The programs are
 in `spec.programs`.
 """
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from splatcore.spec.config import Config
-from splatcore.spec.programs import CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
+from splatcore.spec.programs import BASIS_CONSTANTS, CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
 
 UNITS = ("pe", "reciprocal", "rsqrt", "clamp", "maximum")
 """Units that steps run on."""
@@ -136,14 +137,21 @@ def culling(depth_interval: bool) -> Program:
 
 
 def projection(config: Config) -> Program:
-    """Stage 1's program for models of `config.sh_degree`."""
+    """Stage 1's program, with colours of models of `config.sh_degree` if the array makes them."""
     [name] = (name for name, test in PROJECTIONS.items() if test == config.tile_test)
-    return program(name + "_sh" * (config.sh_degree > 0) + "_dense" * (not config.skip_zeros))
+    shaded = "_sh" if config.sh_degree else "_flat"
+    colour = shaded if config.colours == "array" else ""
+    return program(name + colour + "_dense" * (not config.skip_zeros))
+
+
+def basis(config: Config) -> Program:
+    """The program of the polynomials that a machine of degree 1 or more makes beside the array."""
+    return program(f"basis{config.sh_degree}")
 
 
 def constants(config: Config) -> tuple[str, ...]:
     """Those of `CONSTANTS` that a machine is given."""
-    left_out = SQUARE_CONSTANTS if config.tile_test == "exact" else ()
+    left_out = (*BASIS_CONSTANTS, *(SQUARE_CONSTANTS if config.tile_test == "exact" else ()))
     return tuple(name for name in CONSTANTS if name not in left_out)
 
 

@@ -7,15 +7,33 @@ from pathlib import Path
 
 import numpy as np
 
-from splatcore.spec import memory
+from splatcore.spec import convention, memory
+from splatcore.spec.colour import (
+    BASE,
+    CHANNELS,
+    DEGREES,
+    EXPONENT_MAX,
+    EXPONENT_MIN,
+    LAYOUTS,
+    SH_EXPONENT_MAX,
+    Harmonics,
+    coefficient_count,
+    from_slopes,
+    step,
+    unfolded,
+)
+from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER, Layout, ModelFormat, chunk_count
+from splatcore.spec.memory import (
+    CHUNK,
+    CHUNK_HEADER,
+    HEADER,
+    Layout,
+    ModelFormat,
+    chunk_count,
+)
 from splatcore.spec.record import Record, unpack_bits
 from splatcore.spec.scene import Gaussians
-
-SH_C0 = 1 / np.sqrt(4 * np.pi)
-SH_C1 = np.sqrt(3 / (4 * np.pi))
-"""Constants of the harmonics of degree 0 and 1; degree 1 is (−C1·y, C1·z, −C1·x) in 3DGS."""
 
 
 def offsets(stored: np.ndarray, octant_end: np.ndarray) -> np.ndarray:
@@ -30,20 +48,6 @@ def grid_points(offset: np.ndarray, origin: np.ndarray, shift: np.ndarray) -> np
     """Positions [N, 3] in grid steps, int64, from offsets [N, 3] and chunk headers."""
     of = np.arange(len(offset)) // CHUNK
     return origin[of] + (offset << shift[of].astype(np.int64))
-
-
-def slopes_from_sh(sh: np.ndarray) -> np.ndarray:
-    """G [N, 3, 3] (colour channel × direction axis) of degree-1 coefficients [N, 3, 3] (k × RGB).
-
-    Colour = … + G·direction, so G's columns are −C1·sh₃, −C1·sh₁, C1·sh₂.
-    """
-    return SH_C1 * np.stack([-sh[:, 2], -sh[:, 0], sh[:, 1]], axis=2)
-
-
-def sh_from_slopes(slopes: np.ndarray) -> np.ndarray:
-    """The inverse of `slopes_from_sh`."""
-    x, y, z = np.moveaxis(slopes, 2, 0) / SH_C1
-    return np.stack([-y, z, -x], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,19 +66,39 @@ class PackedModel:
         if len(self.image) < HEADER.size or self.value("magic") != memory.MAGIC:
             refuse("magic", "is not that of a packed model")
         if self.value("version") != memory.VERSION:
-            refuse("version", f"{self.value('version')} is not {memory.VERSION}")
-        if self.value("sh_degree") > 1:
-            refuse("sh_degree", f"{self.value('sh_degree')} is not 0 or 1")
+            refuse(
+                "version",
+                f"{self.value('version')} is not {memory.VERSION}; make the model anew from its "
+                "scene by: splatcore pack SCENE -o MODEL",
+            )
+        degree = self.value("sh_degree")
+        if degree > SH_DEGREE_MAX:
+            refuse("sh_degree", f"{degree} is not in 0 … {SH_DEGREE_MAX}")
         if self.value("position") >= len(memory.POSITION_FORMATS):
             refuse("position", f"{self.value('position')} is unknown")
-        for field in ("position_exponent", "factor_exponent", "colour_exponent", "sh_exponent"):
+        for field in ("position_exponent", "factor_exponent"):
             if abs(self.value(field)) > memory.EXPONENT_MAX:
                 refuse(field, f"{self.value(field)} is not within ± {memory.EXPONENT_MAX}")
         for field in ("colour_index", "sh_index"):
             if self.header[field].max() > 16:
                 refuse(field, f"of {self.header[field].max()} bits is over 16")
-        if bool(self.header["sh_index"].any()) != (self.format.sh_degree > 0):
-            refuse("sh_index", f"does not go with SH degree {self.format.sh_degree}")
+        codebooks = self.format.codebooks
+        if codebooks and degree > memory.COMPACT_DEGREE:
+            refuse("colour_index", f"names codebooks, which do not go with SH degree {degree}")
+        if bool(self.header["sh_index"].any()) != (codebooks and degree > 0):
+            refuse("sh_index", f"does not go with SH degree {degree}")
+        least, most = EXPONENT_MIN, [EXPONENT_MAX] * DEGREES
+        if codebooks:
+            most[1] = SH_EXPONENT_MAX
+        if not all(least <= e <= end for e, end in zip(self.exponents, most, strict=True)):
+            refuse("exponent", f"{self.exponents} is not within {least} … {most}")
+        if len(self.image) < self.layout_of(0).positions:
+            refuse("count", f"{len(self)} has its chunk headers beyond the file's end")
+        if codebooks and self.chunks["harmonics"].any():
+            refuse("harmonics", "of a chunk do not go with codebooks")
+        for k in np.unique(self.chunks["harmonics"]):
+            if LAYOUTS[k].halves and LAYOUTS[k].degree > degree:
+                refuse("harmonics", f"{k} of a chunk does not go with SH degree {degree}")
         try:
             expected = self.layout.end
         except ValueError as error:
@@ -108,8 +132,30 @@ class PackedModel:
         return ModelFormat(self.value("sh_degree"), position, **stages)
 
     @property
+    def exponents(self) -> list[int]:
+        """E of each degree."""
+        return [int(e) for e in HEADER["exponent"].decode(self.header["exponent"])[0]]
+
+    @cached_property
     def layout(self) -> Layout:
-        return self.format.layout(len(self))
+        counts = np.full(len(self.chunk_beats), CHUNK)
+        counts[-1:] -= -len(self) % CHUNK
+        return self.layout_of(int(counts @ (self.chunk_beats - 1)))
+
+    def layout_of(self, harmonics: int) -> Layout:
+        """Byte offsets with so many beats of harmonics."""
+        return self.format.layout(len(self), harmonics)
+
+    @cached_property
+    def chunk_beats(self) -> np.ndarray:
+        """Beats [C] of attributes of each of a chunk's Gaussians."""
+        return 1 + np.array([layout.beats for layout in LAYOUTS])[self.chunks["harmonics"]]
+
+    @cached_property
+    def beats(self) -> np.ndarray:
+        """The first beat [N] of each Gaussian's attributes, counted from their beginning on."""
+        beats = np.repeat(self.chunk_beats, CHUNK)[: len(self)]
+        return np.cumsum(beats) - beats
 
     def _records(self, record: Record, start: int, count: int) -> dict[str, np.ndarray]:
         part = self.image[start : start + count * record.size]
@@ -118,7 +164,7 @@ class PackedModel:
     @cached_property
     def chunks(self) -> dict[str, np.ndarray]:
         """Values of the chunk headers: the fields of `spec.memory.CHUNK_HEADER`."""
-        codes = self._records(CHUNK_HEADER, self.layout.chunks, chunk_count(len(self)))
+        codes = self._records(CHUNK_HEADER, self.layout_of(0).chunks, chunk_count(len(self)))
         return CHUNK_HEADER.decode(codes)
 
     @property
@@ -133,10 +179,15 @@ class PackedModel:
         """Offsets [N, 3] from the chunk's origin, of models with chunk positions."""
         return offsets(self.stored_positions, self.chunks["octant_end"])
 
+    def attribute_beats(self, index: np.ndarray) -> np.ndarray:
+        """Beats [M, 16] of attributes, uint8, by their numbers."""
+        end = self.layout.attributes + (len(self.image) - self.layout.attributes) // 16 * 16
+        return self.image[self.layout.attributes : end].reshape(-1, 16)[index]
+
     @cached_property
     def attributes(self) -> dict[str, np.ndarray]:
-        """Codes of the attributes, by field [N]."""
-        return self._records(self.format.attribute_record, self.layout.attributes, len(self))
+        """Codes of the first beats of attributes, by field [N]."""
+        return self.format.attribute_record.unpack(self.attribute_beats(self.beats))
 
     @property
     def position(self) -> np.ndarray:
@@ -169,33 +220,70 @@ class PackedModel:
         return np.exp2(-record["opacity"].decode(self.attributes["opacity"]))
 
     @property
-    def colour(self) -> np.ndarray:
-        """Colours [N, 3] before the harmonics: SH0·C0 + 0.5."""
-        return self._codebook("colour", self.layout.colours, memory.COLOUR_ENTRY, "rgb")
+    def factors(self) -> list[np.ndarray]:
+        """Factors of `spec.colour`'s polynomials, for each degree [N, k, 3]; of degree 0 the colour
+        without harmonics, less ½."""
+        if not self.format.codebooks:
+            return self._steps()
+        colour = self._codebook(0, self.layout.colours, memory.COLOUR_ENTRY, "rgb")
+        found = [colour[:, None] - convention.COLOUR_OFFSET]
+        if self.format.sh_degree:
+            g = self._codebook(1, self.layout.sh, memory.SH_ENTRY, "g")
+            found.append(from_slopes(g.reshape(-1, 3, 3)))
+        return found
 
-    @property
-    def slopes(self) -> np.ndarray:
-        """G [N, 3, 3] in colour + G·direction (colour channel × axis), of models of degree 1."""
-        return self._codebook("sh", self.layout.sh, memory.SH_ENTRY, "g").reshape(-1, 3, 3)
+    def _steps(self) -> list[np.ndarray]:
+        """Factors of a model in steps."""
+        found = [
+            np.zeros((len(self), coefficient_count(d), 3)) for d in range(self.format.sh_degree + 1)
+        ]
+        of = np.arange(len(self)) // CHUNK
+        steps = [step(s, e) for s, e in zip(self.chunks["step"].T, self.exponents, strict=True)]
+        base = [BASE.decode(self.attributes[channel]) for channel in CHANNELS]
+        found[0][:, 0] = np.stack(base, axis=1) * steps[0][of][:, None]
+        for number, layout in enumerate(LAYOUTS):
+            index = np.flatnonzero(self.chunks["harmonics"][of] == number)
+            codes, shifts = self.harmonics(index, layout)
+            for d in range(1, min(layout.degree, self.format.sh_degree) + 1):
+                own = np.ldexp(steps[d][of[index]], -shifts[d])
+                found[d][index] = (codes[d] + layout.halves / 2) * own[:, None, None]
+        return found
 
-    def _codebook(self, part: str, start: int, entry: Record, field: str) -> np.ndarray:
+    def harmonics(
+        self, index: np.ndarray, layout: Harmonics
+    ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
+        """Codes [M, k, 3] and shifts [M] of each degree from 1 on, of Gaussians `index` [M] of
+        chunks of that layout."""
+        beats = [
+            record.unpack(self.attribute_beats(self.beats[index] + 1 + k))
+            for k, record in enumerate(layout.records)
+        ]
+        fields = {name: codes for beat in beats for name, codes in beat.items()}
+        codes: dict[int, list] = {}
+        for number, term in layout.terms:
+            format = layout.format(term.degree)
+            of_term = [format.decode(fields[f"{c}_{number}"]).astype(np.int64) for c in CHANNELS]
+            codes.setdefault(term.degree, []).append(np.stack(of_term, axis=2))
+        shifts = {d: fields[f"shift{d}"].astype(np.int64) for d in codes}
+        return {d: np.concatenate(parts, axis=1) for d, parts in codes.items()}, shifts
+
+    def _codebook(self, degree: int, start: int, entry: Record, field: str) -> np.ndarray:
         """The sums [N, D] of the entries that the attributes' indices choose."""
-        stages = self.format.colour_index if part == "colour" else self.format.sh_index
+        part, stages = (
+            ("sh", self.format.sh_index) if degree else ("colour", self.format.colour_index)
+        )
         table = self._records(entry, start, sum(1 << bits for bits in stages))[field]
         values = entry[field].decode(table)
         total, base = np.zeros((len(self), values.shape[1])), 0
         for stage, bits in enumerate(stages):
             total += values[base + self.attributes[f"{part}{stage}"].astype(np.int64)]
             base += 1 << bits
-        return np.ldexp(total, self.value(f"{part}_exponent"))
+        return np.ldexp(total, self.exponents[degree])
 
     @property
     def sh(self) -> np.ndarray:
         """[N, (degree+1)², 3] in the order of 3DGS."""
-        parts = [((self.colour - 0.5) / SH_C0)[:, None]]
-        if self.format.sh_degree:
-            parts.append(sh_from_slopes(self.slopes))
-        return np.concatenate(parts, axis=1)
+        return unfolded(self.factors)
 
     def gaussians(self) -> Gaussians:
         """Exactly what the hardware sees."""

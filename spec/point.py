@@ -4,7 +4,9 @@ A chunk's values go to all parts that handle its points; its last point is passe
 dropped (`kept` 0), so that each part knows when it is through with the chunk.
 """
 
+from splatcore.spec.colour import CHANNELS, unscaled_colour_format
 from splatcore.spec.config import Config
+from splatcore.spec.depth import low_format
 from splatcore.spec.frame import CAMERA
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX
 from splatcore.spec.number import Bits, Fixed
@@ -20,6 +22,9 @@ PLACE_BITS = (CHUNK - 1).bit_length()
 NUMBER_BITS = GAUSSIAN_BITS - PLACE_BITS
 """Width of a chunk's number."""
 
+BEATS_BITS = GAUSSIAN_BITS + 2
+"""Width of a number of beats of attributes."""
+
 EXPONENT = Fixed(EXPONENT_MAX.bit_length(), 0, signed=True)
 """Exponents of a model's header."""
 
@@ -28,6 +33,10 @@ AWAY = Fixed(CAMERA.integer + 1, 0, signed=True)
 
 FETCH = Record("fetch", {"number": Bits(NUMBER_BITS), "count": Bits(PLACE_BITS + 1)})
 """A chunk whose points are to be read, and how many there are."""
+
+WANTED = Record("wanted", {"beat": Bits(BEATS_BITS), "count": Bits(2)})
+"""A Gaussian's attributes that are to be read: the first beat, counted from the model's first, and
+how many beats, 1 … 3."""
 
 
 def values(config: Config, names: str) -> dict[str, Format]:
@@ -50,22 +59,26 @@ def placing_record(config: Config) -> Record:
 
 
 def projecting_record() -> Record:
-    """A chunk's fields that stage 1 needs."""
-    return Record("projecting", {"number": Bits(NUMBER_BITS)})
+    """A chunk's fields that stage 1 needs. attributes: beats of those of the chunks before it."""
+    colour = {name: CHUNK_HEADER[name] for name in ("harmonics", "step")}
+    return Record("projecting", {"attributes": Bits(BEATS_BITS)} | colour)
 
 
 def chunk_record(config: Config) -> Record:
     """All of a chunk that is kept."""
-    parts = (culling_record(config), placing_record(config), projecting_record())
+    parts = (culling_record(config), placing_record(config), projecting_record(), FETCH)
     return Record("chunk", {part.name: part for part in parts})
 
 
 def point_record(config: Config, coordinates: str) -> Record:
     """A point: what it is, the camera coordinates known, and its way from the camera."""
     flags = {"place": Bits(PLACE_BITS), "last": Bits(1), "kept": Bits(1)}
-    return Record("point", flags | values(config, f"{coordinates} ray_x ray_y ray_z"))
+    fields = values(config, f"{coordinates} ray_x ray_y ray_z")
+    return Record("point", flags | low_format(config) | fields)
 
 
 def splat_record(config: Config) -> Record:
     """A projected Gaussian, in the units of `spec.programs`."""
-    return Record("splat", values(config, f"{PROJECTED[config.tile_test]} red green blue"))
+    colour = config.arithmetic if config.colours == "array" else unscaled_colour_format(config)
+    projected = values(config, PROJECTED[config.tile_test])
+    return Record("splat", projected | dict.fromkeys(CHANNELS, colour) | low_format(config))

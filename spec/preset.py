@@ -18,7 +18,7 @@ from typing import Literal, get_args, get_origin, get_type_hints
 
 from splatcore.spec.config import DEFAULT, FORMATS, PRESETS, Config
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import model_format
+from splatcore.spec.memory import compact_degrees, harmonics_bytes, model_format
 from splatcore.spec.number import FP16, FP24, Float
 
 SUFFIX = ".toml"
@@ -99,7 +99,7 @@ def check_buildable(config: Config):
         refuse("arithmetic", "has no sign")
     if config.pes * config.pe_arrays < PES_MIN:
         refuse("pes", f"{config.pes} in {config.pe_arrays} arrays are fewer than {PES_MIN}")
-    for degree in range(config.sh_degree + 1):
+    for degree in compact_degrees(config):
         try:
             format = model_format(config, degree)
             wanted = format.attribute_record and format.codebook_bytes
@@ -107,6 +107,10 @@ def check_buildable(config: Config):
             refuse("colour_index or sh_index", f"do not fit: {error}")
         if wanted > config.codebook:
             refuse("codebook", f"{config.codebook} bytes are below {wanted} of degree {degree}")
+    harmonics = harmonics_bytes(config)
+    if harmonics > config.codebook:
+        slots = config.projection_slots
+        refuse("codebook", f"{config.codebook} bytes are below {harmonics} for {slots} slots")
 
 
 def _check_keys(where: str, table: dict, known: Iterable[str]):

@@ -7,6 +7,8 @@ camera coordinates, rows w units of 2^factor_exponent, in which L is. Rays are t
 camera to the points in world axes, exact on the model's grid (`spec.memory`) and rounded once.
 """
 
+from splatcore.spec.colour import BASIS_CONSTANTS, BASIS_OF, polynomials
+
 CHUNK = """
 # how far a Gaussian of the chunk reaches sideways at z = 1
 margin_x = spread_x * chunk_reach
@@ -14,7 +16,7 @@ margin_y = spread_y * chunk_reach
 
 # bounds of the points' camera coordinates. Each repeats the steps that its points will go through,
 # from the corner of the chunk in which it is least or most; as rounding keeps the order of numbers,
-# no point is beyond its chunk's bounds.
+# and the corners are CORNER_STEPS farther out, no point is beyond its chunk's bounds.
 x_low0 = vx0 * x_least0
 x_low1 = vx1 * x_least1 + x_low0
 x_low = vx2 * x_least2 + x_low1
@@ -252,8 +254,8 @@ CONSTANTS = (
     "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 spread_x spread_y guard_x guard_y principal_x principal_y "
     "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full "
     "power square_reach spread_least"
-).split()
-"""Inputs that stay for a whole frame."""
+).split() + list(BASIS_CONSTANTS)
+"""Inputs that are alike for all items."""
 
 SQUARE_CONSTANTS = ("square_reach", "spread_least")
 """Those of them that only machines with the 3σ square need."""
@@ -277,12 +279,17 @@ COLOURS = ("colour_red", "colour_green", "colour_blue")
 SLOPES = tuple(f"g_{channel}_{axis}" for channel in ("red", "green", "blue") for axis in "xyz")
 """Fields that come from the codebooks."""
 
+CORNER_STEPS = 8
+"""Codes by which a chunk's ends are moved apart: z, which is found in finer numbers (`spec.depth`)
+and rounded once more, may be above the chunk's bound by 4.4 · 2^-17 of the products' sizes together
+(3 for the bound's roundings, 1 for z's last, ⅜ for finer ones), and a code is at least 2^-17."""
+
 COVARIANCE_OF = {
     "": PERSPECTIVE + SKIPPING + MOMENTS,
     "_dense": PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED,
 }
-COLOUR_OF = {"": ("", " ".join(COLOURS)), "_sh": (COLOUR, "red green blue")}
-"""Lines and outputs of the colour of models without and with harmonics."""
+COLOUR_OF = {"": ("", ""), "_flat": ("", " ".join(COLOURS)), "_sh": (COLOUR, "red green blue")}
+"""Lines and outputs of colours: made beside the array (none); in it, without and with harmonics."""
 
 PROJECTIONS = {"project": "exact", "square": "3sigma"}
 """First words of the projections' names → `Config.tile_test`."""
@@ -291,8 +298,9 @@ TEXTS = {
     "chunk": (CHUNK, "margin_x margin_y z_high x_low x_high y_low y_high far_x far_y"),
     "cull": (CULL, "z ray_x ray_y ray_z"),
     "cull_interval": (CULL + INTERVAL, "z farthest ray_x ray_y ray_z"),
-    "place": (PLACE, "x y z ray_x ray_y ray_z bound_x bound_y"),
-} | {
+    "place": (PLACE, "x y bound_x bound_y"),
+}
+TEXTS |= {
     f"{name}{sh}{dense}": (
         COVARIANCE_OF[dense] + CONIC[test] + COLOUR_OF[sh][0],
         f"{PROJECTED[test]} {COLOUR_OF[sh][1]}",
@@ -301,6 +309,7 @@ TEXTS = {
     for dense in COVARIANCE_OF
     for sh in COLOUR_OF
 }
+TEXTS |= {f"basis{d}": (text, " ".join(polynomials(d))) for d, text in BASIS_OF.items()}
 """Name → lines and outputs, which may be inputs. Models without harmonics need no colour program;
 the dense programs multiply by zeros as well and give the same bits: they show what leaving them out
 saves. `square` is `project` for machines with the 3σ square."""

@@ -24,9 +24,10 @@ from functools import cache
 
 import numpy as np
 
+from splatcore.spec.colour import COLOUR_INTEGER, colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
-from splatcore.spec.group import COLOUR_INTEGER, colour_format, feature_record
+from splatcore.spec.group import feature_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
 from splatcore.spec.record import Array, Record

@@ -14,12 +14,13 @@ from typing import Literal
 
 from splatcore.spec.axi import ADDRESS_BITS, LITE_DATA_BITS
 from splatcore.spec.binning import PAGE_BITS
+from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.counters import COUNTER_BITS, counters
 from splatcore.spec.frame import CAMERA, FrameConstants, fixed_constants
-from splatcore.spec.group import COUNT_BITS, SPLAT_BITS, colour_format
+from splatcore.spec.group import COUNT_BITS, SPLAT_BITS
 from splatcore.spec.memory import ALIGNMENT, MAGIC, VERSION
-from splatcore.spec.programs import CONSTANTS
+from splatcore.spec.programs import BASIS_CONSTANTS, CONSTANTS
 from splatcore.spec.raster import COLOURS
 from splatcore.spec.work import STRIDE_ALIGNMENT, STRIDE_BITS, WORK_ALIGNMENT
 
@@ -49,13 +50,14 @@ class ErrorCode(IntEnum):
     SIZE = 3  # width (detail 0) or height (1) is 0 or too large, or the stride (2) cannot be
     MAGIC = 4  # there is no packed model at MODEL
     VERSION = 5  # the model's version is another one
-    FORMAT = 6  # the model's degree, positions or codebooks do not fit this machine
+    FORMAT = 6  # the model's positions, colours or exponents do not fit this machine
     FEATURES = 7  # more than FEATURES_MAX splats touch the image
     PAGES = 8  # LISTS_PAGES pages do not hold the lists; NEEDED says how many would
     SCRATCH = 9  # a list that does not fit on chip is longer than SCRATCH_ENTRIES
     READ = 10  # AXI read error; the detail is the reader
     WRITE = 11  # AXI write error; the detail is the writer
     ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
+    DEGREE = 13  # the model's SH degree, the detail, is above SH_DEGREE_MAX
 
 
 FRAME_BITS = 16
@@ -88,7 +90,8 @@ class Register:
 
 def variable_constants(config: Config) -> list[str]:
     """Constants of `spec.programs` that depend on the camera."""
-    return [name for name in CONSTANTS if name not in fixed_constants(config)]
+    fixed = fixed_constants(config) | BASIS_CONSTANTS
+    return [name for name in CONSTANTS if name not in fixed]
 
 
 def control_registers(config: Config) -> list[Register]:

@@ -11,11 +11,14 @@ bank, taken over in the same phase of every round; a value that waits longer tha
 to a second register. Registers of a bank are shared by values whose waiting times do not overlap.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 
+from splatcore.spec.colour import BASIS, TERMS
 from splatcore.spec.config import Config
-from splatcore.spec.microprogram import Program, Step
+from splatcore.spec.memory import COMPACT_DEGREE
+from splatcore.spec.microprogram import Program, Step, projection
 
 LATENCY_OF_CHOICE = 1
 """Cycles of clamp and maximum."""
@@ -49,12 +52,13 @@ class Schedule:
     places: tuple[Place, ...]
     waits: tuple[Wait, ...]
     latencies: tuple[tuple[str, int], ...]
+    length: int
+    """Cycles from the first step's start until the last outputs are read."""
+    early: tuple[tuple[str, int], ...]
 
-    @property
-    def length(self) -> int:
-        """Cycles from the first step's start to the last result, when all outputs are read."""
-        latency = dict(self.latencies)
-        return max(place.time + latency[place.step.unit] for place in self.places)
+    def read_time(self, output: str) -> int:
+        """When an output is read: at `length`, or so many cycles earlier as `early` says."""
+        return self.length - dict(self.early).get(output, 0)
 
     @property
     def registers(self) -> int:
@@ -85,8 +89,30 @@ INTERVAL_MIN = {"cull": 4, "cull_interval": 4, "place": 4}
 """Cycles an item at least: memory brings a point every four cycles."""
 
 
+def basis_machine(config: Config) -> Config:
+    """The machine of the array that makes polynomials: numbers of `BASIS`, for which pipelines are
+    shorter."""
+    return replace(config, arithmetic=BASIS, multiply_latency=1, add_latency=2, unary_latency=3)
+
+
+def colour_terms(config: Config) -> int:
+    """Cycles in which the colour of a Gaussian is summed beside the array: its base, each term."""
+    terms = sum(term.degree <= config.sh_degree for term in TERMS)
+    return 1 + (max(terms, 2) if config.sh_degree else 0)  # two are G's
+
+
+def colour_cycles(config: Config) -> int:
+    """Cycles that a colour takes: its sum, or an entry of each codebook's stage and one more."""
+    degree = min(config.sh_degree, COMPACT_DEGREE)
+    entries = len(config.colour_index[degree]) + len(config.sh_index[degree])
+    return max(colour_terms(config), entries + 1)
+
+
 def pes(config: Config, program: Program) -> int:
-    """PEs of the array that runs a program."""
+    """PEs of the array that runs a program: those of polynomials keep up with the projection."""
+    if program.name.startswith("basis"):
+        steps = sum(step.unit == "pe" for step in program.steps)
+        return -(-steps // schedule(config, projection(config)).interval)
     return PES.get(program.name, config.pes * config.pe_arrays)
 
 
@@ -97,9 +123,25 @@ def schedule(config: Config, program: Program) -> Schedule:
     demand = {unit: sum(step.unit == unit for step in program.steps) for unit in units}
     interval = max(-(-demand[unit] // units[unit]) for unit in units)
     interval = max(interval, INTERVAL_MIN.get(program.name, 1))
-    places = place_steps(program.steps, units, latencies(config), interval)
-    waits = place_waits(places, latencies(config), interval, program.outputs)
-    return Schedule(interval, places, waits, tuple(latencies(config).items()))
+    if config.colours == "beside" and program.name == projection(config).name:
+        interval = max(interval, colour_cycles(config))
+    if program.name.startswith("basis"):  # in step with the projection
+        interval = max(interval, schedule(config, projection(config)).interval)
+    latency, early = latencies(config), early_outputs(program)
+    places = place_steps(program.steps, units, latency, interval, early)
+    length = max(p.time + latency[p.step.unit] + early.get(p.step.name, 0) for p in places)
+    read = {name: length - early.get(name, 0) for name in program.outputs}
+    waits = place_waits(places, latency, interval, read)
+    return Schedule(interval, places, waits, tuple(latency.items()), length, tuple(early.items()))
+
+
+def early_outputs(program: Program) -> dict[str, int]:
+    """Outputs that are read before the last ones, and how many cycles: polynomials, of which those
+    of a term are read in each cycle."""
+    if not program.name.startswith("basis"):
+        return {}
+    terms = [term for term in TERMS if set(term.polynomials) <= set(program.outputs)]
+    return {name: len(terms) - 1 - k for k, t in enumerate(terms) for name in t.polynomials}
 
 
 def readers(steps: tuple[Step, ...]) -> dict[str, list[str]]:
@@ -112,9 +154,14 @@ def readers(steps: tuple[Step, ...]) -> dict[str, list[str]]:
 
 
 def place_steps(
-    steps: tuple[Step, ...], units: dict[str, int], latency: dict[str, int], interval: int
+    steps: tuple[Step, ...],
+    units: dict[str, int],
+    latency: dict[str, int],
+    interval: int,
+    early: Mapping[str, int],
 ) -> tuple[Place, ...]:
-    """Times and units of all steps; the earliest begins at time 0."""
+    """Times and units of all steps; the earliest begins at time 0. early: outputs that are to be
+    there so many cycles before the last."""
     reading = readers(steps)
     time: dict[str, int] = {}  # counted backwards from the end
     number: dict[str, int] = {}
@@ -127,6 +174,7 @@ def place_steps(
         step = max(ready, key=lambda step: depth[step.name])
         waiting.remove(step)
         latest = min((time[r] for r in reading.get(step.name, [])), default=0)
+        latest = min(latest, -early.get(step.name, 0))
         latest -= latency[step.unit]
         while busy.get((step.unit, latest % interval), 0) == units[step.unit]:
             latest -= 1
@@ -149,21 +197,20 @@ def depths(steps: tuple[Step, ...], latency: dict[str, int]) -> dict[str, int]:
 
 
 def place_waits(
-    places: tuple[Place, ...], latency: dict[str, int], interval: int, outputs: tuple[str, ...]
+    places: tuple[Place, ...], latency: dict[str, int], interval: int, outputs: dict[str, int]
 ) -> tuple[Wait, ...]:
     """Registers for all values that are read later than in the cycle in which they appear.
 
-    `outputs` are read when the last result appears.
+    outputs: when they are read.
     """
     at = {place.step.name: place for place in places}
-    out = max(place.time + latency[place.step.unit] for place in places)
     reading = readers(tuple(place.step for place in places))
     waits: list[Wait] = []
     taken: dict[tuple[tuple[str, int], int], set[int]] = {}  # (bank, register) → phases
     for place in places:
         appears = place.time + latency[place.step.unit]
         last = max((at[r].time for r in reading.get(place.step.name, [])), default=appears)
-        last = out if place.step.name in outputs else last
+        last = max(last, outputs.get(place.step.name, last))
         bank = (place.step.unit, place.number)
         for begin in range(appears, last, interval):
             end = min(last, begin + interval)

@@ -111,6 +111,7 @@ class ToFixed(wiring.Component):
 
     Members
         i: code of `format`.
+        scale: one of the range `scale`: o = i · 2^scale. Without a range there is no such port.
         o: code of `fixed`.
         enable: the pipeline moves; while it is low everything stays where it is.
 
@@ -118,29 +119,39 @@ class ToFixed(wiring.Component):
     Registers stand where the significand is shifted and at the end.
     """
 
-    def __init__(self, format: Float, fixed: Fixed, latency: int):
+    def __init__(self, format: Float, fixed: Fixed, latency: int, scale: range | None = None):
         self.format, self.fixed = format, fixed
         self.registers = spread(latency, {"shift": 16, "round": 16})
-        super().__init__({"i": In(format.width), "o": Out(fixed.width), "enable": In(1)})
+        ports = {"i": In(format.width), "o": Out(fixed.width), "enable": In(1)}
+        exponents = operand(format).exponents
+        self.small = exponents[0]  # up to here significands may have leading zeros
+        self.scaled = scale is not None
+        if self.scaled:
+            self.small += scale[-1]
+            exponents = range(exponents[0] + scale[0], exponents[-1] + scale[-1] + 1)
+            ports["scale"] = In(Shape.cast(scale))
+        self.exponents = exponents
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         pipeline = Pipeline(m, self.enable, self.registers)
         m.submodules.unpack = unpack = Unpack(self.format)
         m.d.comb += unpack.i.eq(self.i)
-        i = unpack.o
-        exponents = operand(self.format).exponents
+        i, exponents = unpack.o, self.exponents
+        exponent = Signal(Shape.cast(exponents))
+        m.d.comb += exponent.eq(i.exponent + (self.scale if self.scaled else 0))
 
         # Steps of the fixed-point number are the integer significand · 2^(exponent − unit). It is
         # shifted to the right from where the exponent is `highest`: any larger one is too large.
         unit = self.format.bias + self.format.fraction - self.fixed.fraction
         bits = self.fixed.integer + self.fixed.fraction
-        highest = min(max(bits + unit - self.format.fraction, exponents[0]), exponents[-1])
+        highest = min(max(bits + unit - self.format.fraction, self.small), exponents[-1])
         steps = self._steps(i.significand, highest - unit)
         right = Signal(range(highest - exponents[0] + 1))
-        m.d.comb += right.eq(highest - i.exponent)
+        m.d.comb += right.eq(highest - exponent)
         steps = shift_right_sticky(m, steps, right, len(steps))
-        above = i.exponent > highest if highest < exponents[-1] else Const(0)
+        above = exponent > highest if highest < exponents[-1] else Const(0)
         too_large = above | i.infinity
         sign, nan, too_large, steps = pipeline.cut("shift", i.sign, i.nan, too_large, steps)
 

@@ -1,6 +1,6 @@
 """Binning: splats to features in order, and to lists of the groups of tiles that they touch."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
@@ -15,14 +15,14 @@ from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
+from splatcore.spec.colour import scaled_colours, unscaled_colour_format
 from splatcore.spec.config import Config
+from splatcore.spec.depth import key_shift, low_bits
 from splatcore.spec.group import (
     EXTENT_FRACTION,
     SPLAT_BITS,
     feature_record,
     key_format,
-    scaled_colours,
-    unscaled_colour_format,
 )
 from splatcore.spec.number import Fixed
 from splatcore.spec.raster import COLOURS
@@ -124,16 +124,20 @@ class Bin(wiring.Component):
             largest = (1 << len(feature[name])) - 1
             m.d.comb += feature[name].eq(Mux(extent < largest, extent + 1, largest))
         steps = Fixed(len(feature.opacity), 0)
-        fixed = {name: (colour, splat[name], queue.i.payload.colours[name]) for name in COLOURS}
+        fixed = {}
+        for name in COLOURS:
+            code = queue.i.payload.colours[name]
+            if self.config.colours == "array":
+                fixed[name] = colour, splat[name], code
+            else:
+                m.d.comb += code.eq(splat[name])
         fixed["opacity"] = steps, splat.attenuation, feature.opacity
         for name, (target, source, code) in fixed.items():
             m.submodules[f"fixed_{name}"] = convert = ToFixed(format, target, 0)
             m.d.comb += [convert.i.eq(source), convert.enable.eq(1), code.eq(convert.o)]
 
-        key = queue.i.payload.key
-        steps, most = splat.z - self.near_code, (1 << len(key)) - 1
         m.d.comb += [
-            key.eq(Mux(steps < 0, 0, Mux(steps > most, most, steps))),
+            queue.i.payload.key.eq(self._key(splat)),
             self.outline.room.eq(queue.i.ready),
             self.outline.i.payload.eq(splat),
             self.outline.i.valid.eq(self.i.valid),
@@ -141,6 +145,25 @@ class Bin(wiring.Component):
             queue.i.valid.eq(self.i.valid & self.i.ready & self.outline.seen),
         ]
         return queue.o
+
+    def _key(self, splat: data.View) -> Value:
+        """The key of a splat's depth, by `spec.depth`."""
+        bits, shift, width = (
+            low_bits(self.config),
+            key_shift(self.config),
+            self.config.sort_key_bits,
+        )
+        half, z, near = 1 << bits >> 1, splat.z, self.near_code
+        if bits:
+            z, near = Cat(splat.z_low ^ half, z), Cat(Const(half, bits), near)
+        steps = z - near
+        if not shift:
+            return Mux(steps < 0, 0, steps)[:width]
+        coarse = Cat(steps[shift : shift + width - 2], Const(3, 2))
+        middle = Cat(steps[1 : width - 1], Const(2, 2))
+        fine = steps[: width - 1]
+        key = Mux(steps[width:-1].any(), coarse, Mux(steps[width - 1], middle, fine))
+        return Mux(steps < 0, 0, key)
 
     def _group(self, m: Module) -> Value:
         """The number of the group that a part lies in."""

@@ -60,7 +60,8 @@ class Array(wiring.Component):
         rounds: the item in each round: {valid, carried}.
 
     **Timing**: an item every `plan.interval` cycles, taken in the last phase of a round; its
-    outputs come `plan.length` + 1 cycles later. While `o` is not taken everything stands still.
+    outputs come `plan.length` + 1 cycles later, or so much sooner as `plan.early` says. While `o`
+    is not taken everything stands still.
     """
 
     def __init__(
@@ -109,7 +110,7 @@ class Array(wiring.Component):
         self._registers(m)
         self._operands(m)
         m.d.comb += [
-            self.o.payload.outputs[name].eq(self._source(name, self.plan.length))
+            self.o.payload.outputs[name].eq(self._source(name, self.plan.read_time(name)))
             for name in self.program.outputs
         ]
         return m

@@ -1,6 +1,6 @@
 """Stage 0's front: values that a chunk's points share, and skipping of chunks out of view."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -9,9 +9,19 @@ from splatcore.hdl.arithmetic.convert import Convert, FromFixed
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.points.array import Array, codes
 from splatcore.spec import frame, microprogram, programs
+from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import Config
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
-from splatcore.spec.point import AWAY, EXPONENT, GAUSSIAN_BITS, NUMBER_BITS, chunk_record
+from splatcore.spec.point import (
+    AWAY,
+    BEATS_BITS,
+    EXPONENT,
+    GAUSSIAN_BITS,
+    NUMBER_BITS,
+    PLACE_BITS,
+    chunk_record,
+)
+from splatcore.spec.programs import CORNER_STEPS
 
 AXES = "xyz"
 
@@ -55,19 +65,22 @@ class Chunk(wiring.Component):
         m = Module()
         m.submodules.array = self.array = Array(self.config, self.program, held=True)
         self.number = Signal(NUMBER_BITS)
+        # Beats of attributes of all chunks before, over CHUNK: none but a model's last has fewer.
+        self.beats = Signal(BEATS_BITS - PLACE_BITS)
         self._run(m, *self._converted(m))
         self._give(m)
         return m
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
         """A bit: all are converted; the chunk's two ends along each world axis as floats, made one
-        after the other by one converter."""
+        after the other by one converter and moved apart."""
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
         way = Signal(signed(AWAY.width))
         step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
         converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
+        high = step > len(AXES) + CONVERT_LATENCY  # what leaves the converter
         origin, eye = Signal(signed(AWAY.width)), Signal(signed(AWAY.width))
         span = Signal(AWAY.width)
         with m.Switch(step):
@@ -90,10 +103,19 @@ class Chunk(wiring.Component):
         ]
         with m.If(~converted & self.i.valid):
             m.d.sync += step.eq(step + 1)
-            m.d.sync += [a.eq(b) for a, b in zip(values, [*values[1:], convert.o], strict=True)]
+            comes = self._outward(convert.o, high)
+            m.d.sync += [a.eq(b) for a, b in zip(values, [*values[1:], comes], strict=True)]
         with m.If(self.taken):
             m.d.sync += step.eq(0)
         return converted, values[: len(AXES)], values[len(AXES) :]
+
+    def _outward(self, code: Value, up: Value) -> Value:
+        """A code `CORNER_STEPS` farther up or down, unless it is at an end of the format."""
+        size, exponent = code[:-1], code[self.config.arithmetic.fraction : -1]
+        inside, bits = exponent.any() & ~exponent[1:].all(), CORNER_STEPS.bit_length() - 1
+        grows = code[-1] != up
+        moved = size[bits:] + Mux(grows, 1, -1)
+        return Cat(size[:bits], Mux(inside, moved[: len(size) - bits], size[bits:]), code[-1])
 
     def _run(self, m: Module, converted: Value, low: list, high: list):
         """The header's numbers go through the array once."""
@@ -113,7 +135,7 @@ class Chunk(wiring.Component):
 
     def _give(self, m: Module):
         """Decide, and hand the chunk over."""
-        found, payload = self.array.o.payload.outputs, self.o.payload
+        header, found, payload = self.i.payload, self.array.o.payload.outputs, self.o.payload
         kept = self._kept(m, found)
         last = self.number == (self.gaussians - 1)[CHUNK.bit_length() - 1 :]
         whole = self.number != self.gaussians[CHUNK.bit_length() - 1 :]
@@ -124,7 +146,11 @@ class Chunk(wiring.Component):
             self.taken.eq(self.array.o.valid & self.array.o.ready),
             self.i.ready.eq(self.taken),
             payload.culling.count.eq(count),
-            payload.projecting.number.eq(self.number),
+            payload.fetch.number.eq(self.number),
+            payload.fetch.count.eq(count),
+            payload.projecting.attributes.eq(self.beats << PLACE_BITS),
+            payload.projecting.harmonics.eq(header.harmonics),
+            payload.projecting.step.eq(header.step),
         ]
         for part in payload.shape().members:
             fields = payload[part]
@@ -135,9 +161,12 @@ class Chunk(wiring.Component):
                     m.d.comb += fields[name].eq(self.array.i.payload.fields[name])
         if self.config.position == "chunk":
             for name in ("origin", "shift", "octant_end"):
-                m.d.comb += payload.culling[name].eq(self.i.payload[name])
+                m.d.comb += payload.culling[name].eq(header[name])
+        beats = Cat(Const(1 + harmonics.beats, 2) for harmonics in LAYOUTS)
+        each = beats.word_select(header.harmonics, 2)
         with m.If(self.taken):
             m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
+            m.d.sync += self.beats.eq(Mux(last, 0, self.beats + each))
 
     def _kept(self, m: Module, found: data.View) -> Value:
         """High if a point within the bounds can be in front and in the guard band."""

@@ -7,8 +7,10 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.points.array import Array, codes
+from splatcore.hdl.points.depth import narrowed, widened
 from splatcore.hdl.points.position import AXES, BEAT, Position
 from splatcore.spec.config import Config
+from splatcore.spec.depth import finer, low_bits
 from splatcore.spec.frame import CAMERA
 from splatcore.spec.microprogram import culling
 from splatcore.spec.point import EXPONENT, PLACE_BITS, culling_record, point_record
@@ -17,11 +19,13 @@ from splatcore.spec.point import EXPONENT, PLACE_BITS, culling_record, point_rec
 class Cull(wiring.Component):
     """Points of the chunks that are kept in, points in front of the near plane out.
 
+    Inside, numbers are those of `spec.depth.finer`.
+
     Members
         chunks: stream of `culling_record`, taken with the chunk's last point.
         positions: stream of memory beats (`hdl.points.position`).
         camera, position_exponent, near_plane, constants: registers of the frame.
-        o: stream of `point_record` with z.
+        o: stream of `point_record` with z and z_low.
         taken: a point has been read; high for a cycle.
 
     **Timing**: one PE, a point every 4 cycles, latency about 30.
@@ -29,6 +33,7 @@ class Cull(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.program = config, culling(config.depth_interval)
+        self.fine = finer(config)
         ports = {
             "chunks": In(stream.Signature(layout(culling_record(config)))),
             "positions": In(stream.Signature(BEAT)),
@@ -45,7 +50,7 @@ class Cull(wiring.Component):
         m = Module()
         carried = data.StructLayout({"place": PLACE_BITS, "last": 1})
         m.submodules.position = position = Position(self.config)
-        m.submodules.array = array = Array(self.config, self.program, carried=carried)
+        m.submodules.array = array = Array(self.fine, self.program, carried=carried)
 
         number, chunk = Signal(PLACE_BITS), self.chunks.payload
         last = number + 1 == chunk.count
@@ -64,17 +69,20 @@ class Cull(wiring.Component):
             self.taken.eq(array.i.valid & array.i.ready),
             array.i.payload.carried.place.eq(number),
             array.i.payload.carried.last.eq(last),
-            array.constants.eq(self.constants),
         ]
+        for name in self.program.constants:
+            m.d.comb += array.constants[name].eq(widened(self.config, self.constants[name]))
         for name in self.program.fields:
-            source = position.o.payload if name in AXES else chunk
-            m.d.comb += array.i.payload.fields[name].eq(source[name])
+            ray, field = name in AXES, array.i.payload.fields[name]
+            source = position.o.payload[name] if ray else widened(self.config, chunk[name])
+            m.d.comb += field.eq(source)
         with m.If(self.taken):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
 
         found, through = array.o.payload.outputs, array.o.payload.carried
         depth = found.farthest if self.config.depth_interval else found.z
-        compare = compared(m, "compare", self.config.arithmetic, self.near_plane, depth)
+        near = widened(self.config, self.near_plane)
+        compare = compared(m, "compare", self.fine.arithmetic, near, depth)
         kept = Const(1, 1) if self.config.culling == "none" else compare.less
         passes = kept | through.last
         m.d.comb += [
@@ -84,5 +92,8 @@ class Cull(wiring.Component):
             self.o.payload.place.eq(through.place),
             self.o.payload.last.eq(through.last),
         ]
-        m.d.comb += [self.o.payload[name].eq(found[name]) for name in ("z", *AXES)]
+        for name in ("z", *AXES):
+            m.d.comb += self.o.payload[name].eq(narrowed(self.config, found[name]))
+        if bits := low_bits(self.config):
+            m.d.comb += self.o.payload.z_low.eq(found.z[:bits])
         return m

@@ -1,5 +1,7 @@
 """Reads and checks a model's header and loads its codebooks, before a frame's points."""
 
+from collections.abc import Callable
+
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -7,11 +9,10 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.record import layout
 from splatcore.spec import memory
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, range_record
+from splatcore.spec.colour import DEGREES, EXPONENT_MAX, EXPONENT_MIN, SH_EXPONENT_MAX
 from splatcore.spec.config import Config
 from splatcore.spec.point import EXPONENT, GAUSSIAN_BITS
-from splatcore.spec.registers import CODE_BITS, ErrorCode
-
-EXPONENTS = ("position_exponent", "colour_exponent", "sh_exponent")
+from splatcore.spec.registers import CODE_BITS, DETAIL_BITS, ErrorCode
 
 RANGE_BITS = 10  # width of the number of beats of a read: a header, or all codebooks
 
@@ -23,18 +24,20 @@ class Load(wiring.Component):
         start: begin. model: address of the model in beats; it stays until `loaded`.
         ranges: stream of `range_record` to be read; beats: stream of these.
         write: the codebook memory's words.
-        gaussians, sh, position_exponent, colour_exponent, sh_exponent: what the header says.
+        gaussians, position_exponent, exponent: what the header says.
+        sh: the model's degree is above 0. codebooks: it is compact; a machine with colours in the
+            array renders no others and has no such bit.
         positions, attributes: addresses of these parts in beats.
-        loaded: header and codebooks have been read, until the next start.
-        error: `ErrorCode`, not NONE: the header does not fit; nothing more happens.
+        loaded: the header, and codebooks if there are any, have been read, until the next start.
+        error, detail: `ErrorCode`, not NONE: the header does not fit; nothing more happens.
 
     **Timing**: a beat a cycle; a header of 4 beats and up to 512 of codebooks for each frame.
     """
 
     def __init__(self, config: Config):
-        self.config = config
+        self.config, self.steps = config, config.colours == "beside"
         self.formats = [
-            memory.model_format(config, degree) for degree in range(config.sh_degree + 1)
+            memory.model_format(config, degree) for degree in memory.compact_degrees(config)
         ]
         self.words = [
             (format.layout(0).end - format.layout(0).colours) // memory.CODEBOOK_WORD
@@ -49,22 +52,23 @@ class Load(wiring.Component):
             "write": Out(stream.Signature(data.StructLayout(line))),
             "gaussians": Out(GAUSSIAN_BITS),
             "sh": Out(1),
+            "position_exponent": Out(signed(EXPONENT.width)),
+            "exponent": Out(data.ArrayLayout(signed(EXPONENT.width), DEGREES)),
             "positions": Out(BEAT_ADDRESS_BITS),
             "attributes": Out(BEAT_ADDRESS_BITS),
             "loaded": Out(1),
             "error": Out(CODE_BITS),
+            "detail": Out(DETAIL_BITS),
         }
-        ports |= {name: Out(signed(EXPONENT.width)) for name in EXPONENTS}
-        super().__init__(ports)
+        super().__init__(ports | ({"codebooks": Out(1)} if self.steps else {}))
 
     def elaborate(self, platform) -> Module:
         m = Module()
         number = Signal(range(max(memory.HEADER.size // BEAT, *self.words) + 1))
         m.d.comb += self.write.payload.address.eq(number)
         m.d.comb += self.write.payload.word.eq(self.beats.payload)
-        colours = Signal(memory.HEADER["colours"].width)
         header, codebooks = Signal(), Signal()  # beats are of the one or the other
-        wrong = self._header(m, number, colours, header)
+        colours = self._header(m, number, header)
         words = Array(self.words)[self.sh]
         ranges, asked = self.ranges.payload, self.ranges.valid & self.ranges.ready
         last = number == Mux(header, memory.HEADER.size // BEAT, words) - 1
@@ -73,7 +77,7 @@ class Load(wiring.Component):
         m.d.comb += ranges.count.eq(memory.HEADER.size // BEAT)
         with m.If(self.beats.valid & self.beats.ready):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
-        through = self.beats.valid & last
+        through, wrong = self.beats.valid & last, self.error != ErrorCode.NONE
         with m.FSM():
             with m.State("IDLE"), m.If(self.start):
                 m.d.sync += [self.loaded.eq(0), self.error.eq(ErrorCode.NONE)]
@@ -84,16 +88,16 @@ class Load(wiring.Component):
                     m.next = "HEADER"
             with m.State("HEADER"):
                 m.d.comb += header.eq(1)
-                with m.If(self.beats.valid & (self.error == ErrorCode.NONE)):
-                    m.d.sync += self.error.eq(wrong)
                 with m.If(through):
                     m.next = "CHECKED"
             with m.State("CHECKED"):
-                m.d.comb += self.ranges.valid.eq(self.error == ErrorCode.NONE)
-                m.d.comb += [ranges.beat.eq(self._address(colours)), ranges.count.eq(words)]
+                named = self.codebooks if self.steps else 1
+                m.d.comb += self.ranges.valid.eq(~wrong & named)
+                m.d.comb += [ranges.beat.eq(colours), ranges.count.eq(words)]
                 with m.If(asked):
                     m.next = "CODEBOOKS"
-                with m.Elif(self.error != ErrorCode.NONE):
+                with m.Elif(~self.ranges.valid):
+                    m.d.sync += self.loaded.eq(~wrong)
                     m.next = "IDLE"
             with m.State("CODEBOOKS"):
                 m.d.comb += codebooks.eq(1)
@@ -106,8 +110,8 @@ class Load(wiring.Component):
         """The address in beats at which a part of the model begins."""
         return self.model + part * (memory.ALIGNMENT // BEAT)
 
-    def _header(self, m: Module, number: Value, colours: Signal, header: Value) -> Value:
-        """Keep the fields in the header's beat `number`; the error in it, NONE if there is none."""
+    def _header(self, m: Module, number: Value, header: Value) -> Signal:
+        """Keep and check the fields in the header's beat `number`; the codebooks' address."""
         offsets = memory.HEADER.offsets
 
         def field(name: str) -> Value:
@@ -116,35 +120,68 @@ class Load(wiring.Component):
         def in_beat(name: str) -> Value:
             return number == offsets[name] // DATA_BITS
 
-        positions, attributes = Signal.like(colours), Signal.like(colours)
-        kept = {"count": self.gaussians, "sh_degree": self.sh, "colours": colours}
-        kept |= {"positions": positions, "attributes": attributes}
-        kept |= {name: getattr(self, name) for name in EXPONENTS}
+        colours, degree = Signal(BEAT_ADDRESS_BITS), Signal(memory.HEADER["sh_degree"].width)
+        m.d.comb += self.sh.eq(degree.any())
+        m.d.comb += self.detail.eq(Mux(self.error == ErrorCode.DEGREE, degree, 0))
+        kept = {"count": self.gaussians, "sh_degree": degree}
+        kept |= {"position_exponent": self.position_exponent}
+        kept = {name: (target, field(name)) for name, target in kept.items()}
+        parts = {"positions": self.positions, "attributes": self.attributes, "colours": colours}
+        kept |= {name: (target, self._address(field(name))) for name, target in parts.items()}
+        known = range(EXPONENT_MIN, EXPONENT_MAX + 1)  # of all that fit
+        held = [Signal(known, name=f"exponent{k}", reset_less=True) for k in range(DEGREES)]
+        m.d.comb += [self.exponent[k].eq(e) for k, e in enumerate(held)]
+        given = [e[: len(held[0])] for e in exponents(field)]
+        kept["exponent"] = Cat(held), Cat(given)
+        if self.steps:
+            kept["colour_index"] = self.codebooks, field("colour_index").any()
         with m.If(header & self.beats.valid):
-            for name, target in kept.items():
+            for name, (target, value) in kept.items():
                 with m.If(in_beat(name)):
-                    m.d.sync += target.eq(field(name))
-        m.d.comb += self.positions.eq(self._address(positions))
-        m.d.comb += self.attributes.eq(self._address(attributes))
-        fits = {
-            "position": field("position") == memory.POSITION_FORMATS.index(self.config.position),
-            "sh_degree": field("sh_degree") <= self.config.sh_degree,
+                    m.d.sync += target.eq(value)
+            with m.If(self.error == ErrorCode.NONE):
+                m.d.sync += self.error.eq(self._error(field, in_beat, degree))
+        return colours
+
+    def _error(self, field: Callable, in_beat: Callable, degree: Value) -> Value:
+        """The first error in a beat of the header, NONE if there is none."""
+        unfit = [in_beat(name) & ~fit for name, fit in self._fits(field, degree).items()]
+        errors = {
+            ErrorCode.MAGIC: in_beat("magic") & (field("magic") != memory.MAGIC),
+            ErrorCode.VERSION: in_beat("version") & (field("version") != memory.VERSION),
+            ErrorCode.DEGREE: in_beat("sh_degree") & (field("sh_degree") > self.config.sh_degree),
+            ErrorCode.FORMAT: Cat(unfit).any(),
         }
-        for name in EXPONENTS:
-            value = field(name).as_signed()
-            fits[name] = (value <= memory.EXPONENT_MAX) & (value >= -memory.EXPONENT_MAX)
+        found = Const(ErrorCode.NONE, CODE_BITS)
+        for code, wrong in reversed(errors.items()):
+            found = Mux(wrong, code, found)
+        return found
+
+    def _fits(self, field: Callable[[str], Value], degree: Value) -> dict[str, Value]:
+        """Fields of the header, and whether this machine can do with each."""
+        codes = {}
         for part in ("colour_index", "sh_index"):
             stages = memory.HEADER[part].length
             bits = [getattr(format, part) for format in self.formats]
-            codes = [Cat(Const(k, 8) for k in b + (0,) * (stages - len(b))) for b in bits]
-            fits[part] = field(part) == Mux(self.sh, codes[-1], codes[0])
-        unfit = Cat(in_beat(name) & ~fit for name, fit in fits.items()).any()
-        return Mux(
-            in_beat("magic") & (field("magic") != memory.MAGIC),
-            ErrorCode.MAGIC,
-            Mux(
-                in_beat("version") & (field("version") != memory.VERSION),
-                ErrorCode.VERSION,
-                Mux(unfit, ErrorCode.FORMAT, ErrorCode.NONE),
-            ),
-        )
+            known = [Cat(Const(k, 8) for k in b + (0,) * (stages - len(b))) for b in bits]
+            codes[part] = Mux(self.sh, known[-1], known[0])
+        position, index = memory.POSITION_FORMATS.index(self.config.position), field("colour_index")
+        compact = (index == codes["colour_index"]) & (degree <= memory.COMPACT_DEGREE)
+        sh_index = Mux(self.codebooks, codes["sh_index"], 0) if self.steps else codes["sh_index"]
+        most = [EXPONENT_MAX] * DEGREES
+        most[1] = Mux(index.any(), SH_EXPONENT_MAX, EXPONENT_MAX)
+        scale = field("position_exponent").as_signed()
+        each = zip(exponents(field), most, strict=True)
+        return {
+            "position": field("position") == position,
+            "position_exponent": (scale >= -memory.EXPONENT_MAX) & (scale <= memory.EXPONENT_MAX),
+            "exponent": Cat((e >= EXPONENT_MIN) & (e <= end) for e, end in each).all(),
+            "colour_index": compact | ~index.any() if self.steps else compact,
+            "sh_index": field("sh_index") == sh_index,
+        }
+
+
+def exponents(field: Callable[[str], Value]) -> list[Value]:
+    """E of each degree in the header."""
+    codes, width = field("exponent"), memory.HEADER["exponent"].format.width
+    return [codes.word_select(degree, width).as_signed() for degree in range(DEGREES)]

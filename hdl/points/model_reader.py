@@ -1,18 +1,19 @@
 """Reads a packed model from memory: header, codebooks, chunk headers, positions, attributes."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch
-from splatcore.hdl.points.load import EXPONENTS, Load
+from splatcore.hdl.points.load import Load
 from splatcore.spec import axi
 from splatcore.spec.config import Config
-from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER, model_format
-from splatcore.spec.point import FETCH, GAUSSIAN_BITS, NUMBER_BITS
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER, step_format
+from splatcore.spec.point import FETCH, NUMBER_BITS, WANTED
 
 READING = ("model", "positions", "attributes")
 """Names of its readers in `spec.axi.READERS`, in that order."""
@@ -30,28 +31,31 @@ class ModelReader(wiring.Component):
     """Reads a model: header and codebooks, all chunk headers, other parts on request.
 
     Members
-        start, model, write, gaussians, sh, exponents, loaded, error: those of `hdl.points.load`.
+        start, model, write, gaussians, sh, codebooks, position_exponent, exponent, loaded, error,
+            detail: those of `hdl.points.load`.
         run: once loaded: begin with the chunk headers.
         headers: stream of `CHUNK_HEADER`. fetch: stream of `FETCH`; positions: these chunks'
-            beats. wanted: stream of Gaussians' numbers; attributes: theirs.
+            beats. wanted: stream of `WANTED`; attributes: the beats of each.
         given: all chunk headers have been taken.
         reads, data: to and from memory, for each of `READING`.
 
-    **Timing**: a chunk header in two cycles; bursts of positions end at multiples of 16 beats;
-    attributes are read one by one, as many at a time as are wanted.
+    **Timing**: a chunk header in two cycles; bursts of positions end at multiples of 16 beats; the
+    attributes of a Gaussian are a burst every 2 cycles, and a second one in a third cycle if they
+    lie on both sides of a multiple of 4 KB.
     """
 
     def __init__(self, config: Config):
         self.config, self.load = config, Load(config)
         load = self.load.signature.members
-        self.loads = ("write", "gaussians", "sh", "loaded", "error", *EXPONENTS)
+        inner = ("start", "model", "ranges", "beats", "positions", "attributes")
+        self.loads = [name for name in load if name not in inner]
         ports = {name: load[name] for name in ("start", "model", *self.loads)}
         ports |= {
             "run": In(1),
             "headers": Out(stream.Signature(layout(CHUNK_HEADER))),
             "fetch": In(stream.Signature(layout(FETCH))),
             "positions": Out(stream.Signature(axi.DATA_BITS)),
-            "wanted": In(stream.Signature(GAUSSIAN_BITS)),
+            "wanted": In(stream.Signature(layout(WANTED))),
             "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
             "given": Out(1),
             "reads": Out(stream.Signature(layout(axi.read_record()))).array(len(READING)),
@@ -116,7 +120,7 @@ class ModelReader(wiring.Component):
 
     def _positions(self, m: Module):
         """Each chunk that is fetched is a range of beats."""
-        width = model_format(self.config, self.config.sh_degree).position_record.width
+        width = step_format(self.config, 0).position_record.width
         stride = CHUNK * width // axi.DATA_BITS
         shape = axi.range_record(stride.bit_length())
         fetch = self._reader(m, "positions", stride.bit_length())
@@ -130,18 +134,27 @@ class ModelReader(wiring.Component):
         connect(m, fetch.o, flipped(self).positions)
 
     def _attributes(self, m: Module):
-        """A beat for each Gaussian that is wanted; its slot has room for it."""
+        """Each Gaussian's beats in a burst, or in two where `BOUNDARY` divides them."""
         number = READING.index("attributes")
         read, back = self.reads[number], self.data[number]
-        m.submodules.attributes = wanted = Register(layout(axi.read_record()))
+        beat = Signal(axi.BEAT_ADDRESS_BITS, reset_less=True)
+        count = Signal(WANTED["count"].width)  # of the beats still to be asked for
+        place = beat[: exact_log2(axi.BOUNDARY // axi.BEAT)]
+        left = (-place)[: len(place)]  # up to the boundary; 0 at one
+        divided = left.any() & (left < count)
+        asked = Mux(divided, left[: len(count)], count)
         m.d.comb += [
-            wanted.i.valid.eq(self.wanted.valid),
-            wanted.i.payload.beat.eq(
-                (self.load.attributes + self.wanted.payload)[: axi.BEAT_ADDRESS_BITS]
-            ),
-            self.wanted.ready.eq(wanted.i.ready),
+            self.wanted.ready.eq(~count.any()),
+            read.valid.eq(count.any()),
+            read.payload.beat.eq(beat),
+            read.payload.length.eq((asked - 1)[: len(count)]),
             self.attributes.valid.eq(back.valid),
             self.attributes.payload.eq(back.payload.beat),
             back.ready.eq(self.attributes.ready),
         ]
-        connect(m, wanted.o, flipped(read))
+        with m.If(~count.any()):
+            m.d.sync += beat.eq(self.load.attributes + self.wanted.payload.beat)
+            m.d.sync += count.eq(Mux(self.wanted.valid, self.wanted.payload.count, 0))
+        with m.Elif(read.ready):
+            m.d.sync += beat.eq(Cat(Const(0, len(place)), beat[len(place) :] + 1))
+            m.d.sync += count.eq(count - asked)

@@ -1,20 +1,25 @@
 """Stage 1's front: computes x and y of the points that stage 0 kept, drops those out of view."""
 
-from amaranth.hdl import Const, Module
+from amaranth.hdl import Const, Module, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.position import AXES
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import program
-from splatcore.spec.point import PLACE_BITS, placing_record, point_record
+from splatcore.spec.point import placing_record, point_record
+
+SPARE = 2  # rows of the memory beyond what the array can hold: what passing through it takes
 
 
 class Place(wiring.Component):
     """Points in front of the near plane in, points that may touch the image out.
+
+    A point waits in a small memory while the array finds its x and y.
 
     Members
         i: stream of `point_record` with z.
@@ -38,34 +43,36 @@ class Place(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        carried = data.StructLayout({"place": PLACE_BITS, "last": 1, "kept": 1})
-        m.submodules.array = array = Array(self.config, self.program, carried=carried)
+        m.submodules.array = array = Array(self.config, self.program)
+        shape = self.i.payload.shape()
+        m.submodules.points = points = Queue(shape, array.round_count + SPARE, memory=True)
         point, chunk = self.i.payload, self.chunks.payload
         m.d.comb += [
             array.i.valid.eq(self.i.valid & self.chunks.valid),
             self.i.ready.eq(array.i.ready & self.chunks.valid),
             self.chunks.ready.eq(self.i.valid & array.i.ready & point.last),
             array.constants.eq(self.constants),
+            points.i.valid.eq(array.i.valid & array.i.ready),
+            points.i.payload.eq(point),
+            points.o.ready.eq(array.o.valid & array.o.ready),
         ]
-        m.d.comb += [array.i.payload.carried[name].eq(point[name]) for name in carried.members]
         for name in self.program.fields:
             source = point if name in ("z", *AXES) else chunk
             m.d.comb += array.i.payload.fields[name].eq(source[name])
 
-        found, through = array.o.payload.outputs, array.o.payload.carried
-        kept = through.kept & self._inside(m, found)
+        found, through = array.o.payload.outputs, points.o.payload
+        kept = through.kept & self._inside(m, found, through.z)
         passes = kept | through.last
         m.d.comb += [
             self.o.valid.eq(array.o.valid & passes),
             array.o.ready.eq(self.o.ready | ~passes),
-            self.o.payload.place.eq(through.place),
-            self.o.payload.last.eq(through.last),
+            *(self.o.payload[name].eq(through[name]) for name in shape.members),
             self.o.payload.kept.eq(kept),
+            *(self.o.payload[name].eq(found[name]) for name in "xy"),
         ]
-        m.d.comb += [self.o.payload[name].eq(found[name]) for name in ("x", "y", "z", *AXES)]
         return m
 
-    def _inside(self, m: Module, found: data.View):
+    def _inside(self, m: Module, found: data.View, z: Value):
         """High if the centre is in front, and |x| and |y| are within their bounds.
 
         With a depth interval stage 0 lets points pass whose centre is behind the near plane.
@@ -74,7 +81,7 @@ class Place(wiring.Component):
             return Const(1, 1)
         format = self.config.arithmetic
         magnitude = (1 << (format.width - 1)) - 1
-        inside = compared(m, "compare_z", format, self.near_plane, found.z).less
+        inside = compared(m, "compare_z", format, self.near_plane, z).less
         for axis in "xy" if self.config.culling == "all" else "":
             size, bound = found[axis] & magnitude, found[f"bound_{axis}"]
             compare = compared(m, f"compare_{axis}", format, size, bound)

@@ -71,7 +71,7 @@ class Points(wiring.Component):
         counters, clear: events of `COUNTED`; the last three are rounds of the projection's array
             that began with a Gaussian, without one, and with none because splats were not taken.
 
-    **Timing**: a point every 4 cycles (`hdl.points.cull`) and a splat every 11
+    **Timing**: a point every 4 cycles (`hdl.points.cull`) and a splat every 9
     (`hdl.points.project`).
     """
 
@@ -128,8 +128,7 @@ class Points(wiring.Component):
             m.d.comb += o.ready.eq(queue.i.ready)
             connect(m, queue.o, part.chunks)
         last = fork.o[len(parts)]
-        m.d.comb += self.fetch.payload.number.eq(last.payload.projecting.number)
-        m.d.comb += self.fetch.payload.count.eq(last.payload.culling.count)
+        m.d.comb += self.fetch.payload.eq(last.payload.fetch)
         m.d.comb += [self.fetch.valid.eq(last.valid), last.ready.eq(self.fetch.ready)]
 
     def _splats(self, m: Module, splats):

@@ -11,6 +11,7 @@ from splatcore.hdl.lib.stream import Pipe
 from splatcore.hdl.points.array import codes
 from splatcore.spec import memory
 from splatcore.spec.config import Config
+from splatcore.spec.depth import finer
 from splatcore.spec.frame import CAMERA
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import AWAY, EXPONENT, PLACE_BITS, culling_record
@@ -30,7 +31,7 @@ class Position(wiring.Component):
 
     The gearbox cuts the stream of beats into coordinates. Those of a chunk lack their top bits:
     they are in the order of octants, so the bits follow from where the header says an octant ends.
-    A point's way from the camera is exact on the grid and rounded once.
+    A point's way from the camera is exact on the grid and rounded once, to `spec.depth.finer`.
 
     Members
         i: stream of beats; a chunk begins at a new one, and of its last one the rest is dropped.
@@ -44,8 +45,8 @@ class Position(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        self.config = config
-        self.width = memory.model_format(config, config.sh_degree).position_record["x"].width
+        self.config, self.fine = config, finer(config)
+        self.width = memory.step_format(config, 0).position_record["x"].width
         ports = {
             "i": In(stream.Signature(BEAT)),
             "chunk": In(layout(culling_record(config))),
@@ -53,7 +54,7 @@ class Position(wiring.Component):
             "next_chunk": In(1),
             "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
             "position_exponent": In(signed(EXPONENT.width)),
-            "o": Out(stream.Signature(codes(config, AXES))),
+            "o": Out(stream.Signature(codes(self.fine, AXES))),
         }
         super().__init__(ports)
 
@@ -136,7 +137,7 @@ class Position(wiring.Component):
     def _convert(self, m: Module, point: Value):
         """From a coordinate on the grid to the way from the camera, as a float in scene units."""
         scale = range(-memory.EXPONENT_MAX, memory.EXPONENT_MAX + 1)
-        format = self.config.arithmetic
+        format = self.fine.arithmetic
         m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
         [camera] = self._of_axis(*self.camera, widths=(CAMERA.width,))
         way = Signal(signed(AWAY.width), reset_less=True)
@@ -158,7 +159,7 @@ class Position(wiring.Component):
     def _collect(self, m: Module):
         """Three floats make a ray: two wait for the third."""
         first, second = (
-            Signal(self.config.arithmetic.width, name=name, reset_less=True) for name in AXES[:2]
+            Signal(self.fine.arithmetic.width, name=name, reset_less=True) for name in AXES[:2]
         )
         have = Signal(range(len(AXES)))
         whole = have == len(AXES) - 1

@@ -33,7 +33,7 @@ class Preprocess(wiring.Component):
         error: the frame cannot be made; nothing more happens until reset.
         counters: those of `hdl.points.points` and `hdl.binning.bin`.
 
-    **Timing**: that of its slowest part, a Gaussian in 11 cycles, if memory keeps up.
+    **Timing**: that of its slowest part, a Gaussian in 9 cycles, if memory keeps up.
     """
 
     def __init__(self, config: Config):
@@ -136,7 +136,7 @@ class Preprocess(wiring.Component):
                     self._fail(m, ErrorCode.ALIGNMENT, register)
             with m.State("LOAD"):
                 with m.If(model.error != ErrorCode.NONE):
-                    self._fail(m, model.error)
+                    self._fail(m, model.error, model.detail)
                 with m.Elif(model.loaded):
                     m.next = "CHUNKS"
             with m.State("CHUNKS"):

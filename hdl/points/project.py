@@ -1,17 +1,20 @@
 """Stage 1: projects points within the guard band to splats, with their attributes."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from dataclasses import replace
+
+from amaranth.hdl import Const, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.array import Array, codes
-from splatcore.hdl.points.codebook import Codebook
-from splatcore.hdl.points.slots import FACTOR_BITS, POINT, RAY, Slots
+from splatcore.hdl.points.colour import RAY, Colour
+from splatcore.hdl.points.look_up import LookUp
+from splatcore.hdl.points.slots import POINT, Slots
 from splatcore.spec.config import Config
-from splatcore.spec.memory import OPACITY, model_format
+from splatcore.spec.memory import OPACITY, step_format
 from splatcore.spec.microprogram import projection
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
@@ -22,31 +25,37 @@ FACTOR = ("l00", "l10", "l11", "l20", "l21", "l22", "attenuation")
 
 SPARE = 2  # rows of the output queue beyond what the array can hold: what passing through it takes
 
+TABLES = ("write", "sh", "codebooks", "exponent")
+"""Ports of what makes colours that come from outside."""
+
 
 class Project(wiring.Component):
     """Points in the guard band in, splats out; attributes are asked for on the way.
 
     A point waits for its attributes in a slot. Each part of a slot is read when the array wants
-    it, so that nothing travels through rounds that do not use it. The array never stalls: a point
-    enters if its splat will find room in the queue behind it.
+    it, so that nothing travels through rounds that do not use it; its depth is read again for its
+    splat. The array never stalls: a point enters if there will be room in the queue behind it.
+
+    Colours are made beside the array and wait in a queue of their own for the rest of their splats,
+    or are made in the array from what is looked up.
 
     Members
         i, chunks, wanted, attributes: those of `hdl.points.slots`.
-        write, sh, colour_exponent, sh_exponent: those of `hdl.points.codebook`.
+        write, sh, codebooks, exponent: those of `hdl.points.colour` or `hdl.points.look_up`.
         constants: registers of the frame.
         o: stream of `splat_record`, in the order of `i`.
         entered, starved, blocked: a round of the array begins next with a Gaussian, with none
             because none is complete, with none because splats are not taken.
 
-    **Timing**: a Gaussian every `plan.interval` cycles (`DEFAULT`: 11 on six PEs, 6 on twelve);
+    **Timing**: a Gaussian every `plan.interval` cycles (`DEFAULT`: 9 on six PEs, 7 on twelve);
     `plan.length` + 5 cycles from its attributes to its splat.
     """
 
     def __init__(self, config: Config):
-        self.config = config
+        self.config, self.beside = config, config.colours == "beside"
         self.program = projection(config)
         self.plan = schedule(config, self.program)
-        self.slots, self.look_up = Slots(config), Codebook(config)
+        self.slots = Slots(config)
         fields = set(self.program.fields)
         groups = {"point": POINT, "factor": FACTOR, "ray": RAY, "colour": (*COLOURS, *SLOPES)}
         self.groups = {
@@ -56,25 +65,31 @@ class Project(wiring.Component):
         }
         self.round = {part: self.plan.first_round(names) for part, names in self.groups.items()}
         late = {name: self.round[part] for part in self.groups for name in self.groups[part]}
+        self.round["depth"] = (self.plan.length + 1) // self.plan.interval
+        outputs = tuple(name for name in self.program.outputs if name != "z")
         self.array = Array(
             config,
-            self.program,
+            replace(self.program, outputs=outputs),
             late={name: number for name, number in late.items() if number},
             carried=self.slots.slot,
             stalls=False,
         )
-        # The codebook's answer is sampled in the last cycle before the round that wants it.
-        answer = self.round["colour"] * self.plan.interval - 1
-        self.ask = answer - self.look_up.latency - 1
-        if self.ask < 0:
-            raise ValueError(f"{config.name}: colours are wanted before they can be looked up")
-        outside = ("write", "sh", "colour_exponent", "sh_exponent")
-        self.tables = [name for name in outside if name in self.look_up.signature.members]
+        if self.beside:
+            rounds = self.array.signature.members["rounds"].shape
+            self.colour = Colour(config, rounds, self.plan.interval)
+        else:
+            self.colour = LookUp(config)
+            # The codebook's answer is sampled in the last cycle before the round that wants it.
+            self.ask = self.round["colour"] * self.plan.interval - 2 - self.colour.latency
+            if self.ask < 0:
+                raise ValueError(f"{config.name}: colours are wanted before they can be looked up")
+        members = self.colour.signature.members
+        self.tables = [name for name in TABLES if name in members]
         self.splats_inside = self.array.round_count + SPARE
         """Splats in the array and in the queue behind it, at most."""
         inner = self.slots.signature.members
         ports = {name: inner[name] for name in ("i", "chunks", "wanted", "attributes")}
-        ports |= {name: self.look_up.signature.members[name] for name in self.tables}
+        ports |= {name: members[name] for name in self.tables}
         ports |= {
             "constants": In(codes(config, self.program.constants)),
             "o": Out(stream.Signature(layout(splat_record(config)))),
@@ -86,37 +101,51 @@ class Project(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.slots, m.submodules.codebook = self.slots, self.look_up
+        m.submodules.slots, m.submodules.colour = self.slots, self.colour
         m.submodules.array = self.array
         connect(m, flipped(self).i, self.slots.i)
         connect(m, flipped(self).chunks, self.slots.chunks)
         connect(m, flipped(self).wanted, self.slots.wanted)
         connect(m, flipped(self).attributes, self.slots.attributes)
-        if "write" in self.tables:
-            connect(m, flipped(self).write, self.look_up.write)
+        connect(m, flipped(self).write, self.colour.write)
         for name in self.tables:
             if name != "write":
-                m.d.comb += getattr(self.look_up, name).eq(getattr(self, name))
+                m.d.comb += getattr(self.colour, name).eq(getattr(self, name))
         m.d.comb += self.array.constants.eq(self.constants)
         room = self._output(m)
         self._enter(m, room)
-        self._read(m)
+        last_read = self._read(m)
         self._convert(m)
-        self._look_up(m)
+        last_read = max(last_read, self._beside(m) if self.beside else self._look_up(m))
+        number, phase = divmod(last_read, self.plan.interval)
+        m.d.comb += self.slots.release.eq(self.array.rounds[number].valid & self.array.phase[phase])
         return m
 
     def _output(self, m: Module) -> Value:
-        """The queue of splats; returns a bit that says that it will have room for one more."""
-        depth = self.splats_inside
-        m.submodules.splats = queue = Queue(layout(splat_record(self.config)), depth, memory=True)
-        found, splat = self.array.o.payload.outputs, queue.i.payload
-        for name in splat.shape().members:
-            source = name if name in self.program.outputs else f"colour_{name}"
-            m.d.comb += splat[name].eq(found[source])
-        m.d.comb += queue.i.valid.eq(self.array.o.valid)
-        connect(m, flipped(self).o, queue.o)
-        owed = Signal(range(depth + 1))  # splats in the queue or on their way to it
+        """Queues of splats and of their colours; returns a bit that says that they will have room
+        for one more."""
+        depth, shape = self.splats_inside, layout(splat_record(self.config))
+        found, names = self.array.o.payload.outputs, dict(shape.members)
+        parts = {"splats": self.array.o.valid}
+        sources = {n.removeprefix("colour_"): found[n] for n in found.shape().members}
+        sources |= {n: self.slots.found.depth[n] for n in self.slots.found.depth.shape().members}
+        if self.beside:
+            parts["colours"] = self.colour.o.valid
+        valid, queues = Const(1), []
+        for name, comes in parts.items():
+            own = {n: names[n] for n in names if (n in sources) == (name == "splats")}
+            queue = Queue(data.StructLayout(own), depth, memory=True)
+            m.submodules[name] = queue
+            m.d.comb += queue.i.valid.eq(comes)
+            for n in own:
+                m.d.comb += queue.i.payload[n].eq(sources[n] if n in sources else self.colour.o[n])
+                m.d.comb += self.o.payload[n].eq(queue.o.payload[n])
+            valid &= queue.o.valid
+            queues.append(queue)
         gone = self.o.valid & self.o.ready
+        m.d.comb += self.o.valid.eq(valid)
+        m.d.comb += [queue.o.ready.eq(gone) for queue in queues]
+        owed = Signal(range(depth + 1))  # splats in the queues or on their way to them
         with m.If(self.entered != gone):
             m.d.sync += owed.eq(Mux(gone, owed - 1, owed + 1))
         return owed != depth
@@ -136,22 +165,18 @@ class Project(wiring.Component):
             self.slots.ready.ready.eq(self.entered),
         ]
 
-    def _read(self, m: Module):
-        """Each part of a slot is read just before the round that wants it."""
+    def _read(self, m: Module) -> int:
+        """Each part of a slot that the array wants is read just before the round that wants it;
+        returns the last time at which that happens."""
         rounds, phase, read = self.array.rounds, self.array.phase, self.slots.read
         last_read = 0
-        for part in self.groups:
+        for part in self.round:
             if part != "colour":
                 before = self.round[part] - 1
                 slot = rounds[before].carried if before >= 0 else self.slots.ready.payload
                 m.d.comb += [read[part].slot.eq(slot), read[part].enable.eq(phase[-2])]
-                last_read = max(last_read, before)
-        number, time = divmod(self.ask, self.plan.interval)
-        start = rounds[number].valid & phase[time]
-        m.d.comb += [read.index.slot.eq(rounds[number].carried), read.index.enable.eq(start)]
-        m.d.sync += self.look_up.start.eq(start)
-        oldest = rounds[max(last_read, number)]
-        m.d.comb += self.slots.release.eq(oldest.valid & phase[-1])
+                last_read = max(last_read, self.round[part] * self.plan.interval - 2)
+        return last_read
 
     def _field(self, name: str) -> Value:
         """The array's input for a field, early or late."""
@@ -164,7 +189,7 @@ class Project(wiring.Component):
         for part in ("point", "ray"):
             for name in self.groups.get(part, ()):
                 m.d.comb += self._field(name).eq(found[part][name])
-        record = model_format(config, config.sh_degree).attribute_record
+        record = step_format(config, 0).attribute_record
         for name in FACTOR:
             field = "opacity" if name == "attenuation" else name
             if name == "attenuation":  # counted in steps
@@ -176,22 +201,28 @@ class Project(wiring.Component):
             bits = Value.cast(found.factor)[record.offset(field) :][: record[field].width]
             m.d.comb += [convert.i.eq(bits), convert.enable.eq(1), self._field(name).eq(convert.o)]
 
-    def _look_up(self, m: Module):
-        """Indices to colours and slopes. Models without harmonics have theirs at other offsets."""
-        bits, index = Value.cast(self.slots.found.index), self.look_up.index
-        records = [
-            model_format(self.config, degree).attribute_record
-            for degree in range(self.config.sh_degree + 1)
-        ]
-        for name in index.shape().members:
-            fields = [
-                bits[record.offset(name) - FACTOR_BITS :][: record[name].width]
-                for record in records
-                if name in dict(record.fields)
-            ]
-            if len(fields) == 2:
-                m.d.comb += index[name].eq(Mux(self.sh, fields[1], fields[0]))
-            else:
-                m.d.comb += index[name].eq(Cat(fields))
+    def _beside(self, m: Module) -> int:
+        """What colours are made of; returns the last time at which it is read."""
+        slots, colour = self.slots, self.colour
+        m.d.comb += [colour.phase.eq(self.array.phase), colour.rounds.eq(self.array.rounds)]
+        m.d.comb += [colour.beat[name].eq(slots.beat[name]) for name in slots.beat.shape().members]
+        for part in ("index", "steps"):
+            m.d.comb += slots.read[part].eq(getattr(colour, part))
+            m.d.comb += getattr(colour, f"found_{part}").eq(slots.found[part])
+        if "ray" in slots.parts:
+            read, ready = slots.read.ray, slots.ready.payload
+            m.d.comb += [read.slot.eq(ready), read.enable.eq(self.array.phase[-2])]
+            m.d.comb += colour.ray.eq(slots.found.ray)
+        return colour.last_read
+
+    def _look_up(self, m: Module) -> int:
+        """Indices to colours and slopes; returns the time at which the indices are read."""
+        number, phase = divmod(self.ask, self.plan.interval)
+        item, read = self.array.rounds[number], self.slots.read.index
+        start = item.valid & self.array.phase[phase]
+        m.d.comb += [read.slot.eq(item.carried), read.enable.eq(start)]
+        m.d.sync += self.colour.start.eq(start)
+        m.d.comb += self.colour.index.eq(self.slots.found.index)
         for name in self.groups["colour"]:
-            m.d.comb += self._field(name).eq(self.look_up.o[name])
+            m.d.comb += self._field(name).eq(self.colour.o[name])
+        return self.ask

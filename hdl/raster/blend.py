@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.raster.evaluate import log2_alpha_layout
+from splatcore.hdl.raster.mark import times
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.raster import (
@@ -43,8 +44,8 @@ class Blend(wiring.Component):
         ended: all pixels of block `ended_block` have ended, at the moment.
         o: 8-bit colours of a block that is given out, when `given` is high.
 
-    **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has four
-    multipliers. The memories have a write port and a read port of a block's pixels each.
+    **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has one
+    multiplier. The memories have a write port and a read port of a block's pixels each.
     """
 
     BUSY = 3
@@ -156,7 +157,11 @@ class Blend(wiring.Component):
         return taken_valid, stage
 
     def _add(self, m: Module, entering: Signal, next_: data.View, valid: Signal, taken: data.View):
-        """The sums with weight · colour, rounded to their steps; 8-bit colours out of them."""
+        """The sums with weight · colour, rounded to their steps; 8-bit colours out of them.
+
+        Two bits of the weight at a time choose 0, 1, 2 or 3 times the colour; the threefold is
+        made once for all lanes.
+        """
         config = self.config
         product = config.weight + config.colour_fraction - config.sum_fraction
         pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))
@@ -170,10 +175,16 @@ class Blend(wiring.Component):
             write.addr.eq(taken.block),
             self.given.eq(valid & taken.give),
         ]
-        for pixel, lane in enumerate(taken.lanes):
-            for channel, name in enumerate(COLOURS):
+        for channel, name in enumerate(COLOURS):
+            colour = taken.colour[name]
+            triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
+            m.d.sync += triple.eq(times(next_.colour[name], 3))
+            multiples = Array([Const(0), colour, colour << 1, triple])
+            for pixel, lane in enumerate(taken.lanes):
                 stored = Mux(taken.fresh, 0, sums.data[pixel][channel])
-                part = (lane.weight * taken.colour[name] + (1 << product - 1)) >> product
+                digits = range(0, config.weight, 2)
+                weighted = sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
+                part = (weighted + (1 << product - 1)) >> product
                 m.d.comb += write.data[pixel][channel].eq(stored + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 m.d.comb += self.o[pixel][channel].eq(Mux(byte[8:].any(), 255, byte[:8]))

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from sklearn.neighbors import NearestNeighbors
 
 from splatcore.model.pack.pack import keep
+from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import ALPHA_MAX, COLOUR_OFFSET
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import ModelFormat
-from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import ARRAYS, Scene
 
 NEIGHBOURS = 8  # nearest Gaussians among which a Gaussian may be merged with one

@@ -15,11 +15,12 @@ from splatcore.model.gradients.trainable import RATES, Tensors, rotation, scene_
 from splatcore.model.pack.chunk import chunk_positions
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.pack import Codebooks, appearance, largest_factor
+from splatcore.spec.colour import SH_C0, SH_C1
 from splatcore.spec.config import Config
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
 from splatcore.spec.number import Fixed, Float
-from splatcore.spec.packed import SH_C0, SH_C1, grid_points, offsets
+from splatcore.spec.packed import grid_points, offsets
 from splatcore.spec.scene import Scene
 
 REFRESH = 50  # steps after which the chunks' grids and L's unit are taken anew: they move little

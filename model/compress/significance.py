@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from splatcore.model.gradients.differentiable import blending_weights
+from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 

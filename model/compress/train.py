@@ -19,9 +19,9 @@ from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import SMOOTHING, Tell, as_tensor, views_in_turn
+from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import COLOUR_OFFSET, SH_DEGREE_MAX
 from splatcore.spec.error import InputError
-from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import Scene, sh_count
 
 OPACITY = 0.1  # of every Gaussian at the start

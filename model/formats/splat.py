@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from splatcore.model.formats.file import input_error, read_bytes
-from splatcore.spec.packed import SH_C0
+from splatcore.spec.colour import SH_C0
 from splatcore.spec.scene import Scene
 
 RECORD = np.dtype(

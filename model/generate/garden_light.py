@@ -5,7 +5,7 @@ import numpy as np
 from splatcore.model.generate.directions import UP, unit
 from splatcore.model.generate.garden_splats import Part
 from splatcore.model.generate.spreading import noise
-from splatcore.spec.packed import SH_C0, SH_C1
+from splatcore.spec.colour import SH_C0, SH_C1
 
 SUN = unit(np.array([-0.70, -0.62, -0.36]))
 """Direction towards the sun (y down): from the left, a little behind the viewer."""

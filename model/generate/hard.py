@@ -1,13 +1,15 @@
 """The hard cases by name: small scenes that each sit on a corner where renderers go wrong.
 
-First those of shape and place (axis ratios, sizes, depths, lists, coordinates), then those of value
-and size (opacities, transmittance, colours, odd file content, odd images).
+First those of harmonics (`hard_harmonics`), then those of shape and place (axis ratios, sizes,
+depths, lists, coordinates), then those of value and size (opacities, transmittance, colours, odd
+file content, odd images).
 """
 
 from dataclasses import replace
 
 import numpy as np
 
+from splatcore.model.generate import hard_harmonics  # noqa: F401, enters its cases
 from splatcore.model.generate.hard_case import (
     DEPTH,
     FOCAL,

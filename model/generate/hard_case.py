@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import COLOUR_OFFSET
-from splatcore.spec.packed import SH_C0
 from splatcore.spec.scene import ARRAYS, Scene
 
 WIDTH, HEIGHT = 64, 48

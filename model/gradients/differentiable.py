@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from numba import get_num_threads
 
-from splatcore.model.gradients import rendering_points, rendering_tiles
-from splatcore.model.gradients.rendering_points import RED
+from splatcore.model.gradients import rendering_points
+from splatcore.model.gradients.drawn import Drawn, to_image, to_tiles
 from splatcore.spec.camera import Camera
-from splatcore.spec.convention import SPLATCORE, TILE, Convention
+from splatcore.spec.convention import SPLATCORE, Convention
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class _Render(torch.autograd.Function):
     @staticmethod
     def forward(context, position, factor, opacity, sh, shift, camera, convention, tell):
         arrays = [tensor.detach().numpy() for tensor in (position, factor, opacity, sh, shift)]
-        drawn = _Drawn(arrays, camera, convention)
+        drawn = Drawn(arrays, camera, convention)
         tell(drawn.index)
         context.save_for_backward(position, factor, sh)
         context.drawn = drawn
@@ -105,64 +105,3 @@ class _Render(torch.autograd.Function):
             get_num_threads(), *found,
         )  # fmt: skip
         return *map(torch.from_numpy, found), None, None, None
-
-
-class _Drawn:
-    """A picture by the kernels, with all that its gradients need."""
-
-    def __init__(self, arrays, camera: Camera, convention: Convention):
-        self.camera = camera
-        self.view = rendering_points.view_numbers(camera, convention)
-        self.splats, self.index = _project(arrays, self.view)
-        size = camera.width, camera.height
-        lists = rendering_tiles.tile_lists(self.splats, *size)
-        limits = (convention.alpha_min, convention.alpha_max, convention.transmittance_min)
-        self.colour, *self.state = rendering_tiles.blend(self.splats, lists, *size, limits)
-        self.blended = self.splats, lists, *size, limits, self.state
-
-    def backward(self, to_colour: np.ndarray, to_rest: np.ndarray) -> np.ndarray:
-        """Gradients [M, 9] of the splats from those of colours and transmittances by tiles."""
-        return rendering_tiles.blend_backward(*self.blended, to_colour, to_rest)
-
-
-def _project(arrays, view) -> tuple[np.ndarray, np.ndarray]:
-    """The visible splats in depth order and their Gaussians' indices."""
-    arrays = [np.ascontiguousarray(array) for array in arrays]  # else each layout is compiled
-    position = arrays[0]
-    splats = np.empty((len(position), 12), position.dtype)
-    depth = np.empty(len(position), np.float64)
-    rendering_points.project(*arrays, view, get_num_threads(), splats, depth)
-    index = np.flatnonzero(depth)
-    index = index[np.argsort(depth[index], kind="stable")]
-    return splats[index], index
-
-
-def to_image(tiles: np.ndarray, camera: Camera) -> np.ndarray:
-    """[tiles, 16, 16] to [H, W]."""
-    rows, columns = -(-camera.height // TILE), -(-camera.width // TILE)
-    whole = tiles.reshape(rows, columns, TILE, TILE).swapaxes(1, 2)
-    return whole.reshape(rows * TILE, columns * TILE)[: camera.height, : camera.width].copy()
-
-
-def to_tiles(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """[H, W] to [tiles, 16, 16], with zeros beyond the image."""
-    rows, columns = -(-camera.height // TILE), -(-camera.width // TILE)
-    whole = np.zeros((rows * TILE, columns * TILE), image.dtype)
-    whole[: camera.height, : camera.width] = image
-    tiles = whole.reshape(rows, TILE, columns, TILE).swapaxes(1, 2)
-    return tiles.reshape(-1, TILE, TILE).copy()
-
-
-def blending_weights(position, factor, opacity, sh, camera, convention=SPLATCORE):
-    """Contribution of each Gaussian to a view [N]: Σ over the pixels of alpha·T.
-
-    It is the gradient, by the colours, of the sum of a picture in which every splat is white.
-    """
-    arrays = [np.asarray(a) for a in (position, factor, opacity, sh)]
-    arrays.append(np.zeros((len(position), 2), arrays[0].dtype))
-    drawn = _Drawn(arrays, camera, convention)
-    to_colour = np.zeros_like(drawn.colour)
-    to_colour[:, 0] = 1
-    weight = np.zeros(len(position))
-    weight[drawn.index] = drawn.backward(to_colour, np.zeros_like(drawn.state[0]))[:, RED]
-    return weight

@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit, prange
 
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import SH_C0, SH_C1
 from splatcore.spec.convention import Convention
-from splatcore.spec.packed import SH_C0, SH_C1
 
 C2 = np.sqrt(np.array([15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))
 C3 = np.sqrt(np.array([35 / 8, 105, 21 / 8, 7 / 4, 21 / 8, 105 / 4, 35 / 8]) / (4 * np.pi))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sklearn.cluster import MiniBatchKMeans
 
+from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN
 from splatcore.spec.number import Fixed
 
 BATCH = 16384
@@ -40,14 +41,15 @@ def quantise(
     entry: Fixed,
     seed: int = 0,
     weight: np.ndarray | None = None,
+    largest: int = EXPONENT_MAX,
 ) -> Codebook:
     """Quantise vectors [N, D] by stages of 2^index_bits entries of integer components `entry`.
 
     `weight` [N] ≥ 0 says how much a vector's error counts (all alike by default). Deterministic
-    for a seed. The exponent is the smallest at which the largest component fits.
+    for a seed. The exponent is the smallest at which the largest component fits, `largest` at most.
     """
     _, exponent = np.frexp(np.abs(vectors).max(initial=0) / entry.max)
-    exponent = int(exponent)
+    exponent = int(np.clip(exponent, EXPONENT_MIN, largest))
     rest = np.ldexp(vectors, -exponent)
     entries, index = [], []
     for bits in index_bits:

@@ -7,7 +7,9 @@ import numpy as np
 from splatcore.model.pack.chunk import Chunks
 from splatcore.model.pack.codebook import Codebook
 from splatcore.model.pack.factor import largest_axis
+from splatcore.model.pack.steps import Steps
 from splatcore.spec import memory
+from splatcore.spec.colour import CHANNELS, DEGREES, EXPONENT_MIN, LAYOUTS, Harmonics
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import HEADER, ModelFormat
 from splatcore.spec.packed import checksum
@@ -24,8 +26,20 @@ class Quantised:
     factor: np.ndarray  # [N, 3, 3] L in units of 2^factor_exponent
     factor_exponent: int
     attenuation: np.ndarray  # [N] −log2(opacity)
-    colour: Codebook
-    harmonics: Codebook
+    colour: tuple[Codebook, Codebook] | Steps  # of colours and of G, or of all degrees
+
+    @property
+    def layouts(self) -> np.ndarray:
+        """Layout [C] of each chunk's harmonics."""
+        if isinstance(self.colour, Steps):
+            return self.colour.harmonics
+        return np.zeros(memory.chunk_count(len(self)), np.int64)
+
+    @property
+    def beats(self) -> np.ndarray:
+        """Beats [N] of each Gaussian's harmonics."""
+        beats = np.array([layout.beats for layout in LAYOUTS])[self.layouts]
+        return np.repeat(beats, memory.CHUNK)[: len(self)]
 
     def __len__(self) -> int:
         return len(self.position)
@@ -33,7 +47,7 @@ class Quantised:
 
 def lay_out(model: Quantised) -> np.ndarray:
     """The image in DRAM, uint8."""
-    layout = model.format.layout(len(model))
+    layout = model.format.layout(len(model), int(model.beats.sum()))
     image = np.zeros(layout.end, np.uint8)
 
     def put(start: int, data: np.ndarray):
@@ -43,14 +57,18 @@ def lay_out(model: Quantised) -> np.ndarray:
     put(layout.chunks, chunk_headers(model))
     put(layout.positions, pack_bits(model.position.reshape(-1).astype(np.uint64), width))
     put(layout.attributes, attributes(model))
-    put(layout.colours, entries(memory.COLOUR_ENTRY, "rgb", model.colour))
-    put(layout.sh, entries(memory.SH_ENTRY, "g", model.harmonics))
-    put(layout.header, header(model, check=0))
-    put(layout.header, header(model, checksum(image)))
+    if not isinstance(model.colour, Steps):
+        for start, record, codebook in zip(
+            (layout.colours, layout.sh), (memory.COLOUR_ENTRY, memory.SH_ENTRY), model.colour,
+            strict=True,
+        ):  # fmt: skip
+            put(start, entries(record, codebook))
+    put(layout.header, header(model, layout, check=0))
+    put(layout.header, header(model, layout, checksum(image)))
     return image
 
 
-def header(model: Quantised, check: int) -> np.ndarray:
+def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
     """The model's header, uint8 [1, size]."""
     format = model.format
     stages = HEADER["colour_index"].length
@@ -64,12 +82,15 @@ def header(model: Quantised, check: int) -> np.ndarray:
         "checksum": check,
         "position_exponent": memory.ABSOLUTE_EXPONENT if absolute else model.chunks.exponent,
         "factor_exponent": model.factor_exponent,
-        "colour_exponent": model.colour.exponent,
-        "sh_exponent": model.harmonics.exponent,
     }
-    layout = format.layout(len(model))
     numbers |= {part: getattr(layout, part) // memory.ALIGNMENT for part in memory.PLACED}
     codes = {field: HEADER[field].encode(np.array([value])) for field, value in numbers.items()}
+    exponents = [EXPONENT_MIN] * DEGREES
+    if isinstance(model.colour, Steps):
+        exponents = model.colour.exponents
+    else:
+        exponents[: len(model.colour)] = [codebook.exponent for codebook in model.colour]
+    codes["exponent"] = HEADER["exponent"].encode(np.array([exponents]))
     for field in ("colour_index", "sh_index"):
         bits = getattr(format, field)
         codes[field] = np.array([bits + (0,) * (stages - len(bits))])
@@ -92,25 +113,54 @@ def chunk_headers(model: Quantised) -> np.ndarray:
     fields["origin"] = memory.CHUNK_HEADER["origin"].encode(chunks.origin)
     if model.format.position == "absolute":
         fields = {name: np.zeros_like(codes) for name, codes in fields.items()}
-    reserved = np.zeros(len(starts), np.uint64)
-    return memory.CHUNK_HEADER.pack(fields | {"reach": code, "reserved": reserved})
+    s = model.colour.s if isinstance(model.colour, Steps) else np.zeros((len(starts), DEGREES))
+    fields |= {"reach": code, "harmonics": model.layouts, "step": s.astype(np.uint64)}
+    return memory.CHUNK_HEADER.pack(fields)
 
 
 def attributes(model: Quantised) -> np.ndarray:
-    """Attributes, uint8 [N, size]."""
+    """Attributes, uint8 [beats, 16]."""
     record = model.format.attribute_record
     places = zip(*np.tril_indices(3), strict=True)
     values = {f"l{row}{column}": model.factor[:, row, column] for row, column in places}
     values["opacity"] = model.attenuation
-    values |= {f"colour{stage}": index for stage, index in enumerate(model.colour.index)}
-    values |= {f"sh{stage}": index for stage, index in enumerate(model.harmonics.index)}
+    if isinstance(model.colour, Steps):
+        values |= zip(CHANNELS, model.colour.base.T, strict=True)
+    else:
+        for part, codebook in zip(("colour", "sh"), model.colour, strict=True):
+            values |= {f"{part}{stage}": index for stage, index in enumerate(codebook.index)}
     if "reserved" in dict(record.fields):
         values["reserved"] = np.zeros(len(model), np.uint64)
-    return record.pack(record.encode(values))
+    end = np.cumsum(1 + model.beats)
+    beats = np.zeros((end[-1] if len(end) else 0, record.size), np.uint8)
+    beats[end - 1 - model.beats] = record.pack(record.encode(values))
+    for number in np.unique(model.layouts):
+        chosen = np.flatnonzero(np.repeat(model.layouts, memory.CHUNK)[: len(model)] == number)
+        for k, codes in enumerate(harmonics(model.colour, LAYOUTS[number], chosen)):
+            beats[(end - model.beats)[chosen] + k] = codes
+    return beats
 
 
-def entries(record: Record, field: str, codebook: Codebook) -> np.ndarray:
+def harmonics(steps: Steps, layout: Harmonics, chosen: np.ndarray) -> list[np.ndarray]:
+    """Beats of harmonics of some Gaussians [M] with that layout, each uint8 [M, 16]."""
+    values = {"reserved": np.zeros(len(chosen), np.uint64)}
+    for degree in range(1, layout.degree + 1):
+        has = degree <= len(steps.codes)
+        values[f"shift{degree}"] = steps.shifts[degree - 1][chosen] if has else values["reserved"]
+    for number, term in layout.terms:
+        if term.degree <= len(steps.codes):
+            of_term = slice(term.first, term.first + len(term.polynomials))
+            codes = steps.codes[term.degree - 1][chosen, of_term]
+        else:
+            codes = np.zeros((len(chosen), len(term.polynomials), 3))
+        values |= {f"{c}_{number}": codes[:, :, k] for k, c in enumerate(CHANNELS)}
+    records = layout.records
+    return [r.pack(r.encode({name: values[name] for name, _ in r.fields})) for r in records]
+
+
+def entries(record: Record, codebook: Codebook) -> np.ndarray:
     """All stages' entries one after the other, uint8 [entries, size]."""
+    (field, _), *_ = record.fields  # the other field is reserved
     if not codebook.entries:
         return np.zeros((0, record.size), np.uint8)
     values = np.concatenate(codebook.entries)

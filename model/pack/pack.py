@@ -5,19 +5,35 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from splatcore.model.pack.chunk import chunk_positions
+from splatcore.model.pack.chunk import Chunks, chunk_positions
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.layout import Quantised, lay_out
+from splatcore.model.pack.steps import quantise_steps
+from splatcore.spec.colour import COARSE, FINE, SECOND, SH_EXPONENT_MAX, folded, slopes_of
 from splatcore.spec.config import DEFAULT, Config
-from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
+from splatcore.spec.memory import (
+    ABSOLUTE,
+    CHUNK,
+    COMPACT_DEGREE,
+    COMPONENT,
+    FACTOR,
+    OPACITY,
+    SLOPE,
+    compact_degrees,
+    model_format,
+    step_format,
+)
 from splatcore.spec.number import Float
-from splatcore.spec.packed import SH_C0, PackedModel, slopes_from_sh
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 STEPS = ("order", "colour", "harmonics", "layout")
+QUALITIES = ("compact", "balanced", "faithful")
+"""Codebooks of degree 0 and 1; steps, at most two beats a Gaussian, or three."""
+
 Progress = Callable[[str], None]  # called with the name of each of `STEPS` as it begins
 Codebooks = tuple[Codebook, Codebook]  # of colours, and of harmonics as slopes
 
@@ -38,7 +54,7 @@ class PackReport:
     factor_error: float  # largest error of an element of L over the Gaussian's largest axis
     opacity_error: float  # largest
     colour_rms: float
-    sh_rms: float  # of degree-1 slopes
+    sh_rms: list[float]  # of degrees 1, 2 …, of the factors of their polynomials
 
     def as_dict(self) -> dict:
         return asdict(self)
@@ -50,8 +66,10 @@ def pack(
     sh_degree: int | None = None,
     progress: Progress | None = None,
     codebooks: Codebooks | None = None,
+    quality: str | np.ndarray = "compact",
 ) -> tuple[PackedModel, PackReport]:
-    """Pack a scene for a machine, with harmonics up to `sh_degree` (default: as many as fit).
+    """Pack a scene for a machine, with harmonics up to `sh_degree` (default: as many as fit), in
+    one of `QUALITIES` or with layouts [C] of `spec.colour.LAYOUTS` for its chunks.
 
     Gaussians that hold NaN or Inf, or can never reach alpha 1/255, are dropped and counted.
     `codebooks` of the scene's Gaussians replace those that are made here; they need the machine's
@@ -59,22 +77,29 @@ def pack(
     """
     progress = progress or (lambda step: None)
     degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
-    format = model_format(config, degree)
+    compact = isinstance(quality, str) and quality == "compact"
+    if compact:
+        degree = min(degree, COMPACT_DEGREE)
+    elif config.colours == "array":
+        raise InputError(f"{scene.name}: preset {config.name} renders compact models only")
+    format = (model_format if compact else step_format)(config, degree)
     progress("order")
     finite, visible = keep(scene)
-    stored = np.flatnonzero(finite & visible)
-    chunks = chunk_positions(scene.position[stored])
-    stored = stored[chunks.order]  # the order in which they are stored
+    stored, chunks = stored_order(scene)
     kept = scene[stored].with_sh_degree(degree)
     lower = lower_triangular(kept.gaussians().factor)
     progress("colour")
-    colours, slopes = appearance(kept)
     if codebooks:
-        colour, harmonics = (codebook[stored] for codebook in codebooks)
-    else:
-        colour = quantise(colours, format.colour_index, COMPONENT)
+        colour = tuple(codebook[stored] for codebook in codebooks)
+    elif compact:
+        colours, slopes = appearance(kept)
+        first = quantise(colours, format.colour_index, COMPONENT)
         progress("harmonics")
-        harmonics = quantise(slopes, format.sh_index, SLOPE)
+        colour = first, quantise(slopes, format.sh_index, SLOPE, largest=SH_EXPONENT_MAX)
+    else:
+        progress("harmonics")
+        factors = folded(kept.sh)
+        colour = quantise_steps(factors, layouts(factors, quality))
     progress("layout")
     absolute = format.position == "absolute"
     if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
@@ -83,20 +108,32 @@ def pack(
     exponent = int(np.frexp(np.abs(lower).max(initial=0) / largest_factor(config.arithmetic))[1])
     factor = FACTOR.round(np.ldexp(lower, -exponent))  # in units of 2^exponent, the least that fits
     opacity = OPACITY.round(-np.log2(np.minimum(kept.opacity, 1)))
-    quantised = Quantised(format, chunks, position, factor, exponent, opacity, colour, harmonics)
+    quantised = Quantised(format, chunks, position, factor, exponent, opacity, colour)
     model = PackedModel(lay_out(quantised), scene.name)
     dropped = int((~finite).sum()), int((finite & ~visible).sum())
-    return model, report(kept, lower, harmonics, model, dropped)
+    return model, report(kept, lower, model, dropped)
 
 
-def report(
-    kept: Scene, lower: np.ndarray, harmonics: Codebook, model: PackedModel, gone: tuple[int, int]
-) -> PackReport:
+def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
+    """Layouts [C] of the chunks of Gaussians with factors [N, k, 3] of each degree's polynomials:
+    those given, but none more than the chunk has harmonics for."""
+    starts = np.arange(0, len(factors[0]), CHUNK)
+    degree = np.zeros(len(starts), np.int64)  # the highest that is not zero
+    for d, factor in enumerate(factors):
+        largest = np.abs(factor).max((1, 2), initial=0)
+        has = np.maximum.reduceat(largest, starts) > 0 if len(starts) else degree > 0
+        degree = np.where(has, d, degree)
+    asked = {"balanced": COARSE, "faithful": FINE}[quality] if isinstance(quality, str) else quality
+    second = np.minimum(asked, SECOND)  # those of degree 3 hold nothing more of degrees 1 and 2
+    return np.where(degree > 2, asked, np.where(degree > 0, second, 0))
+
+
+def report(kept: Scene, lower: np.ndarray, model: PackedModel, gone: tuple[int, int]) -> PackReport:
     """The report on Gaussians in stored order with factors `lower`; `gone` counts those that are
     not finite and transparent."""
     packed = model.gaussians()
     axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)
-    _, slopes = appearance(kept)
+    errors = [a - b for a, b in zip(model.factors, folded(kept.sh), strict=True)]
     return PackReport(
         gaussians=len(kept) + sum(gone),
         packed=len(model),
@@ -109,18 +146,18 @@ def report(
         position_error=_largest(packed.position - kept.position),
         factor_error=_largest((packed.factor - lower) / axis[:, None, None]),
         opacity_error=_largest(packed.opacity - kept.opacity),
-        colour_rms=_rms((packed.sh[:, 0] - kept.sh[:, 0]) * SH_C0),
-        sh_rms=_rms(harmonics.decode() - slopes) if kept.sh_degree else 0.0,
+        colour_rms=_rms(errors[0]),
+        sh_rms=[_rms(error) for error in errors[1:]],
     )
 
 
 def appearance(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """The vectors that codebooks hold of a scene of degree 0 or 1: colours [N, 3] as the original
     renderer has them without harmonics, and slopes [N, 9] (without harmonics [0, 9])."""
-    colours = scene.sh[:, 0] * SH_C0 + 0.5
+    colours = folded(scene.sh)[0][:, 0] + COLOUR_OFFSET
     if not scene.sh_degree:
         return colours, np.zeros((0, 9))
-    return colours, slopes_from_sh(scene.sh[:, 1:4]).reshape(-1, 9)
+    return colours, slopes_of(folded(scene.sh)[1]).reshape(-1, 9)
 
 
 def _largest(error: np.ndarray) -> float:
@@ -137,6 +174,20 @@ def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     for array in (scene.position, scene.scale, scene.quaternion):
         finite &= np.isfinite(array).all(1)
     return finite, scene.opacity >= ALPHA_MIN
+
+
+def stored_order(scene: Scene) -> tuple[np.ndarray, Chunks]:
+    """Which Gaussians [M] of a scene are stored, in that order, and their chunks."""
+    finite, visible = keep(scene)
+    stored = np.flatnonzero(finite & visible)
+    chunks = chunk_positions(scene.position[stored])
+    return stored[chunks.order], chunks
+
+
+def packable(config: Config) -> tuple:
+    """What of a machine decides how a scene is packed for it."""
+    formats = [model_format(config, degree) for degree in compact_degrees(config)]
+    return *formats, config.sh_degree, config.colours, largest_factor(config.arithmetic)
 
 
 def largest_factor(arithmetic: Float) -> float:

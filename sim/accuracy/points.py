@@ -16,10 +16,12 @@ from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile
 from splatcore.golden.reference_tiles import rasterize
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.common.metric import psnr
-from splatcore.sim.common.source import View, packed_model
+from splatcore.sim.common.source import View
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, PAPER, Config
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
+from splatcore.spec.depth import whole_depth
 from splatcore.spec.error import InputError
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
@@ -114,12 +116,13 @@ def fields_of(config: Config, model: PackedModel, points: Points) -> Fields:
     """Stage 1's results for each projected Gaussian; not all of them need be finite."""
     value, pixel = points.projected, 2.0**config.screen_exponent
     across, shear = value["across"], value["shear"]
-    names = CHANNELS if model.format.sh_degree else COLOURS
+    flat = config.colours == "array" and not model.format.sh_degree
+    names = COLOURS if flat else CHANNELS
     with np.errstate(over="ignore", invalid="ignore"):  # infinities of FP16
         fields = {
             "u": value["u"] * pixel,
             "v": value["v"] * pixel,
-            "depth": config.depth.round(value["z"]),
+            "depth": whole_depth(config, value["z"], value["z_low"]),
             "conic_a": across / pixel**2,
             "shear": shear,
             "conic_c": (value["along"] + shear * shear * across) / pixel**2,
@@ -231,7 +234,7 @@ def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:
     references = {}
 
     def reference(config: Config) -> Reference:
-        model = packed_model(source, config)
+        model = packed_model(source, config, camera)
         return references.setdefault(id(model), Reference(model, camera))
 
     whole = reference(DEFAULT)

@@ -47,7 +47,7 @@ def exact_view(view: View) -> tuple[Splats, Entries, np.ndarray]:
     """Exact splats of what a packed model keeps, their sorted entries (formats change nothing in
     them) and the reference's image [H, W, 3], 0 … 1."""
     source, camera = view.open()
-    gaussians = as_packed(replace(source.gaussians, sh=source.gaussians.sh[:, :4]))
+    gaussians = as_packed(source.gaussians)
     splats, _ = project(gaussians, camera)
     image = np.clip(render(gaussians, camera).image, 0, 1)
     return splats, entries_of(DEFAULT, splats, camera), image

@@ -21,13 +21,14 @@ from splatcore.spec.config import DEFAULT
 
 FRACTIONS = (10, 12, 14, 16, 18, 20)  # fraction bits of depths whose whole codes are keys
 REBASED = (15, 18)  # bits of keys that begin with the nearest entry of each group
+WINDOWED = 16  # fraction bits of the codes that such keys are windows of
 FRAME_BITS = 15  # bits of keys that begin with the nearest splat of the frame
 
 Keys = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Keys [N] of entries from depths [M] of all splats, the entries' splats [N] and groups [N]."""
 
 
-def depth_codes(depth: np.ndarray, fraction: int = DEFAULT.depth.fraction) -> np.ndarray:
+def depth_codes(depth: np.ndarray, fraction: int = WINDOWED) -> np.ndarray:
     """Codes of depths as floats of so many fraction bits: they rise with the depths."""
     return replace(DEFAULT.depth, fraction=fraction).encode(depth).astype(np.int64)
 
@@ -47,12 +48,12 @@ def whole(fraction: int) -> Keys:
 
 
 def rebased(bits: int) -> Keys:
-    """A window of DEFAULT's codes for each group."""
+    """A window of the codes for each group."""
     return lambda depth, splat, group: window(depth_codes(depth)[splat], group, bits)
 
 
 def of_the_frame(bits: int) -> Keys:
-    """A window of DEFAULT's codes for all groups."""
+    """A window of the codes for all groups."""
     return lambda depth, splat, group: window(depth_codes(depth), np.zeros_like(depth), bits)[splat]
 
 

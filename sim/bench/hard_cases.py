@@ -15,6 +15,7 @@ from splatcore.sim.machine.engines import cycles
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.script import Timing
+from splatcore.sim.packing.choose import finest
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -120,7 +121,7 @@ def measure(
 
 def prepare(outcome: Outcome, case: HardCase, camera: Camera, config: Config):
     """Pack a case for a machine, and render both scene and model by the reference."""
-    outcome.model, outcome.report = pack(case.scene, config)
+    outcome.model, outcome.report = pack(case.scene, config, quality=finest(case.scene, config))
     with np.errstate(invalid="ignore"):  # an infinite quaternion has no rotation
         outcome.whole = render(case.scene.gaussians(), camera)
     outcome.exact = render(outcome.model.gaussians(), camera)

@@ -18,7 +18,7 @@ from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write, write_json
-from splatcore.sim.common.source import View, packed_model, scene_files
+from splatcore.sim.common.source import View, scene_files
 from splatcore.sim.common.table import comma_separated, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
@@ -26,6 +26,7 @@ from splatcore.sim.machine.engines import cycles, golden, reference
 from splatcore.sim.machine.machine import Job, Machine, Run, machine_source
 from splatcore.sim.machine.path import build, check_fits, simulate
 from splatcore.sim.machine.script import Timing
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
@@ -43,20 +44,23 @@ CYCLES = ("preprocessing", "rendering", "frame")
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """A view's model and pictures: the golden model's frame, and the reference's exact picture."""
+    """A view's model and pictures: the golden model's frame, and the reference's of the model."""
 
     model: PackedModel
     camera: Camera
     golden: pipeline.Frame
     exact: np.ndarray
+    whole: np.ndarray  # of the scene as it is
 
 
-def views(scenes: list[str], cameras: str | None, size: str) -> list[View]:
+def views(
+    scenes: list[str], cameras: str | None, size: str, quality: str | None = None
+) -> list[View]:
     """The views of scenes, else of all in the shared folder."""
     found = []
     for scene in scenes or map(str, scene_files()):
         named = cameras.split(",") if cameras else ["", *MORE_CAMERAS.get(Path(scene).name, ())]
-        found += [View(scene, camera.strip(), size) for camera in named]
+        found += [View(scene, camera.strip(), size, quality=quality) for camera in named]
     for view in found:
         if view.camera_text:
             read_camera(view.camera_text)
@@ -103,9 +107,10 @@ def expect(config: Config, view: View) -> Expected:
     with progress_bar(f"packing {view.name}"):
         source, camera = view.open()
         check_fits(config, camera)
-        model = packed_model(source, config)
+        model = packed_model(source, config, camera, view.quality)
     frame = golden(config, Job(model, camera))
-    return Expected(model, camera, frame, reference(model.gaussians(), camera).pixels)
+    exact, whole = (reference(g, camera).pixels for g in (model.gaussians(), source.gaussians))
+    return Expected(model, camera, frame, exact, whole)
 
 
 def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
@@ -115,6 +120,7 @@ def measure(machine: Machine, view: View, expected: Expected, timing: Timing) ->
     run = simulate(machine, jobs, timing, f"{view.name}, {timing.name}")
     row = {
         "scene": Path(view.scene).name, "camera": view.camera or expected.camera.name,
+        "quality": view.quality, "bytes_per_gaussian": expected.model.bytes_per_gaussian,
         "size": view.size, "preset": config.name, "timing": asdict(timing),
         "seconds": round(time.perf_counter() - begin, 1), "simulated_cycles": run.report.cycles,
         "identical": False, "ended": run.why,
@@ -131,6 +137,7 @@ def judge(config: Config, run: Run, expected: Expected) -> dict:
     return {
         "identical": not any(wrong),
         "difference": str(next((text for text in wrong if text), "")),
+        "psnr_db_scene": difference(run.frames[-1].pixels, expected.whole).psnr_db,
         "psnr_db": metrics.psnr_db, "ssim": metrics.ssim, "max_error": metrics.max_error,
         "cycles": cycles(run) | {"rendering_alone": run.rendering_cycles[-1]},
         "model_cycles": frame_cycles(config, expected.golden).by_name,
@@ -160,7 +167,7 @@ def cells(row: dict) -> Iterator[tuple[str, object]]:
     yield "identical", "yes" if row["identical"] else "no"
     if "cycles" not in row:
         return
-    yield from ((name, row[name]) for name in ("psnr_db", "ssim", "max_error"))
+    yield from ((name, row[name]) for name in ("psnr_db_scene", "psnr_db", "ssim", "max_error"))
     yield from row["cycles"].items()
     yield from ((f"model_{name}", value) for name, value in row["model_cycles"].items())
     yield from ((f"mb_{cause}", n / MEGABYTE) for cause, n in row["traffic_bytes"].items())
@@ -170,11 +177,16 @@ def markdown(rows: list[dict]) -> str:
     """Three tables: cycles and error, the cycle model's stages, megabytes by cause."""
     done = [row for row in rows if "cycles" in row]
     titles = [f"{row['scene']} {row['camera']}, {row['timing']['name']}" for row in done]
+    titles = [
+        f"{title}, {row['quality']}" if row["quality"] else title
+        for title, row in zip(titles, done, strict=True)
+    ]
     frames = [
         {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
         | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
         | {"identical": "yes" if row["identical"] else "no"}
-        | {"PSNR, dB": shown(row["psnr_db"], ".2f", none="exact")}
+        | {"dB, scene": shown(row["psnr_db_scene"], ".2f", none="exact")}
+        | {"dB, machine": shown(row["psnr_db"], ".2f", none="exact")}
         | {"SSIM": shown(row["ssim"], ".5f")}
         | {"max error": f"{row['max_error']:.4f}"}
         | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}

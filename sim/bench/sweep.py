@@ -13,9 +13,10 @@ import numpy as np
 from splatcore.golden.pipeline import render
 from splatcore.sim.bench.campaign import Task
 from splatcore.sim.common.metric import LEVELS, channel_error, psnr
-from splatcore.sim.common.source import Source, View, open_source, packed_model
+from splatcore.sim.common.source import Source, View, open_source
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import reference
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
 from splatcore.spec.packed import PackedModel
 
@@ -49,7 +50,8 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
     """{"rows": [a row for each machine]}; all machines make the same picture."""
     first = next(iter(machines.values()))
     source = opened(view.scene)
-    camera, model = view.camera_of(source), packed_model(source, first)
+    camera = view.camera_of(source)
+    model = packed_model(source, first, camera)
     frame = render(first, model, camera)
     truth = exact(view, model)
     facts = {

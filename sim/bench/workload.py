@@ -13,8 +13,9 @@ from splatcore.golden.pipeline import Frame, render
 from splatcore.model.formats.camera_file import read_camera, read_cameras
 from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.bench.sweep import opened
-from splatcore.sim.common.source import View, packed_model
+from splatcore.sim.common.source import View
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import Config
 from splatcore.spec.convention import NEAR_PLANE, TILE
 from splatcore.spec.microprogram import operation_counts, program, projection
@@ -58,7 +59,8 @@ def work(config: Config, views: list[View], folder: Path, scheduler: str | None)
 def view_work(config: Config, view: View) -> dict:
     """A frame's counts and rates, and how many splats reach each tile."""
     source = opened(view.scene)
-    model, camera = packed_model(source, config), view.camera_of(source)
+    camera = view.camera_of(source)
+    model = packed_model(source, config, camera)
     frame = render(config, model, camera)
     depth = model.position @ camera.rotation[2] + camera.translation[2]
     behind, counts = int((depth <= NEAR_PLANE).sum()), frame.counts
@@ -91,7 +93,7 @@ def utilisation(config: Config, sh_degree: int, projected: int, cycles: Cycles) 
     """
     steps = projection(config)
     if sh_degree < config.sh_degree:
-        steps = program(steps.name.replace("_sh", ""))
+        steps = program(steps.name.replace("_sh", "_flat"))
     used = sum(step.unit == "pe" for step in steps.steps)
     return used * projected / (pes(config, projection(config)) * cycles.frame)
 

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import typer
 
+from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.bench.scenes import views
 from splatcore.sim.cli.options import app, argument, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
-from splatcore.sim.common.source import VIEW_SIZE, View, parse_size
+from splatcore.sim.common.source import VIEW_SIZE, View, check_known, parse_size
 
 bench = typer.Typer(
     no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated."
@@ -29,10 +30,15 @@ SchedulerOption = option(
 SIZE = "x".join(map(str, VIEW_SIZE))
 
 
-def look(output: Path, scene: list[str] | None, cameras: str | None, size: str) -> list[View]:
+def look(
+    output: Path, scene: list[str] | None, cameras: str | None, size: str,
+    quality: str | None = None,
+) -> list[View]:  # fmt: skip
     """The views to measure; makes the folder."""
     size = "x".join(map(str, parse_size(size)))
-    found = views(list(scene or ()), cameras, size)
+    if quality is not None:
+        check_known("--quality", QUALITIES, quality)
+    found = views(list(scene or ()), cameras, size, quality)
     make_folder(output)
     return found
 

@@ -6,7 +6,7 @@ from rich.table import Table
 from splatcore.sim.bench import campaigns, scenes, workload
 from splatcore.sim.bench.sweep_points import points
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import PresetOption, option
+from splatcore.sim.cli.options import PresetOption, QualityOption, option
 from splatcore.sim.common.output import console
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
@@ -32,6 +32,7 @@ def scenes_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     timing: TimingOption = "both",
+    quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
 ):
     """Render scenes by the simulated machine: cycles, traffic, and whether the pictures are right.
@@ -41,7 +42,7 @@ def scenes_command(
     """
     config = find_preset(preset)
     timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
-    found = bench.look(output, scene, cameras, size)
+    found = bench.look(output, scene, cameras, size, quality)
     right = scenes.bench_scenes(config, found, timings, output)
     console.print((output / "scenes.md").read_text(), soft_wrap=True)
     if not right:

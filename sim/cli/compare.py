@@ -15,9 +15,9 @@ from splatcore.sim.common.source import (
     Source,
     open_camera,
     open_source,
-    packed_model,
 )
 from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -83,6 +83,6 @@ def picture(
     if text == "golden":
         return golden_of(source, view, config, SPLATCORE.background).pixels
     if text == "rtl":
-        return rtl_pixels(config, packed_model(source, config), view, SPLATCORE.background)
-    gaussians = packed_model(source, config).gaussians() if packed else source.gaussians
+        return rtl_pixels(config, packed_model(source, config, view), view, SPLATCORE.background)
+    gaussians = packed_model(source, config, view).gaussians() if packed else source.gaussians
     return reference(gaussians, view).pixels

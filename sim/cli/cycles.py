@@ -4,16 +4,18 @@ from pathlib import Path
 
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
+from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common.metric import psnr
-from splatcore.sim.common.output import check_writable, progress_bar, write_json
-from splatcore.sim.common.source import View, packed_model
+from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.source import View, check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.preset import find_preset
 
-LABELS = {"fps": "frames a second", "psnr_db": "PSNR, dB"}  # of rows that are not cycles
+LABELS = {"fps": "frames a second", "psnr_db": "dB, machine"}  # of rows that are not cycles
 
 SceneArgument = options.argument(list[str], "SCENE|MODEL …", "What to render.")
 
@@ -24,6 +26,7 @@ def cycles_command(
     camera: options.CameraOption = None,
     size: options.SizeOption = None,
     preset: options.PresetOption = "DEFAULT",
+    quality: options.QualityOption = None,
     json: options.JsonOption = None,
 ):
     """Cycles of a frame by stage, from the golden model's counts, and the error of its picture.
@@ -32,12 +35,14 @@ def cycles_command(
     LPDDR4's latency in them, its bandwidth is left out.
     """
     check_writable(json)
+    if quality is not None:
+        check_known("--quality", QUALITIES, quality)
     config = find_preset(preset)
     facts = {}
     for text in scene:
         with progress_bar(f"reading {text}"):
             source, view = View(text, size=size, file=camera).open()
-            model = packed_model(source, config)
+            model = packed_model(source, config, view, quality)
         with progress_bar(f"rendering {text}"):
             frame = render(config, model, view)
             reference = render_reference(model.gaussians(), view).image
@@ -46,8 +51,11 @@ def cycles_command(
             "fps": round(CLOCK_HZ / found.frame, 1),
             "psnr_db": psnr(frame.pixels / 255, reference.clip(0, 1)),
         }  # fmt: skip
+        if source.packed:
+            console.print(f"{text}: {packing_line(source)}", soft_wrap=True)
+            facts[text]["packing"] = packing(source)
     table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
-    for name in next(iter(facts.values())):
+    for name in (name for name in next(iter(facts.values())) if name != "packing"):
         values = [row[name] for row in facts.values()]
         form = (".1f",) if name in LABELS else (",.0f", 1000)
         cells = (shown(value, *form, none="exact") for value in values)

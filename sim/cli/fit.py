@@ -13,16 +13,17 @@ from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import check_writable, console, messages, progress_bar, write_json
-from splatcore.sim.common.source import camera_beside, open_source, packed_model
+from splatcore.sim.common.source import camera_beside, open_cameras, open_source
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.fit.formats import decibels
 from splatcore.sim.fit.gates import part_gates
 from splatcore.sim.fit.preset_file import write_preset
 from splatcore.sim.fit.search import Fit, Impossible, Knob, fit, knobs
-from splatcore.sim.fit.views import View, open_cameras, start_config, views_of
+from splatcore.sim.fit.views import View, start_config, views_of
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.path import build, simulate
 from splatcore.sim.machine.script import LPDDR4
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
 
@@ -33,7 +34,6 @@ PSNR_MAX = 200.0  # more than 8 bits can show is impossible, more than this a sl
 OutputOption = option(Path, "PRESET.toml", "What to write.", "-o")
 FpsOption = option(float, "F", "Frames a second at 800 MHz.")
 PsnrOption = option(float | None, "P", "dB against the reference. Default: DEFAULT's formats.")
-CamerasOption = option(str | None, "FILE[:ID,ID,…]", "All cameras of a file, or some of them.")
 GatesOption = option(bool, None, "Synthesise all parts, this machine's and DEFAULT's.", "--gates")
 ConfirmOption = option(bool, None, "Simulate the slowest view in RTL: takes minutes.", "--confirm")
 
@@ -45,7 +45,7 @@ def fit_command(
     fps: FpsOption,
     psnr: PsnrOption = None,
     camera: options.CameraOption = None,
-    cameras: CamerasOption = None,
+    cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     gates: GatesOption = False,
     confirm: ConfirmOption = False,
@@ -97,7 +97,7 @@ def _open(
         source = open_source(scene)
         beside = None if camera or cameras else camera_beside(scene)
         found = open_cameras(camera or beside, cameras, size, source)
-        model = packed_model(source, DEFAULT)
+        model = packed_model(source, DEFAULT, found[0])
         return start_config(name, model, found), views_of(source.name, model, found, advance)
 
 

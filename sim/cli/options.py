@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.common.source import ENGINES
 
 app = typer.Typer(
@@ -42,12 +43,18 @@ CameraOption = option(
     "camera without ID. Default: a sensible view of the scene.",
     "--camera",
 )
+CamerasOption = option(str | None, "FILE[:ID,ID,…]", "All cameras of a file, or some of them.")
 SizeOption = option(str | None, "WxH", "Pixels; the camera's intrinsics are scaled.", "--size")
 PresetOption = option(
     str,
     "NAME|FILE",
     "Machine: DEFAULT, PAPER, TINY or a preset file (TOML; `splatcore fit` writes some).",
     "--preset",
+)
+QualityOption = option(
+    str | None,
+    None,
+    f"How a scene is packed: {', '.join(QUALITIES)}. Default: the smallest that is good enough.",
 )
 EngineOption = option(str, None, f"{', '.join(ENGINES)}.")
 FolderOption = option(Path, "DIR", "Folder to write into.", "-o")

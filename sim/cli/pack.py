@@ -1,57 +1,90 @@
 """The command `pack`: a scene as the model that the machine reads."""
 
-from splatcore.model.pack.pack import STEPS, pack
+from dataclasses import replace
+
+from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
-from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import check_writable, console, progress_bar, write, write_json
-from splatcore.sim.common.source import open_camera, open_source
-from splatcore.sim.machine.engines import reference
+from splatcore.sim.common.source import check_known, open_cameras, open_source
+from splatcore.sim.common.table import new_table
+from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
+from splatcore.sim.packing.choose import LEAST_DB, choose, smallest
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-ShDegreeOption = options.option(int | None, None, "Keep harmonics up to this degree.", min=0, max=1)
+PSNR_MAX = 100.0  # more than 8-bit pictures can show
+
+QualityOption = options.option(
+    str | None,
+    None,
+    f"{', '.join(QUALITIES)}: at most 22, 38 or 54 bytes a Gaussian. Default: the smallest with "
+    f"{LEAST_DB:g} dB.",
+)
+PsnrOption = options.option(
+    float | None, "DB", "The smallest model that reaches so many dB, chosen chunk by chunk."
+)
+ShDegreeOption = options.option(int | None, None, "Keep harmonics up to this degree.", min=0, max=3)
 
 
 @options.app.command("pack")
 def pack_command(
     scene: options.SceneArgument,
     output: options.ModelOption,
+    quality: QualityOption = None,
+    psnr: PsnrOption = None,
     sh_degree: ShDegreeOption = None,
     preset: options.PresetOption = "DEFAULT",
     camera: options.CameraOption = None,
+    cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     json: options.JsonOption = None,
 ):
     """Pack a scene into the model that the machine reads, and say what that loses.
 
-    The loss is the reference renderer's picture of the packed model against its picture of the
-    scene, from one view: with the scene's harmonics cut to the packed degree, and with all.
+    All dB are of the reference renderer's 8-bit pictures against those of the scene as it is, with
+    all its harmonics, the worst of the views: of the model, and of the scene with one part at a
+    time as it is packed.
     """
     check_writable(output, json)
     config = find_preset(preset)
+    if quality is not None:
+        check_known("--quality", QUALITIES, quality)
+        if psnr is not None:
+            raise InputError("--psnr: does not go with --quality; name one of them")
+    if psnr is not None and not 0 < psnr <= PSNR_MAX:
+        raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         if source.scene is None:
             raise InputError(f"{scene}: is a packed model already, not a scene")
-        original = source.scene
-        view = open_camera(camera, size, source)
-    with progress_bar("packing", len(STEPS)) as advance:
+        views = open_cameras(camera, cameras, size, source)
+    original = source.scene
+    if sh_degree is not None:
+        config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
+    with progress_bar("packing") as advance:
 
         def tell(step: str):
-            advance(STEPS.index(step), len(STEPS), f"packing: {step}")
+            advance(0, None, step)
 
-        model, report = pack(original, config, sh_degree, tell)
-    rendered = {
-        "packed model": model.gaussians(),
-        "scene, same degree": original.with_sh_degree(report.sh_degree).gaussians(),
-        "scene": source.gaussians,
-    }
-    packed, cut, whole = (
-        reference(gaussians, view, label=label).pixels for label, gaussians in rendered.items()
-    )
-    facts = report.as_dict() | {"preset": config.name} | vars(difference(packed, cut))
-    facts["psnr_db_all_harmonics"] = difference(packed, whole).psnr_db
-    write(output, model.image.tobytes())
+        if psnr is not None:
+            packed = smallest(original, config, views, psnr, tell)
+        else:
+            packed = choose(original, config, views, quality, tell=tell)
+        losses = psnr_by_part(original, packed.model, views, tell)
+    parts = bytes_by_part(packed.model)
+    facts = packed.report.as_dict() | {
+        "preset": config.name, "quality": packed.quality, "views": len(views),
+        "psnr_db_scene": packed.psnr_db,
+    }  # fmt: skip
+    write(output, packed.model.image.tobytes())
     console.print(describe.table({"model": str(output)} | facts))
-    write_json(json, facts)
+    table = new_table("part", ("bytes a Gaussian", "dB against the scene"))
+    for name in dict.fromkeys((*parts, *losses)):
+        db = losses.get(name)
+        shown = "equal" if db is None else f"{db:.1f}"
+        table.add_row(name, f"{parts.get(name, 0):.2f}", shown if name in losses else "")
+    console.print(table)
+    if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
+        console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
+    write_json(json, facts | {"bytes_by_part": parts, "psnr_db_by_part": losses})

@@ -14,6 +14,7 @@ from splatcore.sim.common.output import check_writable, console, progress_bar, w
 from splatcore.sim.common.picture import write_heat_map, write_png
 from splatcore.sim.common.source import ENGINES, check_known, open_camera, open_source
 from splatcore.sim.machine.engines import golden_of, reference
+from splatcore.sim.packing.choose import packing, packing_line
 from splatcore.spec.convention import ORIGINAL, SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -71,8 +72,10 @@ def render_command(
         frame = reference(source.gaussians, view, convention)
     result = Result(
         engine, config.name, source.name, camera or view.name, (view.width, view.height),
-        round(time.perf_counter() - begin, 3), frame.counts,
+        round(time.perf_counter() - begin, 3), frame.counts, packing=packing(source),
     )  # fmt: skip
+    if result.packing:
+        console.print(packing_line(source), soft_wrap=True)
     write_png(output, frame.pixels)
     if heat_map and isinstance(frame, Frame):
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")

@@ -12,12 +12,13 @@ from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Difference, Result, difference
 from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.picture import write_error_map, write_png
-from splatcore.sim.common.source import Source, packed_model
+from splatcore.sim.common.source import Source
 from splatcore.sim.machine import engines
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.path import build, check_fits, find_timing, orbit, simulate
 from splatcore.sim.machine.waves import Window, write_waves
+from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
@@ -79,7 +80,7 @@ def render_rtl(
     begin = time.perf_counter()
     check_fits(config, view)
     with progress_bar("packing"):
-        model = packed_model(source, config)
+        model = packed_model(source, config, view)
     views = orbit(view, model.position, request.frames)
     codes = engines.background_codes(config, background)
     jobs = [Job(model, view, codes) for view in views]
@@ -106,11 +107,13 @@ def render_rtl(
         if k == 0 and request.error_map:
             title = f"{source.name}: hardware against the reference"
             write_error_map(request.error_map, frame.pixels, exact, title)
+    if source.packed:
+        console.print(packing_line(source), soft_wrap=True)
     same = report(config, run, expected, metrics, output)
     seconds = round(time.perf_counter() - begin, 3)
     result = Result(
         "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
-        expected[0].counts,
+        expected[0].counts, packing=packing(source),
     ).with_difference(metrics[0])  # fmt: skip
     result.identical = all(same)
     write_json(json, facts(run, result, metrics, same, timing.name))

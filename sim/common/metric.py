@@ -47,6 +47,7 @@ class Result:
     cycles: int | None = None
     fps_at_800mhz: float | None = None
     traffic_bytes: dict[str, int] | None = None
+    packing: dict[str, str | float | None] | None = None
 
     def with_difference(self, difference: Difference) -> "Result":
         """Fill in the metrics; returns self."""

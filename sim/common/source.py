@@ -9,14 +9,11 @@ from functools import cached_property
 from pathlib import Path
 
 from splatcore.model.cameras.view import sensible_view
-from splatcore.model.formats.camera_file import read_camera
+from splatcore.model.formats.camera_file import read_camera, read_cameras
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
-from splatcore.model.pack.pack import largest_factor, pack
 from splatcore.spec.camera import SIZE_MAX, Camera
-from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import model_format
 from splatcore.spec.packed import PackedModel, is_packed, read_model
 from splatcore.spec.scene import Gaussians, Scene
 
@@ -41,7 +38,7 @@ class Source:
     scene: Scene | None = None
     model: PackedModel | None = None
     camera: Camera | None = None  # a generated scene's own
-    packed: dict[tuple, PackedModel] = field(default_factory=dict)  # for `packed_model`
+    packed: dict = field(default_factory=dict)  # for `sim.packing`
 
     @cached_property
     def gaussians(self) -> Gaussians:
@@ -70,6 +67,25 @@ def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
     return camera.resized(width, height) if size else camera
 
 
+def open_cameras(
+    camera: str | None, cameras: str | None, size: str | None, source: Source
+) -> list[Camera]:
+    """The camera of --camera, else all of --cameras FILE, else those of FILE:ID,ID,…; resized."""
+    if camera and cameras:
+        raise InputError("--camera and --cameras: one of them, not both")
+    if not cameras:
+        return [open_camera(camera, size, source)]
+    path, ids = cameras, ""
+    while not os.path.exists(path) and ":" in path:
+        path = path.rpartition(":")[0]
+        ids = cameras[len(path) + 1 :]
+    if ids:
+        return [open_camera(f"{path}:{one.strip()}", size, source) for one in ids.split(",")]
+    found = read_cameras(path)
+    shape = open_camera(path, size, source) if size else None
+    return [one.resized(shape.width, shape.height) if shape else one for one in found]
+
+
 def parse_size(text: str) -> tuple[int, int]:
     """Width and height of "WxH", each 1 … SIZE_MAX."""
     match = re.fullmatch(r"(\d{1,9})[xX×](\d{1,9})", text.strip())
@@ -80,17 +96,6 @@ def parse_size(text: str) -> tuple[int, int]:
         if not 1 <= side <= SIZE_MAX:
             raise InputError(f"--size {text}: {name} {side} is not in 1 … {SIZE_MAX}")
     return width, height
-
-
-def packed_model(source: Source, config: Config) -> PackedModel:
-    """The model that a machine renders, kept; a scene is packed for it. It may be empty."""
-    if source.model is not None:
-        return source.model
-    degree = min(source.scene.sh_degree, config.sh_degree)
-    packing = model_format(config, degree), largest_factor(config.arithmetic)
-    if packing not in source.packed:
-        source.packed[packing] = pack(source.scene, config)[0]
-    return source.packed[packing]
 
 
 def check_known(option: str, known: Collection[str], *names: str):
@@ -135,17 +140,20 @@ class View:
 
     scene: a file or the name of a generated scene. camera: an ID in the file of cameras beside it;
     "": the first one there, else a sensible view. size: WxH; None: the camera's own. file: cameras
-    as --camera takes them, instead of those beside.
+    as --camera takes them, instead of those beside. quality: how the scene is packed; None: as
+    small as is good enough.
     """
 
     scene: str
     camera: str = ""
     size: str | None = None
     file: str | None = None
+    quality: str | None = None
 
     @property
     def name(self) -> str:
-        return Path(self.scene).name + (f":{self.camera}" if self.camera else "")
+        name = Path(self.scene).name + (f":{self.camera}" if self.camera else "")
+        return f"{name} {self.quality}" if self.quality else name
 
     @cached_property
     def camera_text(self) -> str | None:

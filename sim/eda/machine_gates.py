@@ -37,6 +37,7 @@ PATHS = {
     "stage 0": {"chunk": r"preprocess\.points\.chunk", "cull": r"preprocess\.points\.cull"},
     "stage 1": {
         "place": r"preprocess\.points\.place",
+        "colour": r"preprocess\.points\.project\.colour",
         "project": r"preprocess\.points\.project",
         "points, the rest": r"preprocess\.points",
     },

@@ -47,6 +47,7 @@ DETAILS = {
     ErrorCode.SIZE: "0 WIDTH, 1 HEIGHT, 2 STRIDE",
     ErrorCode.READ: ", ".join(f"{k} {name}" for k, name in enumerate(READERS)),
     ErrorCode.WRITE: ", ".join(f"{k} {name}" for k, name in enumerate(WRITERS)),
+    ErrorCode.DEGREE: "the model's degree",
 }
 """The detail, of errors that have one."""
 
@@ -79,6 +80,7 @@ def sizes(config: Config) -> dict[str, int]:
     return {
         "WIDTH_MAX": config.width_max,
         "HEIGHT_MAX": config.height_max,
+        "SH_DEGREE_MAX": config.sh_degree,
         "GROUPS_MAX": groups_max(config),
         "MODEL_ALIGNMENT": ALIGNMENT,
         "WORK_ALIGNMENT": WORK_ALIGNMENT,

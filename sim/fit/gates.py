@@ -1,7 +1,7 @@
 """Gates of the parts that `splatcore fit` sizes: synthesised one by one for area, and kept.
 
 What lies between these parts (queues, control, memory access: about 150 k NAND2-equivalents of
-DEFAULT's 946 k) hardly depends on what is fitted, and is left out.
+DEFAULT's 900 k) hardly depends on what is fitted, and is left out.
 
 Searching asks for differences only. They are linear in a format's bits, in a sub-sorter's entries
 and in a merge's ways, to within a few percent: two small syntheses give the slope, and the counts
@@ -97,13 +97,15 @@ SHARES: dict[str, tuple[Share, ...]] = {
 def with_bits(config: Config, field: str, bits: int) -> Config:
     """A machine with a format of so many bits: below the point, of a key for `sort_digits`.
 
-    Depths are those of the arithmetic that finds them.
+    Depths stay as much finer as they are.
     """
     if field == "sort_digits":
         return replace(config, sort_digits=(1,) * bits)
     if field == "arithmetic":
         arithmetic: Float = replace(config.arithmetic, fraction=bits)
-        return replace(config, arithmetic=arithmetic, depth=replace(config.depth, fraction=bits))
+        finer = config.depth.fraction - config.arithmetic.fraction
+        depth = replace(config.depth, fraction=bits + finer)
+        return replace(config, arithmetic=arithmetic, depth=depth)
     return replace(config, **{field: bits})
 
 

@@ -135,7 +135,7 @@ def knobs(found: Fit) -> list[Knob]:
     """All that was chosen, with reasons."""
     config = found.config
     reasons = dict.fromkeys(("width_max", "height_max"), "the largest view")
-    reasons["sh_degree"] = f"the scene has {'' if config.sh_degree else 'no '}harmonics"
+    reasons["sh_degree"] = f"the model has harmonics of degree {config.sh_degree}"
     sizes = [Knob(k, getattr(DEFAULT, k), getattr(config, k), why) for k, why in reasons.items()]
     for name, half in SIZES.items():
         before, value = (

@@ -1,6 +1,5 @@
 """Views that `splatcore fit` fits a machine to: a packed model seen by some cameras."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -11,36 +10,15 @@ import numpy as np
 from splatcore.golden.pipeline import Frame, render
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import render as render_reference
-from splatcore.model.formats.camera_file import read_cameras
 from splatcore.sim.common.metric import LEVELS
-from splatcore.sim.common.source import Source, open_camera
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import model_format
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.renderable import check_renderable
 
 OF_RASTER = [field for field, format in FORMATS.items() if not format.in_features]
 """Fields that change nothing in front of stage 3."""
-
-
-def open_cameras(
-    camera: str | None, cameras: str | None, size: str | None, source: Source
-) -> list[Camera]:
-    """The camera of --camera, else all of --cameras FILE, else those of FILE:ID,ID,…; resized."""
-    if camera and cameras:
-        raise InputError("--camera and --cameras: one of them, not both")
-    if not cameras:
-        return [open_camera(camera, size, source)]
-    path, ids = cameras, ""
-    while not os.path.exists(path) and ":" in path:
-        path = path.rpartition(":")[0]
-        ids = cameras[len(path) + 1 :]
-    if ids:
-        return [open_camera(f"{path}:{one.strip()}", size, source) for one in ids.split(",")]
-    found = read_cameras(path)
-    shape = open_camera(path, size, source) if size else None
-    return [one.resized(shape.width, shape.height) if shape else one for one in found]
 
 
 @dataclass(eq=False)
@@ -91,19 +69,17 @@ class View:
 
 
 def start_config(name: str, model: PackedModel, cameras: list[Camera]) -> Config:
-    """DEFAULT as large as the pictures, and without harmonics if the model has none.
+    """DEFAULT as large as the pictures, for harmonics of the model's degree.
 
     InputError for a model that is packed for another machine.
     """
-    degree = model.format.sh_degree
-    if model.format != model_format(DEFAULT, degree):
-        raise InputError(f"{model.name}: is packed for another machine than {DEFAULT.name}")
+    check_renderable(DEFAULT, model)
     sides = {"width": 0, "height": 0}
     for camera, side in product(cameras, sides):
         sides[side] = max(sides[side], getattr(camera, side))
     try:
         return replace(
-            DEFAULT, name=name, sh_degree=min(degree, DEFAULT.sh_degree),
+            DEFAULT, name=name, sh_degree=model.format.sh_degree,
             width_max=sides["width"], height_max=sides["height"],
         )  # fmt: skip
     except InputError as error:

@@ -5,15 +5,16 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.sim.common.output import progress_bar
-from splatcore.sim.common.source import Source, packed_model
+from splatcore.sim.common.source import Source
 from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.path import build, check_fits, simulate
 from splatcore.sim.machine.script import IDEAL
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import colour_format
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.convention import SPLATCORE, Convention
 from splatcore.spec.error import InputError
-from splatcore.spec.group import colour_format
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians
 
@@ -47,7 +48,7 @@ def golden_of(source: Source, camera: Camera, config: Config, background) -> pip
     """The same of a source; a scene is packed first. InputError for too large an image."""
     check_fits(config, camera)
     with progress_bar("packing"):
-        model = packed_model(source, config)
+        model = packed_model(source, config, camera)
     return golden(config, Job(model, camera, background_codes(config, background)))
 
 

@@ -83,14 +83,14 @@ def test_without_a_camera_there_is_something_to_see(folder):
 def test_pack_render_compare(folder, capsys):
     assert run("pack scene.ply -o scene.splatcore --json pack.json --camera cameras.json") == 0
     report = load(folder / "pack.json")
-    assert report["packed"] + report["transparent"] == 200 and report["psnr_db"] > 30
+    assert report["packed"] + report["transparent"] == 200 and report["psnr_db_scene"] > 30
     assert len(read_model("scene.splatcore")) == report["packed"]
     for name in ("scene.ply", "scene.splatcore"):
         run("render", name, "--camera", "cameras.json", "-o", name + ".png")
     assert run("compare scene.ply.png scene.splatcore.png -o map.png --json c.json") == 0
     result = load(folder / "c.json")
     assert list(result) == KEYS
-    assert result["psnr_db"] == pytest.approx(report["psnr_db"]) and not result["identical"]
+    assert result["psnr_db"] == pytest.approx(report["psnr_db_scene"]) and not result["identical"]
     assert read_png("map.png").size > 0
     options = "--scene scene.ply --camera cameras.json --json three.json"
     run(f"compare scene.ply.png reference scene.ply.png {options}")
@@ -155,7 +155,7 @@ def test_commands_are_in_the_order_of_their_files():
     found = [*app.registered_commands, *bench.registered_commands]
     names = """scene info train compress pack render compare error hard programs verilog registers
         synth fpga memories cycles power fit report
-        sort scenes sweep ablation work compression differentiable"""
+        sort scenes sweep ablation work quality compression differentiable"""
     assert [command.name for command in found] == names.split()
     files = dict.fromkeys(command.callback.__module__.split(".")[-1] for command in found)
     assert list(files) == FILES
@@ -169,7 +169,7 @@ def test_usage_errors_exit_with_2(capsys):
 
 def test_result_has_the_documented_keys():
     assert list(vars(Result("reference", "DEFAULT"))) == KEYS
-    others = "psnr_db_all_harmonics bytes_per_gaussian middle_98_percent pes_busy nand2".split()
+    others = "psnr_db_scene bytes_per_gaussian middle_98_percent pes_busy nand2".split()
     documented = (ROOT / "docs" / "json.md").read_text()
     assert all(f"`{key}`" in documented for key in (*KEYS, *others))
 

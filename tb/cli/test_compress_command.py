@@ -15,7 +15,8 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate
-from splatcore.spec.packed import SH_C0, read_model
+from splatcore.spec.colour import SH_C0
+from splatcore.spec.packed import read_model
 from tb.helpers.command import load, run
 from tb.helpers.compression_scene import nothing
 

@@ -63,7 +63,7 @@ def test_all_cases_of_the_golden_model(tmp_path, capsys):
     assert {path.stem for path in folder.glob("*.png")} == {*HARD, "hard-cases"}
     assert read_png(folder / "hard-cases.png").std() > 20
     text = capsys.readouterr().out
-    assert text.count(": pass (") == 20 and "20 of 20 pass" in text and "FAIL" not in text
+    assert text.count(": pass (") == 25 and "25 of 25 pass" in text and "FAIL" not in text
 
 
 def test_what_is_measured(tmp_path, capsys):
@@ -137,8 +137,8 @@ def test_a_wrong_picture(tmp_path, monkeypatch, quick, capsys):
 def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
     """A Gaussian too many, and one that only the reference sees."""
 
-    def careless(scene, config):
-        model, report = pack(scene, config)
+    def careless(scene, config, quality):
+        model, report = pack(scene, config, quality=quality)
         return model, replace(report, not_finite=1)
 
     monkeypatch.setattr(hard_cases, "pack", careless)
@@ -158,10 +158,10 @@ def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
 def test_what_cannot_be_packed(tmp_path, monkeypatch, quick):
     """Fails and is told; the others stand."""
 
-    def refuse(scene, config):
+    def refuse(scene, config, quality):
         if len(scene) == 1:
             raise InputError("a position is too large")
-        return pack(scene, config)
+        return pack(scene, config, quality=quality)
 
     monkeypatch.setattr(hard_cases, "pack", refuse)
     cases = measured(tmp_path, "-o", str(tmp_path / "pictures"), status=1)["cases"]

@@ -1,11 +1,14 @@
 """Bad input of all commands: one line of error, and nothing is written; and their help."""
 
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from splatcore.model.generate.generate import GENERATORS
+from splatcore.model.generate.generate import GENERATORS, generate
 from splatcore.model.generate.hard import HARD
+from splatcore.model.pack.pack import pack
 from splatcore.sim.compression import run as compression_run
 from splatcore.sim.report.sections import SECTIONS
 from tb.helpers.command import check_refused, run, write_scene
@@ -23,6 +26,12 @@ def place(tmp_path_factory):
     less = data.replace(b"property float rot_3\n", b"", 1)
     files = {"damaged.splatcore": image, "cut.ply": data[:5000], "less.ply": less, "file": b""}
     files |= {"bare.json": b'[{"id": 0, "width": 4, "height": 4}]', "empty.json": b"[]"}
+    scene = generate("garden", 30)
+    for degree in (1, 3):
+        sh = np.random.default_rng(degree).normal(size=(30, (degree + 1) ** 2, 3)) / 9
+        packed, _ = pack(replace(scene, sh=sh), quality="balanced")
+        files[f"degree{degree}.splatcore"] = packed.image.tobytes()
+    files["plain.toml"] = b'name = "PLAIN"\nsh_degree = 2\n'
     for name, content in files.items():
         (folder / name).write_bytes(content)
     return folder
@@ -117,6 +126,12 @@ BAD = {
     "render scene.ply -o a.png --heat-map none/h.png": "none/h.png",
     "render scene.ply --background 1,2 -o a.png": "--background '1,2'",
     "render damaged.splatcore -o a.png": "damaged.splatcore: checksum",
+    "render degree3.splatcore --engine golden --preset plain.toml -o a.png": (
+        "degree3.*SH degree 3, preset PLAIN renders up to 2.*--preset PLAIN"
+    ),
+    "render degree3.splatcore --engine golden --preset paper -o a.png": "degree 3.*up to 1",
+    "render degree1.splatcore --engine golden --preset paper -o a.png": "PAPER.*compact",
+    "render scene.splatcore --engine golden --preset paper -o a.png": "'chunk', .*PAPER 'absolute'",
     "report -o out --section speed": r"--section 'speed': unknown \(there are scenes, sweep, paper",
     "report -o out --size 3": "--size '3': is not WIDTHxHEIGHT",
     "report -o out --preset HUGE": "preset 'HUGE': unknown",

@@ -8,7 +8,8 @@ import torch
 
 from splatcore.golden.reference import render as reference
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
-from splatcore.model.gradients.differentiable import blending_weights, render
+from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, SPLATCORE
 from tb.helpers.dense_splatting import PARAMETERS, dense_render
 from tb.helpers.splatting_scenes import MAKERS, loss, scene, tensors, view

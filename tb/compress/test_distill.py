@@ -14,9 +14,9 @@ from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.teacher import NEARER, pictures, teacher_targets, teacher_views
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
+from splatcore.spec.colour import SH_C0
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import COLOUR_OFFSET
-from splatcore.spec.packed import SH_C0
 from tb.helpers.compression_scene import SIZE, nothing
 
 SMALL = (48, 32)

@@ -8,7 +8,8 @@ import torch
 from splatcore.golden.reference import render as reference
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.gradients import differentiable, rendering_points, rendering_tiles
-from splatcore.model.gradients.differentiable import blending_weights, render
+from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SPLATCORE, TILE
 from tb.helpers.dense_splatting import PARAMETERS

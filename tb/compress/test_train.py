@@ -12,8 +12,8 @@ from splatcore.model.compress.teacher import pictures
 from splatcore.model.compress.train import Training, initial_scene, photograph_loss, ssim, train
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import generate
+from splatcore.spec.colour import SH_C0
 from splatcore.spec.error import InputError
-from splatcore.spec.packed import SH_C0
 from tb.helpers.compression_scene import nothing
 
 STEPS = 60

@@ -10,6 +10,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
+from splatcore.sim.packing.choose import finest
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.metric import psnr_of_square
 from tb.helpers.bounds import BOUND
@@ -28,7 +29,7 @@ def psnr(model, camera, background=(0, 0, 0)) -> float:
 @pytest.mark.parametrize("name", HARD)
 def test_hard_cases(name):
     case = HARD[name](0)
-    model, _ = pack(case.scene, DEFAULT)
+    model, _ = pack(case.scene, DEFAULT, quality=finest(case.scene, DEFAULT))
     assert psnr(model, case.camera) >= BOUND
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatcore.golden.points import Points, project_points
-from splatcore.golden.program import Values
+from splatcore.golden.program import Values, run
 from splatcore.hdl.points.array import Array
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
@@ -50,6 +50,7 @@ def rows(name: str, count: int, **changed) -> tuple[np.ndarray, np.ndarray, np.n
     """Fields, outputs and constants of a program's first items."""
     steps, part = PROGRAMS[name]
     values = garden().frame.constants | getattr(garden(), part) | changed
+    values |= run(DEFAULT, steps, values)  # stage 0's own depths are finer
     fields, outputs = (packed(names, values, count) for names in (steps.fields, steps.outputs))
     return fields, outputs, packed(steps.constants, values, 1)
 

@@ -6,14 +6,18 @@ from functools import partial
 import numpy as np
 import pytest
 
+from splatcore.golden import points as golden_points
 from splatcore.golden.pipeline import render
-from splatcore.golden.points import Points, chunk, project_points, rays
+from splatcore.golden.points import Points, chunk, cull, project_points, rays
 from splatcore.golden.program import run
 from splatcore.golden.reference import covariance_and_conic, project
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
+from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
+from splatcore.spec.depth import finer, whole_depth
+from splatcore.spec.memory import EXTENT_SHIFT, chunk_count
 from splatcore.spec.microprogram import projection
 from tb.helpers.point_rows import PointRows, point_rows
 from tb.helpers.runs import check_under_icarus, needs_icarus
@@ -44,9 +48,9 @@ AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
 """A camera with a part of the garden behind it, and a part beside what it sees."""
 
 MACHINES = {
-    "two arrays, nothing culled": (replace(DEFAULT, pe_arrays=2, culling="none"), 6),
+    "two arrays, nothing culled": (replace(DEFAULT, pe_arrays=2, culling="none"), 7),
     "dense, interval, near plane alone culls": (
-        replace(DEFAULT, skip_zeros=False, depth_interval=True, culling="near"), 15
+        replace(DEFAULT, skip_zeros=False, depth_interval=True, culling="near"), 12
     ),
     "no harmonics, 3σ square": (replace(TINY, sh_degree=0, tile_test="3sigma"), 10),
     "paper": (PAPER, 12),
@@ -65,6 +69,21 @@ def test_machines_equal_golden(name):
     points, projected = len(frame.points.points), len(frame.points.inside)
     least = max(interval * projected, 4 * points)  # with few cycles cull sets the pace
     assert least < cycles < 1.1 * least
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quality", ["balanced", "faithful", "mixed"])
+def test_models_in_steps_equal_golden(quality):
+    """Harmonics of degree 3, in chunks of one layout or of all."""
+    rng, scene = np.random.default_rng(3), generate("garden", 5000)
+    sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(len(scene), 15, 3))], axis=1)
+    if quality == "mixed":
+        quality = rng.integers(0, len(LAYOUTS), chunk_count(len(scene)))
+    model, _ = pack(replace(scene, sh=sh), quality=quality)
+    frame = point_rows(DEFAULT, model, AMID)
+    assert 0 < len(frame.points.index) < len(model)
+    check("points", frame, 0)
+    check("points", frame, 0.4)
 
 
 def test_culling_leaves_the_same_splats():
@@ -100,11 +119,11 @@ def test_under_icarus(stage, tmp_path):
 
 @pytest.mark.slow
 def test_cycles():
-    """A point every 4 cycles, a Gaussian every 11: the figures of the issue are 4 and 12."""
+    """A point every 4 cycles, a Gaussian every 9: the figures of the issue are 4 and 12."""
     frame = rows("garden")
     cull = check("cull", frame, 0).cycles / len(frame.points.points)
     project = check("project", frame, 0).cycles / len(frame.points.index)
-    assert cull < 4.1 and project < 11.1
+    assert cull < 4.1 and project < 9.1
 
 
 @pytest.mark.parametrize("file", parameters(POINT_SCENES))
@@ -133,12 +152,11 @@ def test_skipped_chunks_hold_nothing_visible(name):
 
 
 @pytest.mark.parametrize("tile_test", ["exact", "3sigma"])
-@pytest.mark.parametrize("degree", [0, 1])
-def test_zeros_change_no_bit(degree, tile_test):
+def test_zeros_change_no_bit(tile_test):
     """The dense program makes what the program without the zeros makes."""
     _, _, result = points("garden")
     inputs = result.frame.constants | result.projected
-    config = replace(DEFAULT, sh_degree=degree, tile_test=tile_test)
+    config = replace(DEFAULT, tile_test=tile_test)
     steps = projection(config)
     sparse = run(DEFAULT, steps, inputs)
     dense = run(DEFAULT, projection(replace(config, skip_zeros=False)), inputs)
@@ -191,6 +209,44 @@ def test_golden_against_the_reference(name):
     splats, _ = project(gaussians, camera)
     visible = splats.index[splats.depth > NEAR_PLANE * 1.001]
     assert not len(np.setdiff1d(visible, result.index))
+
+
+def test_depths_are_finer():
+    """z with its low bits, for the view row as rounded: a few roundings of 21 significant bits."""
+    model, _, result = points("garden")
+    way = (model.grid[result.index] - result.frame.camera).astype(np.float64)
+    way = np.ldexp(way, model.value("position_exponent"))
+    exact = way @ [result.frame.constants[f"vz{k}"] for k in range(3)]
+    z, low = result.projected["z"], result.projected["z_low"]
+    error = np.abs([whole_depth(DEFAULT, z, low) - exact, z - exact])
+    finer_error, error = (error / np.abs(way).sum(1)).max(1) / finer(DEFAULT).arithmetic.epsilon
+    assert finer_error < 3 and error > 8
+
+
+def test_no_point_is_beyond_its_chunks_bounds():
+    """Not even one at the very corner: z is found in finer numbers there."""
+    model, _, result = points("garden")
+    headers, fine = model.chunks, finer(DEFAULT)
+    low = headers["origin"].astype(np.int64) - result.frame.camera
+    size = headers["extent"].astype(np.int64) + 1 << headers["shift"] + EXTENT_SHIFT
+    falls = [result.frame.constants[f"vz{k}"] < 0 for k in range(3)]
+    bound = result.chunks["z_high"]
+    way = np.ldexp(np.where(falls, low, low + size).astype(float), model.value("position_exponent"))
+    rays = {f"ray_{axis}": fine.arithmetic.round(way[:, k]) for k, axis in enumerate("xyz")}
+    values = cull(DEFAULT, result.frame, rays)[0]
+    assert (values["z"] <= bound).all()
+
+
+def test_a_chunk_on_the_near_plane(monkeypatch):
+    """Hardware keeps a chunk whose bound is one code beyond it."""
+    model, camera, result = points("garden")
+    bound = np.sort(result.chunks["z_high"])[len(result.chunks["z_high"]) // 2]
+    near = float(DEFAULT.arithmetic.decode(DEFAULT.arithmetic.encode(bound) - 1))
+    frame = replace(result.frame, near_plane=near)
+    monkeypatch.setattr(golden_points, "frame_constants", lambda *_: frame)
+    rows = point_rows(DEFAULT, model, camera)
+    assert 0 < rows.points.read.sum() < len(rows.points.read)
+    check("chunk", rows, 0)
 
 
 def test_culling_agrees_with_the_reference():

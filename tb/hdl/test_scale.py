@@ -1,11 +1,11 @@
-"""`FromFixed` with a scale against exact values: fixed point times any power of two, as a float."""
+"""Conversions with a scale against exact values: fixed point times any power of two, and back."""
 
 from itertools import product
 
 import numpy as np
 import pytest
 
-from splatcore.hdl.arithmetic.convert import FromFixed
+from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed
 from splatcore.spec.number import FP16, FP24, Fixed, Float
 from tb.helpers.datapaths import Datapath, check, with_pauses
 
@@ -121,3 +121,27 @@ def test_scales_cover_all_that_differ():
                     np.testing.assert_array_equal(last, further, f"{fixed}, {format}, {beyond}")
                 within = exact(fixed, format, code, np.full(len(code), end - 4 * step))
                 assert (last != within).any()
+
+
+def test_to_fixed_of_every_code_at_a_scale():
+    """`ToFixed` with a scale: short formats, at both ends of theirs and of the scale."""
+    scales = range(-1, 3)
+
+    def datapath(format: Float, fixed: Fixed, latency: int) -> Datapath:
+        component = ToFixed(format, fixed, latency, scales)
+        sign = 1 << len(component.scale) - 1
+
+        def golden(code, scale):
+            values = format.decode(code & (1 << format.width) - 1)
+            return fixed.encode(np.ldexp(values, (scale ^ sign) - sign))
+
+        def where(code, scale):
+            scale = (scale ^ sign) - sign
+            return (scale >= scales[0]) & (scale <= scales[-1])
+
+        return Datapath(component, latency, ("i", "scale"), golden, where=where)
+
+    formats = Float(7, 3, subnormal=False), Float(4, 3, subnormal=False), Float(5, 5), Float(3, 4)
+    fixed = Fixed(1, 11, True), Fixed(3, 4, True), Fixed(7, 2, False), Fixed(-3, 9, True)
+    pairs = product(formats, fixed)
+    check([datapath(*pair, k % 3) for k, pair in enumerate(pairs)], every(11, scales))

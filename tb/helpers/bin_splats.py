@@ -8,6 +8,7 @@ from splatcore.golden.bin import CHANNELS, Codes, splat_codes
 from splatcore.golden.program import run
 from splatcore.spec.config import Config
 from splatcore.spec.convention import COVARIANCE_BLUR, NEAR_PLANE, TILE
+from splatcore.spec.depth import low_bits
 from splatcore.spec.frame import fixed_constants
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.microprogram import Program, parse
@@ -59,7 +60,9 @@ def splats(config: Config, kind: str, count: int, size: tuple[int, int], seed: i
     inputs |= {"attenuation": attenuation, "z": between(rng, NEAR_PLANE, 1e4, count)}
     inputs |= {name: rng.normal(0.5, 1, count) for name in CHANNELS}
     inputs = {name: config.arithmetic.round(value) for name, value in inputs.items()}
-    return splat_codes(config, inputs | run(config, conic(config.tile_test), inputs))
+    inputs |= run(config, conic(config.tile_test), inputs)
+    low = rng.integers(0, 1 << low_bits(config), count).astype(np.uint64)
+    return splat_codes(config, inputs | {"z_low": low})
 
 
 def together(*parts: Codes) -> Codes:

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 KEYS = [
     "engine", "preset", "scene", "camera", "size", "seconds", "counts", "psnr_db", "ssim",
-    "max_error", "identical", "cycles", "fps_at_800mhz", "traffic_bytes",
+    "max_error", "identical", "cycles", "fps_at_800mhz", "traffic_bytes", "packing",
 ]  # fmt: skip
 """Keys of the object that `--json` writes."""
 

@@ -14,6 +14,7 @@ from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing, execute
 from splatcore.spec import registers
 from splatcore.spec.axi import READERS, WRITERS
+from splatcore.spec.colour import EXPONENT_MAX
 from splatcore.spec.config import TINY
 from splatcore.spec.memory import HEADER, MAGIC
 from splatcore.spec.registers import ErrorCode, addresses, frame_registers
@@ -27,8 +28,8 @@ GOOD, BAD = 0, 1
 """Models, and images, of the good frame and of the one that something goes wrong in."""
 
 KINDS = (
-    "read", "write", "pages", "features", "scratch", "magic", "version", "format", "size",
-    "alignment", "reset", "abort", "start", "locked",
+    "read", "write", "pages", "features", "scratch", "magic", "version", "format", "degree",
+    "size",    "alignment", "reset", "abort", "start", "locked",
 )  # fmt: skip
 """Kinds of what can go wrong."""
 
@@ -193,11 +194,15 @@ def drawn(kind: str, seed: int) -> Fault:
     if kind == "magic":
         return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
     if kind == "version":
-        return Fault(ErrorCode.VERSION, header={"version": [0, 1, 3, 0xFFFF][below(4)]})
+        return Fault(ErrorCode.VERSION, header={"version": [0, 2, 4, 0xFFFF][below(4)]})
     if kind == "format":
-        fields = [{"sh_degree": 2 + below(254)}, {"position": 1}, {"colour_index": 5}]
+        fields = [{"sh_degree": 2 + below(2)}, {"position": 1}, {"colour_index": below(6)}]
         fields += [{"position_exponent": 256 + below(1000)}, {"sh_index": 1}]
+        fields += [{"exponent": EXPONENT_MAX + 1 + below(1000)}]
         return Fault(ErrorCode.FORMAT, header=fields[below(len(fields))])
+    if kind == "degree":
+        degree = TINY.sh_degree + 1 + below(255 - TINY.sh_degree)
+        return Fault(ErrorCode.DEGREE, degree, header={"sh_degree": degree})
     if kind == "alignment":
         names = [register.name for register in frame_registers(TINY)]
         name = list(registers.ALIGNED)[below(len(registers.ALIGNED))]

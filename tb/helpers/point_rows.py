@@ -14,8 +14,7 @@ from splatcore.spec.frame import CAMERA
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_count
 from splatcore.spec.number import Bits
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.point import EXPONENT, FETCH, chunk_record, point_record, splat_record
-from splatcore.spec.programs import CONSTANTS
+from splatcore.spec.point import EXPONENT, FETCH, WANTED, chunk_record, point_record, splat_record
 from splatcore.spec.record import Array, Record
 
 BEAT = ATTRIBUTE_BITS // 8  # bytes of a memory beat
@@ -53,9 +52,8 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
         "chunks": chunk_rows(config, model, points),
         "fetch": FETCH.pack({"number": kept, "count": counts(model)[kept].astype(np.uint64)}),
         "positions": position_rows(model, points),
-        "wanted": points.inside.astype("<u4").view(np.uint8).reshape(-1, 4),
-        "attributes": model.image[model.layout.attributes :][: len(model) * BEAT]
-        .reshape(-1, BEAT)[points.inside],
+        "wanted": wanted_rows(model, points.inside),
+        "attributes": attribute_rows(model, points.inside),
         "write": write_rows(config, model),
         "splats": splat_rows(config, points),
     }  # fmt: skip
@@ -75,17 +73,28 @@ def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> 
     return {name: format.encode(source[name][index]) for name, format in fields}
 
 
+def wanted_rows(model: PackedModel, index: np.ndarray) -> np.ndarray:
+    """Where the attributes of Gaussians lie."""
+    count = model.chunk_beats[index // CHUNK]
+    codes = {"beat": model.beats[index], "count": count}
+    return WANTED.pack({name: code.astype(np.uint64) for name, code in codes.items()})
+
+
+def attribute_rows(model: PackedModel, index: np.ndarray) -> np.ndarray:
+    """These beats, one after the other."""
+    count = model.chunk_beats[index // CHUNK]
+    own = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return model.attribute_beats(np.repeat(model.beats[index], count) + own)
+
+
 def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray:
     """The chunks that are kept."""
     record, kept = chunk_record(config), np.flatnonzero(points.read)
     headers = model.chunks
-    known = {
-        "number": kept.astype(np.uint64),
-        "count": counts(model)[kept].astype(np.uint64),
-        "octant_end": headers["octant_end"][kept].astype(np.uint64),
-        "shift": headers["shift"][kept].astype(np.uint64),
-        "origin": CHUNK_HEADER["origin"].encode(headers["origin"][kept]),
-    }
+    known = {"number": kept, "count": counts(model)[kept], "attributes": model.beats[kept * CHUNK]}
+    known |= {name: headers[name][kept] for name in ("octant_end", "shift", "harmonics", "step")}
+    known = {name: codes.astype(np.uint64) for name, codes in known.items()}
+    known["origin"] = CHUNK_HEADER["origin"].encode(headers["origin"][kept])
     fields = {}
     for name, part in record.fields:
         inner = {f: codes for f, codes in known.items() if f in dict(part.fields)}
@@ -142,8 +151,8 @@ def only_flags(config: Config, coordinates: str, rows: np.ndarray) -> np.ndarray
     """Rows of points with zeros for the numbers of those that are not kept: they do not matter."""
     record = point_record(config, coordinates)
     codes = record.unpack(rows)
-    for name, format in record.fields:
-        if format == config.arithmetic:
+    for name in codes:
+        if name not in ("place", "last", "kept"):
             codes[name] = np.where(codes["kept"] == 1, codes[name], 0)
     return record.pack(codes)
 
@@ -152,8 +161,14 @@ def splat_rows(config: Config, points: Points) -> np.ndarray:
     """The splats."""
     record, found = splat_record(config), dict(points.projected)
     for channel in ("red", "green", "blue"):
-        found.setdefault(channel, found[f"colour_{channel}"])
+        found.setdefault(channel, found.get(f"colour_{channel}"))
     return record.pack(values(record, found, np.arange(len(points.index))))
+
+
+def exponents(model: PackedModel) -> int:
+    """E of each degree, as the port takes it."""
+    codes = EXPONENT.encode(np.array(model.exponents, np.float64))
+    return sum(int(code) << k * EXPONENT.width for k, code in enumerate(codes))
 
 
 def registers(config: Config, model: PackedModel, points: Points) -> dict:
@@ -165,8 +180,8 @@ def registers(config: Config, model: PackedModel, points: Points) -> dict:
         "camera": sum(int(code) << k * CAMERA.width for k, code in enumerate(camera)),
         "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
         "near_plane": int(format.encode(frame.near_plane)),
-        "constants": {name: int(format.encode(frame.constants[name])) for name in CONSTANTS},
-        "sh": model.format.sh_degree,
-        "colour_exponent": model.value("colour_exponent"),
-        "sh_exponent": model.value("sh_exponent"),
+        "constants": {name: int(format.encode(code)) for name, code in frame.constants.items()},
+        "sh": int(model.format.sh_degree > 0),
+        "codebooks": int(model.format.codebooks),
+        "exponent": exponents(model),
     }

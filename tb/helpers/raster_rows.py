@@ -14,9 +14,10 @@ from splatcore.hdl.raster.raster import Raster as Hardware
 from splatcore.hdl.raster.raster import counted as counters_of
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec import raster
+from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
-from splatcore.spec.group import colour_format, group_grid
+from splatcore.spec.group import group_grid
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.record import Codes
 from tb.helpers.parts import forward

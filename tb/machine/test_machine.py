@@ -13,6 +13,7 @@ from splatcore.sim.fit.preset_file import write_preset
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.waves import signals
+from splatcore.sim.packing.choose import finest
 from splatcore.spec.config import TINY
 from splatcore.spec.group import feature_record
 from splatcore.spec.sort import half_entries
@@ -51,7 +52,7 @@ def test_garden(timing):
 def test_hard_cases(name):
     """Lists of 20,000, equal depths, no Gaussian at all, one pixel, …"""
     case = HARD[name](0)
-    job = Job(pack(case.scene, TINY)[0], case.camera)
+    job = Job(pack(case.scene, TINY, quality=finest(case.scene, TINY))[0], case.camera)
     check(TINY, machine(TINY).run([job]), job)
     if name == "long_list":
         longest = np.diff(render(TINY, *job).start).max()
@@ -61,7 +62,7 @@ def test_hard_cases(name):
 def test_long_needles():
     """Whatever is lost of their thickness, E stays within its bits."""
     case = long_needles()
-    job = Job(pack(case.scene, TINY)[0], case.camera)
+    job = Job(pack(case.scene, TINY, quality=finest(case.scene, TINY))[0], case.camera)
     check(TINY, machine(TINY).run([job]), job)
 
 

@@ -5,12 +5,23 @@ import warnings
 import numpy as np
 import pytest
 
-from splatcore.golden.reference import Frame, project, render
+from splatcore.golden.reference import Frame, harmonics, project, render
 from splatcore.model.generate.hard import HARD, HardCase
-from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, NEAR_PLANE, TILE, TRANSMITTANCE_MIN
+from splatcore.model.pack.pack import pack
+from splatcore.spec.colour import FINE, SECOND
+from splatcore.spec.convention import (
+    ALPHA_MAX,
+    ALPHA_MIN,
+    COLOUR_OFFSET,
+    NEAR_PLANE,
+    TILE,
+    TRANSMITTANCE_MIN,
+)
 from splatcore.spec.scene import ARRAYS, rotation_matrix
 
 NAMES = [
+    *("swinging_harmonics", "clamped_harmonics", "at_the_poles", "outlying_coefficient"),
+    "mixed_degrees",
     *("needles", "flakes", "whole_screen", "sub_pixel", "equal_depths", "long_list"),
     *("depth_range", "near_plane", "camera_inside", "far_from_origin", "opacity_edge"),
     *("transmittance_edge", "saturated_colours", "zero_scales", "unnormalised_quaternions"),
@@ -230,3 +241,36 @@ def test_odd_sizes():
     assert (pixel.width, pixel.height) == (1, 1)
     assert rendered(HARD["odd_size"](0)).tile_list.shape == (2, 3)
     assert rendered(HARD["one_pixel"](0)).counts["contributions"] > 5
+
+
+def test_swinging_harmonics(case):
+    colours = over_the_sphere(case)
+    assert colours.min() < -2 and colours.max() > 3
+
+
+def test_clamped_harmonics(case):
+    assert 0.4 < (over_the_sphere(case) < 0).mean() < 0.6
+
+
+def test_at_the_poles(case):
+    x, y, _ = in_camera(case).T
+    assert (x == 0).sum() == 200 == (y == 0).sum()
+    assert ((x == 0) & (y == 0)).sum() == 100
+
+
+def test_outlying_coefficient(case):
+    sizes = np.sort(np.abs(case.scene.sh[:, 1:]).ravel())
+    assert sizes[-1] >= 1000 * sizes[-2]
+
+
+def test_mixed_degrees(case):
+    model, _ = pack(case.scene, quality="faithful")
+    assert set(model.chunks["harmonics"]) == {SECOND, FINE}
+    assert (case.scene.sh[:, 1:] == 0).all((1, 2)).sum() > 30
+
+
+def over_the_sphere(case: HardCase) -> np.ndarray:
+    """Colours [N, 64, 3] of a case's Gaussians seen along random directions, not clamped."""
+    rays = np.random.default_rng(0).normal(size=(64, 3))
+    basis = harmonics(rays / np.linalg.norm(rays, axis=1, keepdims=True), 3)
+    return np.einsum("dk,nkc->ndc", basis, case.scene.sh) + COLOUR_OFFSET

@@ -8,11 +8,12 @@ from splatcore.model.pack.codebook import quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.pack import pack
 from splatcore.sim.common.metric import psnr
+from splatcore.spec.colour import from_slopes, slopes_of
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CODEBOOK_MAX, COMPONENT, HEADER, model_format
-from splatcore.spec.packed import PackedModel, is_packed, read_model, sh_from_slopes, slopes_from_sh
+from splatcore.spec.packed import PackedModel, is_packed, read_model
 from tb.helpers.clouds import camera, cloud
 
 BYTES_MAX = 22
@@ -38,7 +39,7 @@ def half_float(code: int) -> float:
 def plain_unpack(image: np.ndarray, n: int):
     """Gaussian n of a DEFAULT model of degree 1, bit by bit from the text of spec.memory."""
     count = bits(image, 0, 64, 32)
-    exponents = [signed(bits(image, 0, 128 + 16 * k, 16), 16) for k in range(4)]
+    exponents = [signed(bits(image, 0, 128 + 16 * k, 16), 16) for k in range(4)]  # of degrees 0, 1
     align = lambda value: -(-value // 64) * 64  # noqa: E731
     chunks = 64
     positions = chunks + align(32 * -(-count // 256))
@@ -184,7 +185,7 @@ def test_stages_of_a_codebook():
 
 def test_slopes_and_back():
     sh = np.random.default_rng(1).normal(size=(20, 3, 3))
-    np.testing.assert_allclose(sh_from_slopes(slopes_from_sh(sh)), sh, atol=1e-15)
+    np.testing.assert_allclose(from_slopes(slopes_of(sh)), sh, atol=1e-15)
 
 
 def test_needles_keep_their_thickness():

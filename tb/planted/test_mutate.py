@@ -138,7 +138,8 @@ def test_tests_that_hang_or_fail_anyway(tmp_path, monkeypatch):
 
 def test_judges():
     """The most particular one; each name is a file's or a folder's."""
-    assert judge("points/cull") == JUDGES["points/cull"] != judge("points/load") == JUDGES[""]
+    assert judge("points/cull") == JUDGES["points/cull"] != judge("points/preprocess")
+    assert judge("points/preprocess") == JUDGES[""]
     assert judge("sorting/merge") == JUDGES["sorting"] and judge("top") == JUDGES[""]
     for name in JUDGES:
         assert (HDL / name).is_dir() or (HDL / f"{name}.py").is_file(), name

@@ -154,8 +154,11 @@ def test_lost_and_gained(exact, monkeypatch):
 
 
 def test_more_bits_are_better(exact):
-    """Each field by about as many bits as the width has more, in any unit of the screen."""
+    """Each field by about as many bits as the width has more, in any unit of the screen; colours
+    are made beside the array in numbers of their own."""
     results = [measure(with_width(text), exact, exact) for text in ("5/10", "7/10", "7/16")]
+    colours = [result["fields"].pop("colour")["rms"] for result in results]
+    assert max(colours) < 2.0**-12 and max(colours) < 1.1 * min(colours)
     for half, coarse, fine in zip(*(result["fields"].values() for result in results), strict=True):
         assert 16 < coarse["rms"] / fine["rms"] < 256
         assert 0.3 < half["rms"] / coarse["rms"] < 10
@@ -183,7 +186,7 @@ def test_a_ratio_without_end():
 
 def test_widths():
     assert with_width("7/16").arithmetic == DEFAULT.arithmetic
-    assert with_width("7/16").depth == DEFAULT.depth
+    assert with_width("7/16").depth == replace(DEFAULT.depth, fraction=16)
     small = with_width("5/10")
     assert (small.arithmetic, small.depth) == (PAPER.arithmetic, PAPER.depth)
     assert small.screen_exponent == PAPER.screen_exponent and small.position == DEFAULT.position

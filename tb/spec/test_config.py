@@ -33,7 +33,7 @@ def test_frozen_and_hashable():
 @pytest.mark.parametrize(
     "field, value",
     [("rasterizers", 3), ("width_max", 0), ("sub_sorter_entries", 1024), ("sort_digits", (3, 4)),
-     ("sh_degree", 2), ("group", -1), ("burst", 1), ("sh_index", ((),))],
+     ("sh_degree", 4), ("group", -1), ("burst", 1), ("sh_index", ((),))],
 )  # fmt: skip
 def test_impossible_values_are_refused_by_name(field, value):
     with pytest.raises(InputError, match=rf"preset DEFAULT: {field} "):
@@ -48,7 +48,7 @@ def test_the_papers_choices():
 
 @pytest.mark.parametrize("config", PRESETS.values(), ids=lambda config: config.name)
 def test_memory(config):
-    for degree in range(config.sh_degree + 1):
+    for degree in memory.compact_degrees(config):
         format = memory.model_format(config, degree)
         assert format.codebook_bytes <= min(memory.CODEBOOK_MAX, 8 * 1024)
         assert format.attribute_record.width == memory.ATTRIBUTE_BITS

@@ -1,0 +1,236 @@
+"""Colours of Gaussians, made beside the projection's array in small integers (`spec.colour`)."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.arithmetic.convert import ToFixed
+from splatcore.hdl.points.array import Array
+from splatcore.hdl.points.codebook import INDEX_BITS, Codebook
+from splatcore.hdl.points.terms import LANES, SHIFT_BITS, Terms
+from splatcore.spec.colour import (
+    BASIS,
+    CHANNELS,
+    DEGREES,
+    GAIN,
+    LAYOUT_BITS,
+    LAYOUTS,
+    LOW,
+    POLYNOMIAL,
+    STEP_BITS,
+    TERMS,
+    unscaled_colour_format,
+)
+from splatcore.spec.config import Config
+from splatcore.spec.microprogram import basis
+from splatcore.spec.point import EXPONENT
+from splatcore.spec.programs import BASIS_CONSTANTS
+from splatcore.spec.schedule import basis_machine, colour_terms
+
+RAY = ("ray_x", "ray_y", "ray_z")
+
+RAYS = data.StructLayout(dict.fromkeys(RAY, BASIS.width))
+
+STEPS = data.StructLayout({"harmonics": LAYOUT_BITS, "step": data.ArrayLayout(STEP_BITS, DEGREES)})
+"""What a Gaussian has from its chunk's header."""
+
+BEATS = 2
+"""Beats of harmonics that a slot has room for."""
+
+
+class Colour(wiring.Component):
+    """Rays and attributes of Gaussians in, colours out, always as long after.
+
+    The polynomials are made by an array in step with the projection's, of which `phase` and
+    `rounds` say which slot is where. All else of a slot is read when it is wanted.
+
+    Parameters
+        rounds: the layout of the projection's `rounds`, whose `carried` is the slot.
+        interval: cycles of a round.
+
+    Members
+        phase, rounds: those of the projection's array.
+        ray: codes of `BASIS` of the Gaussian that enters at the end of this cycle, if one does.
+        write, beat: those of `hdl.points.codebook`; the address of a beat is its slot's number
+            times `BEATS` and its own.
+        sh, codebooks, exponent: registers of the model. Without codebooks `sh` does not matter.
+        index, steps: {slot, enable}: parts of a slot to be read. found_index, found_steps: these a
+            cycle later; they stay until the next reading.
+        o: {valid, colours}: codes of `unscaled_colour_format`, for one cycle.
+
+    A machine without harmonics has no `ray` and no `sh`.
+
+    **Timing**: a Gaussian each round, which has `spec.schedule.colour_cycles` cycles at least; its
+    colours appear in time `latency` of its own (`DEFAULT` 50): cycles since its first round began.
+    All is read by time `last_read`.
+    """
+
+    def __init__(self, config: Config, rounds: data.ArrayLayout, interval: int):
+        self.config, self.interval = config, interval
+        self.codebook = Codebook(config)
+        self.terms = [term for term in TERMS if term.degree <= config.sh_degree]
+        self.turns = colour_terms(config)
+        if interval < max(self.turns, self.codebook.interval):
+            raise ValueError(f"preset {config.name}: colours take longer than {interval} cycles")
+        if self.codebook.words < BEATS * config.projection_slots:
+            raise ValueError(f"preset {config.name}: codebook is too small for the slots' beats")
+        # Time of the first term: its polynomials are there, and all of G.
+        self.begin = self.codebook.latency + 1
+        if self.terms:
+            self.basis = Array(basis_machine(config), basis(config), stalls=False)
+            first, *_ = self.terms[0].polynomials
+            self.begin = self.basis.plan.read_time(first)
+            if self.begin <= self.codebook.latency:
+                raise ValueError(f"preset {config.name}: polynomials are made before G is read")
+        self.latency = self.begin + self.turns - 2 + Terms.latency
+        self.last_read = self.begin - 1 + max((first for _, _, first in self._later), default=0)
+        slot = rounds.elem_shape["carried"].shape
+        reading = data.StructLayout({"slot": slot, "enable": 1})
+        colour = unscaled_colour_format(config).width
+        members = self.codebook.signature.members
+        ports = {
+            name: members[name] for name in ("write", "beat", "sh", "codebooks") if name in members
+        }
+        ports |= {
+            "phase": In(interval),
+            "rounds": In(rounds),
+            "exponent": In(data.ArrayLayout(signed(EXPONENT.width), DEGREES)),
+            "index": Out(reading),
+            "steps": Out(reading),
+            "found_index": In(INDEX_BITS),
+            "found_steps": In(STEPS),
+            "o": Out(data.StructLayout({"valid": 1} | dict.fromkeys(CHANNELS, colour))),
+        }
+        if self.terms:
+            ports["ray"] = In(RAYS)
+        super().__init__(ports)
+
+    @property
+    def _later(self) -> list[tuple[int, int, int]]:
+        """Layouts with a second beat …: (layout, beat, its first term that the machine has)."""
+        found = []
+        for number, layout in enumerate(LAYOUTS):
+            for beat, record in enumerate(layout.records[1:], 1):
+                terms = [k for k in range(len(self.terms)) if f"red_{k}" in dict(record.fields)]
+                found += [(number, beat, terms[0])] if terms else []
+        return found
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.codebook = codebook = self.codebook
+        connect(m, flipped(self).write, codebook.write)
+        m.d.comb += codebook.beat.eq(self.beat)
+        m.d.comb += [codebook.codebooks.eq(self.codebooks), codebook.index.eq(self.found_index)]
+        # Bit 0 is set when the base is due, and so on.
+        self.turn = Signal(self.turns + Terms.latency)
+        m.d.sync += self.turn.eq(Cat(self._at(self.begin - 2), self.turn))
+        self._read(m)
+        m.submodules.terms = terms = self.sum = Terms(self.config, codebook.colour[0].shape().width)
+        m.d.comb += [terms.first.eq(self.turn[0]), terms.half.eq(~self.codebooks)]
+        m.d.comb += terms.base.eq(codebook.colour)
+        self._shift(m)
+        if self.terms:
+            m.d.comb += codebook.sh.eq(self.sh)
+            self._multiplicands(m)
+            self._polynomials(m)
+        m.d.comb += self.o.valid.eq(self.turn[self.turns - 1 + Terms.latency])
+        m.d.comb += [self.o[c].eq(code) for c, code in zip(CHANNELS, terms.o, strict=True)]
+        return m
+
+    def _at(self, time: int) -> Value:
+        """High if a Gaussian is at that time."""
+        number, phase = divmod(time, self.interval)
+        return self.rounds[number].valid & self.phase[phase]
+
+    def _slot(self, time: int) -> Value:
+        """The slot of the Gaussian in that time's round."""
+        return self.rounds[time // self.interval].carried
+
+    def _read(self, m: Module):
+        """Parts of the slot, and beats of harmonics, each just before it is wanted."""
+        start = self.begin - self.codebook.latency
+        for read, time in ((self.index, start - 1), (self.steps, self.begin - 2)):
+            m.d.comb += [read.slot.eq(self._slot(time)), read.enable.eq(self._at(time))]
+        m.d.comb += self.codebook.start.eq(self._at(start))
+        slot, beat, enable = self._slot(self.begin - 1), Const(0, 1), self.turn[0]
+        for number, which, first in self._later:
+            chosen = self.turn[first] & (self.found_steps.harmonics == number)
+            slot = Mux(chosen, self._slot(self.begin - 1 + first), slot)
+            beat |= Mux(chosen, which, 0)
+            enable |= chosen
+        read = self.codebook.read
+        m.d.comb += [read.address.eq(Cat(beat[:1], slot)), read.enable.eq(enable)]
+
+    def _shift(self, m: Module):
+        """The base's and each term's shift and factor."""
+        exponent, step, finer = self.exponent[0], self.found_steps.step[0], Const(0)
+        own = Const(0)  # of a term's degree, the Gaussian's own
+        if self.terms:
+            word, third = self.codebook.word, Signal(2)
+            with m.If(self.turn[1]):
+                m.d.sync += third.eq(word[4:6])
+            in_steps = ~self.codebooks
+            shifts = (word[0:2], word[2:4], third)[: self.config.sh_degree]
+            for degree, shift in enumerate(shifts, 1):
+                turns = [self.turn[k] for k, t in enumerate(self.terms, 1) if t.degree == degree]
+                chosen = Cat(turns).any()
+                if degree == 1:
+                    chosen |= self.turn[2] & self.codebooks
+                elif degree == 2:
+                    chosen &= in_steps | ~self.turn[2]
+                exponent = Mux(chosen, self.exponent[degree], exponent)
+                step = Mux(chosen, self.found_steps.step[degree], step)
+                own = Mux(chosen, shift, own)
+            finer = Mux(self.turn[1], 1, Mux(self.turn[2], 1 + LOW, 0))
+        change = Mux(self.codebooks, -finer, (step >> 1) + own)
+        m.d.comb += self.sum.shift.eq((GAIN - exponent + change)[:SHIFT_BITS])
+        m.d.comb += self.sum.three.eq(~self.codebooks & step[0])
+
+    def _multiplicands(self, m: Module):
+        """Codes of a term from the harmonics' beat, or a part of G."""
+        word, harmonics = self.codebook.word, self.found_steps.harmonics
+        for c, channel in enumerate(CHANNELS):
+            sources: list[list[Value]] = [[] for _ in range(LANES)]
+            for number, layout in enumerate(LAYOUTS):
+                for k, term in layout.terms[: len(self.terms)]:
+                    chosen = self.turn[k + 1] & (harmonics == number) & ~self.codebooks
+                    field, width = f"{channel}_{k}", layout.format(term.degree).width
+                    record = next(r for r in layout.records if field in dict(r.fields))
+                    for lane in range(len(term.polynomials)):
+                        code = word[record.offset(field) + lane * width :][:width]
+                        value = Cat(Const(layout.halves, 1), code).as_signed()
+                        sources[lane].append(Mux(chosen, value, 0))
+            for lane, axis in enumerate((1, 2, 0)):  # y, z, x
+                g = self.codebook.g[len(RAY) * c + axis]
+                for turn, part in ((1, g[:LOW]), (2, g[LOW:].as_signed())):
+                    chosen = self.turn[turn] & self.codebooks & self.sh
+                    sources[lane].append(Mux(chosen, part, 0))
+            for lane, found in enumerate(sources):
+                value = Const(0)
+                for source in found:
+                    value |= source
+                m.d.comb += self.sum.multiplicands[c][lane].eq(value)
+
+    def _polynomials(self, m: Module):
+        """The array that makes them, and a term's in each turn as integers."""
+        m.submodules.basis = array = self.basis
+        constants = array.constants
+        m.d.comb += [
+            constants[name].eq(int(BASIS.encode(BASIS_CONSTANTS[name])))
+            for name in constants.shape().members
+        ]
+        m.d.comb += [array.i.payload.fields.eq(self.ray), array.i.valid.eq(1)]
+        outputs = array.o.payload.outputs
+        scales = range(min(min(t.doubled) for t in TERMS), max(max(t.doubled) for t in TERMS) + 1)
+        for lane in range(LANES):
+            convert = ToFixed(BASIS, POLYNOMIAL, 1, scales)
+            m.submodules[f"polynomial_{lane}"] = convert
+            value = Const(0)
+            for k, term in enumerate(self.terms, 1):
+                if lane < len(term.polynomials):
+                    value |= Mux(self.turn[k], outputs[term.polynomials[lane]], 0)
+                    with m.If(self.turn[k]):
+                        m.d.comb += convert.scale.eq(term.doubled[lane])
+            # Both parts of G are multiplied with the first term's.
+            m.d.comb += convert.enable.eq(~(self.codebooks & self.turn[2]))
+            m.d.comb += [convert.i.eq(value), self.sum.polynomials[lane].eq(convert.o)]

@@ -1,0 +1,112 @@
+"""Colours and harmonics from the codebooks as floats, for arrays that make colours."""
+
+from amaranth.hdl import Module, Mux, Shape, Signal, Value, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.arithmetic.convert import FromFixed
+from splatcore.hdl.points.array import codes
+from splatcore.hdl.points.codebook import INDEX_BITS, Codebook, sum_of
+from splatcore.spec.colour import DEGREES
+from splatcore.spec.config import Config
+from splatcore.spec.memory import COMPONENT, SLOPE
+from splatcore.spec.point import EXPONENT
+from splatcore.spec.programs import COLOURS, SLOPES
+
+LANES = len(COLOURS)  # numbers that are converted at a time: a row of G, or the colour
+
+ROWS = len(SLOPES) // LANES
+
+CONVERT = 1  # cycles of the converters
+
+
+class LookUp(wiring.Component):
+    """The sums of `hdl.points.codebook` as floats: times 2^E, rounded once.
+
+    First G is converted row by row, then the colour.
+
+    Members
+        write, start, index, sh: those of `Codebook`; without harmonics all of G is zero.
+        exponent: E of each degree; stays for a frame.
+        o: the values as floats of `Config.arithmetic`, of an item for one cycle.
+
+    A machine for models without harmonics has no `sh` and no G.
+
+    **Timing**: an item every `interval` cycles (`PAPER` 5); its values are at `o` exactly `latency`
+    cycles after its start (8). No multiplier.
+    """
+
+    def __init__(self, config: Config):
+        self.config, self.codebook = config, Codebook(config)
+        self.shaded = bool(self.codebook.sh_stages)
+        self.converted = self.codebook.latency + ROWS * self.shaded
+        """Cycles from an item's start until its colour goes into the converters."""
+        self.latency = self.converted + CONVERT
+        # Sums stay until all are converted; values of the next item come later than these.
+        self.interval = self.codebook.interval + (ROWS - 1) * self.shaded
+        members = self.codebook.signature.members
+        ports = {name: members[name] for name in ("write", "start", "sh") if name in members}
+        ports |= {
+            "index": In(INDEX_BITS),
+            "exponent": In(data.ArrayLayout(signed(EXPONENT.width), DEGREES)),
+            "o": Out(codes(config, COLOURS + (SLOPES if self.shaded else ()))),
+        }
+        super().__init__(ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.codebook = codebook = self.codebook
+        connect(m, flipped(self).write, codebook.write)
+        m.d.comb += [codebook.start.eq(self.start), codebook.index.eq(self.index)]
+        time = [self.start]  # k cycles after an item's start
+        for k in range(1, self.converted):
+            time.append(Signal(name=f"time{k}"))
+            m.d.sync += time[k].eq(time[k - 1])
+        numbers, exponent = list(codebook.colour), self.exponent[0]
+        if self.shaded:
+            m.d.comb += codebook.sh.eq(self.sh)
+            colour = Signal()  # goes into the converters
+            m.d.sync += colour.eq(time[-1])
+            exponent = Mux(time[-1], exponent, self.exponent[1])
+            for lane, number in enumerate(numbers):
+                slope = codebook.g[(ROWS - 1) * LANES + lane]
+                for row in range(ROWS - 1):
+                    chosen = time[codebook.latency + row]
+                    slope = Mux(chosen, codebook.g[row * LANES + lane], slope)
+                numbers[lane] = Mux(colour, number, Mux(self.sh, slope, 0))
+        values = self._converted_by(m, numbers, exponent)
+        m.d.comb += [self.o[name].eq(value) for name, value in zip(COLOURS, values, strict=True)]
+        if self.shaded:
+            self._gather(m, values)
+        return m
+
+    def _converted_by(self, m: Module, numbers: list[Value], exponent: Value) -> list[Value]:
+        """Floats of integers · 2^exponent."""
+        formats = [sum_of(COMPONENT, len(self.codebook.colour_stages))]
+        if self.shaded:
+            formats.append(sum_of(SLOPE, len(self.codebook.sh_stages)))
+        fixed = max(formats, key=lambda format: format.width)
+        scales = FromFixed.scales(fixed, self.config.arithmetic)
+        scale = Signal(Shape.cast(scales), reset_less=True)
+        m.d.sync += scale.eq(exponent)
+        with m.If(exponent < scales[0]):
+            m.d.sync += scale.eq(scales[0])
+        with m.Elif(exponent > scales[-1]):
+            m.d.sync += scale.eq(scales[-1])
+        floats = []
+        for name, number in zip(COLOURS, numbers, strict=True):
+            converter = FromFixed(fixed, self.config.arithmetic, CONVERT, scales)
+            m.submodules[f"convert_{name}"] = converter
+            m.d.comb += [converter.i.eq(number), converter.scale.eq(scale), converter.enable.eq(1)]
+            floats.append(converter.o)
+        return floats
+
+    def _gather(self, m: Module, values: list[Value]):
+        """Rows of G are shifted along, a register each cycle, until the colour follows them."""
+        for lane, value in enumerate(values):
+            for row in reversed(range(ROWS)):
+                name = SLOPES[row * LANES + lane]
+                waiting = Signal(len(value), name=name, reset_less=True)
+                m.d.sync += waiting.eq(value)
+                m.d.comb += self.o[name].eq(waiting)
+                value = waiting

@@ -1,0 +1,124 @@
+"""The sum of a Gaussian's terms of colour (`spec.colour`): integers, a term a cycle."""
+
+from amaranth.hdl import Module, Mux, Signal, Value, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.spec.colour import CHANNELS, GAIN, POLYNOMIAL, TOTAL_FRACTION, unscaled_colour_format
+from splatcore.spec.config import Config
+
+LANES = 3
+"""Polynomials of a term, at most."""
+
+MULTIPLICAND = signed(7)
+"""What polynomials are multiplied with: of codes of 6 bits, of parts of G."""
+
+SHIFT_BITS = 5
+
+PRODUCTS = signed(MULTIPLICAND.width + POLYNOMIAL.width + 1)
+"""A sum of `LANES` products: each is at most a quarter of what these bits hold."""
+
+
+def sum_of_products(a: list[Value], b: list[Value]) -> Value:
+    """The sum of a · b of signed numbers, but for a multiple of a power of two beyond it.
+
+    Rows of partial products are added as they are, without copies of their signs: a bit that counts
+    negative is inverted, and what all of these are then too much is a constant.
+    """
+    rows, constant = [], 0
+    for x, y in zip(a, b, strict=True):
+        for k in range(len(x)):
+            last = k == len(x) - 1
+            row = y & x[k].replicate(len(y))
+            flip = (1 << len(y) - 1) - 1 if last else 1 << len(y) - 1
+            rows.append((row ^ flip)[: len(y)] << k)
+        constant += (1 << len(x) - 1) + (1 << len(y) - 1) - (1 << len(x) + len(y) - 1)
+    return sum(rows) + constant
+
+
+class Terms(wiring.Component):
+    """total += (sum · factor · 2^GAIN) >> shift for the base, and then for each term.
+
+    Members
+        first: the base is given in this cycle; in those that follow terms are.
+        shift: how far it is shifted; three: the factor is 3, not 4.
+        multiplicands: those of a term by channel and lane, 0 where there is no polynomial.
+        polynomials: those of the term of the cycle before.
+        base: half of the base's multiplicands by channel, in the cycle after `first`.
+        half: ½ is added to the base; stays for a frame.
+        o: colours, codes of `unscaled_colour_format`: with all terms that came until `latency`
+            cycles ago.
+
+    A machine without harmonics has neither multiplicands nor polynomials.
+
+    **Timing**: a term a cycle, latency 4. Nine multipliers of 7 × 13 bits.
+    """
+
+    latency = 4
+
+    def __init__(self, config: Config, base: int):
+        """base: bits of it."""
+        self.config = config
+        lanes = data.ArrayLayout(MULTIPLICAND, LANES)
+        ports = {
+            "first": In(1),
+            "shift": In(SHIFT_BITS),
+            "three": In(1),
+            "base": In(data.ArrayLayout(signed(base), len(CHANNELS))),
+            "half": In(1),
+            "o": Out(data.ArrayLayout(unscaled_colour_format(config).width, len(CHANNELS))),
+        }
+        if config.sh_degree:
+            ports["multiplicands"] = In(data.ArrayLayout(lanes, len(CHANNELS)))
+            ports["polynomials"] = In(data.ArrayLayout(signed(POLYNOMIAL.width), LANES))
+        super().__init__(ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        first, shift, three = self.first, self.shift, self.three
+        firsts = []
+        for k in range(1, self.latency):
+            delayed = [Signal.like(x, name=f"{x.name}_{k}") for x in (first, shift, three)]
+            m.d.sync += [b.eq(a) for a, b in zip((first, shift, three), delayed, strict=True)]
+            first, shift, three = delayed
+            firsts.append(first)
+            if k == self.latency - 2:
+                at_shift = shift, three
+        format = unscaled_colour_format(self.config)
+        rest = max(TOTAL_FRACTION - format.fraction, 0)
+        missing = max(format.fraction - TOTAL_FRACTION, 0)
+        offset = (self.half << TOTAL_FRACTION - 1) + (1 << rest >> 1)
+        for k in range(len(CHANNELS)):
+            total = self._sum(m, k, firsts[0])
+            addend = self._addend(m, total, *at_shift)
+            total = Signal(signed(len(addend) + 1), name=f"total_{k}", reset_less=True)
+            m.d.sync += total.eq(Mux(firsts[-1], offset, total) + addend)
+            total = total << missing
+            code, above = total[rest:][: format.width], total[rest + format.width : -1].any()
+            colour = Mux(total[-1], 0, code | above.replicate(format.width))
+            m.d.comb += self.o[k].eq(colour)
+        return m
+
+    def _sum(self, m: Module, channel: int, first) -> Signal:
+        """A channel's sum of products, or its base."""
+        total = self.base[channel] << POLYNOMIAL.fraction + 1
+        if self.config.sh_degree:
+            factors = []
+            for lane in range(LANES):
+                factor = Signal(MULTIPLICAND, name=f"factor_{channel}{lane}", reset_less=True)
+                m.d.sync += factor.eq(self.multiplicands[channel][lane])
+                factors.append(factor)
+            products = Signal(PRODUCTS, name=f"products_{channel}")
+            m.d.comb += products.eq(sum_of_products(factors, list(self.polynomials)))
+            total = Mux(first, total, products)
+        kept = Signal(signed(len(total)), name=f"sum_{channel}", reset_less=True)
+        m.d.sync += kept.eq(total)
+        return kept
+
+    def _addend(self, m: Module, total: Signal, shift: Signal, three: Signal) -> Signal:
+        """The sum times factor and gain, shifted."""
+        scaled = ((total << 2) - Mux(three, total, 0)) << GAIN
+        width = len(total) + 2 + GAIN
+        addend = Signal(signed(width), name=f"{total.name}_shifted", reset_less=True)
+        m.d.sync += addend.eq(scaled >> shift)
+        return addend

@@ -1,0 +1,109 @@
+"""Colours and harmonics in steps: for each chunk and degree the step, for each Gaussian how much
+finer its own is, and the codes (`spec.colour`)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from splatcore.spec.colour import (
+    BASE,
+    DEGREES,
+    EXPONENT_MAX,
+    EXPONENT_MIN,
+    LAYOUTS,
+    SHIFT_BITS,
+    STEP_BITS,
+    step,
+)
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.number import Fixed
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Colours of N Gaussians in C chunks, in stored order."""
+
+    exponents: list[int]  # E of each degree
+    harmonics: np.ndarray  # [C] the chunk's layout, one of `LAYOUTS`
+    s: np.ndarray  # [C, 4] codes of the chunk's steps
+    base: np.ndarray  # [N, 3] integers
+    codes: list[np.ndarray]  # degree 1 … → [N, k, 3] integers
+    shifts: list[np.ndarray]  # likewise [N]
+
+
+def quantise_steps(factors: list[np.ndarray], harmonics: np.ndarray) -> Steps:
+    """Quantise factors [N, k, 3] of each degree's polynomials, in chunks of those layouts [C]."""
+    count, exponents = len(factors[0]), [EXPONENT_MIN] * DEGREES
+    of = np.arange(count) // CHUNK
+    s = np.zeros((len(harmonics), DEGREES), np.int64)
+    exponents[0] = exponent_for(factors[0], BASE)
+    base, s[:, 0], _ = quantise(factors[0], of, BASE, exponents[0], False, 1)
+    codes = [np.zeros(f.shape, np.int64) for f in factors[1:]]
+    shifts = [np.zeros(count, np.int64) for _ in codes]
+    for degree in range(1, len(factors)):
+        used = [k for k in np.unique(harmonics) if degree <= LAYOUTS[k].degree]
+        wanted = []
+        for k in used:
+            inside = factors[degree][harmonics[of] == k]
+            wanted.append(exponent_for(inside, LAYOUTS[k].format(degree)))
+        exponents[degree] = max(wanted, default=EXPONENT_MIN)
+        for k in used:
+            index = np.flatnonzero(harmonics[of] == k)
+            found = quantise(
+                factors[degree][index], of[index], LAYOUTS[k].format(degree), exponents[degree],
+                LAYOUTS[k].halves, 1 << SHIFT_BITS,
+            )  # fmt: skip
+            codes[degree - 1][index], steps, shifts[degree - 1][index] = found
+            s[harmonics == k, degree] = steps[harmonics[: len(steps)] == k]
+    return Steps(exponents, harmonics, s, base[:, 0], codes, shifts)
+
+
+def exponent_for(factors: np.ndarray, code: Fixed) -> int:
+    """The least E with which the largest factor has a code, as far as there is one."""
+    _, exponent = np.frexp(np.abs(factors).max(initial=0) / code.max)
+    return int(np.clip(exponent, EXPONENT_MIN, EXPONENT_MAX))
+
+
+def quantise(
+    factors: np.ndarray, of: np.ndarray, code: Fixed, exponent: int, halves: bool, shifts: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Codes [N, k, 3] of factors, s [C] of their chunks `of` [N], and shifts [N] below `shifts`.
+
+    Of all s the one with the least squared error over the chunk, each Gaussian with its best shift.
+    """
+    levels = np.arange((1 << STEP_BITS) + 2 * (shifts - 1))
+    flat = np.ascontiguousarray(factors.reshape(len(factors), -1))
+    squares = _squares(flat, step(levels, exponent), code.min, code.max, halves / 2)  # [L, N]
+    chunks = int(of[-1]) + 1 if len(of) else 0
+    best, chosen = np.full(chunks, np.inf), np.zeros(chunks, np.int64)
+    shift = np.zeros(len(factors), np.int64)
+    for s in range(1 << STEP_BITS):
+        own = squares[s : s + 2 * shifts : 2]
+        finest = own.argmin(0)
+        total = np.bincount(of, np.take_along_axis(own, finest[None], 0)[0], chunks)
+        better = total < best
+        best[better], chosen[better] = total[better], s
+        shift = np.where(better[of], finest, shift)
+    sizes = step(chosen[of] + 2 * shift, exponent)[:, None, None]
+    return encoded(factors, sizes, code, halves).astype(np.int64), chosen, shift
+
+
+@njit(cache=True)
+def _squares(factors, sizes, low, high, half):
+    """Squared errors [L, N] of factors [N, K] in codes of each of the steps [L]."""
+    found = np.zeros((len(sizes), len(factors)))
+    for n in range(len(factors)):
+        for k in range(factors.shape[1]):
+            for level, size in enumerate(sizes):
+                steps = factors[n, k] / size
+                code = np.floor(steps) if half else np.rint(steps)
+                error = (min(max(code, low), high) + half) * size - factors[n, k]
+                found[level, n] += error * error
+    return found
+
+
+def encoded(factors: np.ndarray, size: np.ndarray, code: Fixed, halves: bool) -> np.ndarray:
+    """The nearest codes, integers as float64."""
+    steps = np.floor(factors / size) if halves else np.rint(factors / size)
+    return np.clip(steps, code.min, code.max)

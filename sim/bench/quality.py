@@ -1,0 +1,121 @@
+"""`splatcore bench quality`: bytes against error of the models that a scene can be packed as.
+
+Each view is packed in all of `QUALITIES` and to each of some dB. Error is that of 8-bit pictures:
+"scene", golden model against the reference on the scene as it is; "machine", golden model against
+the reference on the packed model; "packing", the reference on the packed model against the scene.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from splatcore.golden.pipeline import Frame, render
+from splatcore.golden.reference import render as render_reference
+from splatcore.model.pack.pack import QUALITIES
+from splatcore.sim.bench.campaign import Task, collected
+from splatcore.sim.common.metric import Difference, difference
+from splatcore.sim.common.picture import write_figure, write_png
+from splatcore.sim.common.plot import COLOURS, MARKERS
+from splatcore.sim.common.source import View
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
+from splatcore.sim.packing.choose import Packed, choose, smallest
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER
+
+TARGETS = "36,40,44,48,52"
+"""dB that the smallest models are found for."""
+
+INCHES, DOTS_PER_INCH = (9.0, 5.5), 120
+
+
+def quality(
+    config: Config, views: list[View], targets: list[float], folder: Path, scheduler: str | None
+) -> dict:
+    """Measure all views; what is there already is kept. Writes pictures and a plot, too."""
+    tasks = [
+        Task(
+            f"quality {view.name} {view.size}".replace("/", "-").replace(":", "-"),
+            f"{view} {config!r} {targets}", measure, (config, view, targets, folder),
+        )
+        for view in views
+    ]  # fmt: skip
+    results, failed = collected(tasks, folder, scheduler, "quality")
+    rows = [row for task in tasks for row in results.get(task.name, {}).get("rows", ())]
+    write_plot(folder / "quality.png", rows)
+    return {"preset": config.name, "size": views[0].size, "rows": rows, "failed": failed}
+
+
+def measure(config: Config, view: View, targets: list[float], folder: Path) -> dict:
+    """{"rows": [a row for each model]} of a view; writes its pictures."""
+    source, camera = view.open()
+    if source.scene is None:
+        raise InputError(f"{view.scene}: is a packed model already, not a scene")
+    exact = render_reference(source.scene.gaussians(), camera).pixels
+    stem = f"{Path(view.scene).name.split('.')[0]}{f'-{view.camera}' if view.camera else ''}"
+    write_png(folder / f"{stem}-scene.png", exact)
+    rows = []
+    for asked, packed in models(config, source.scene, camera, targets):
+        model = packed.model
+        frame = render(config, model, camera)
+        shown = render_reference(model.gaussians(), camera).pixels
+        if asked in QUALITIES:
+            write_png(folder / f"{stem}-{asked}.png", frame.pixels)
+        found = {
+            "scene": difference(frame.pixels, exact),
+            "machine": difference(frame.pixels, shown),
+            "packing": difference(shown, exact),
+        }
+        rows.append({
+            "scene": Path(view.scene).name, "camera": view.camera or camera.name,
+            "asked": asked, "gaussians": len(model), "sh_degree": model.format.sh_degree,
+            "bytes": len(model.image), "bytes_per_gaussian": model.bytes_per_gaussian,
+            "bytes_by_part": bytes_by_part(model), **errors(found),
+            "psnr_db_by_part": psnr_by_part(source.scene, model, [camera]),
+            "cycles": frame_cycles(config, frame).by_name, "model_bytes": read_bytes(frame, packed),
+        })  # fmt: skip
+    return {"rows": rows}
+
+
+def models(config: Config, scene, camera, targets: list[float]) -> Iterator[tuple[str, Packed]]:
+    """What was asked for, and the model that it gives."""
+    for name in QUALITIES:
+        yield name, choose(scene, config, [camera], name)
+    for target in targets:
+        yield f"{target:g} dB", smallest(scene, config, [camera], target)
+
+
+def errors(found: dict[str, Difference]) -> dict:
+    """PSNR and largest error against each truth."""
+    decibels = {f"psnr_db_{name}": error.psnr_db for name, error in found.items()}
+    return decibels | {f"max_error_{name}": error.max_error for name, error in found.items()}
+
+
+def read_bytes(frame: Frame, packed: Packed) -> int:
+    """Bytes of the model that a frame reads, but for codebooks and what fills beats: headers of
+    all chunks, positions of those that are not skipped, attributes of what is projected."""
+    model, points = packed.model, frame.points
+    position = model.format.position_record.width // 8 * len(points.points)
+    attributes = model.chunk_beats[points.inside // CHUNK].sum() * ATTRIBUTE_BITS // 8
+    return int(len(model.chunk_beats) * CHUNK_HEADER.size + position + attributes)
+
+
+def write_plot(path: Path, rows: list[dict]):
+    """dB against the scene over bytes a Gaussian, a line for each view."""
+    figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
+    axes = figure.subplots()
+    views = list(dict.fromkeys((row["scene"], row["camera"]) for row in rows))
+    for k, (scene, camera) in enumerate(views):
+        mine = [row for row in rows if (row["scene"], row["camera"]) == (scene, camera)]
+        style = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
+        places = sorted((r["bytes_per_gaussian"], r["psnr_db_scene"] or np.nan) for r in mine)
+        axes.plot(*np.array(places).T, label=f"{scene.split('.')[0]} {camera}", **style)
+    axes.set_xlabel("bytes a Gaussian")
+    axes.set_ylabel("dB, golden model against the scene as it is")
+    axes.grid(alpha=0.3)
+    if views:
+        axes.legend(fontsize=8)
+    write_figure(path, figure)

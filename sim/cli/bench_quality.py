@@ -1,0 +1,48 @@
+"""The command `bench quality`: bytes against error of packed models."""
+
+from splatcore.sim.bench.quality import TARGETS, quality
+from splatcore.sim.cli import bench
+from splatcore.sim.cli.options import PresetOption, option
+from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+AGAINST = ("scene", "packing", "machine")
+
+AGAINST = ("scene", "packing", "machine")
+
+TargetsOption = option(str, "DB,DB,…", "dB to find the smallest models for.", "--psnr")
+
+
+@bench.bench.command("quality")
+def quality_command(
+    output: bench.FolderOption,
+    scene: bench.ScenesArgument = None,
+    cameras: bench.CamerasOption = None,
+    size: bench.PixelsOption = bench.SIZE,
+    psnr: TargetsOption = TARGETS,
+    preset: PresetOption = "DEFAULT",
+    scheduler: bench.SchedulerOption = None,
+):
+    """Bytes a Gaussian against dB, for each way to pack a scene.
+
+    dB are of 8-bit pictures of the golden model: against the scene as it is (scene) and against the
+    reference on the same packed model (machine). Writes DIR/quality.json, a plot and pictures.
+    """
+    try:
+        targets = [float(text) for text in psnr.split(",") if text.strip()]
+    except ValueError:
+        raise InputError(f"--psnr '{psnr}': is not numbers between commas") from None
+    found = bench.look(output, scene, cameras, size)
+    facts = quality(find_preset(preset), found, targets, output, scheduler)
+    headings = "bytes|dB, scene|dB, packing|dB, machine|max error, machine|k cycles|model MB read"
+    table = new_table("view", headings.split("|"), "by golden and cycle model", ["asked for"])
+    for row in facts["rows"]:
+        decibels = [shown(row[f"psnr_db_{name}"], ".2f", none="∞") for name in AGAINST]
+        table.add_row(
+            f"{row['scene']} {row['camera']}", f"{row['bytes_per_gaussian']:.2f}", *decibels,
+            f"{row['max_error_machine']:.3f}", f"{row['cycles']['frame'] / 1000:,.0f}",
+            f"{row['model_bytes'] / 1e6:.2f}", row["asked"],
+        )  # fmt: skip
+    print_whole(table)
+    bench.finish(output / "quality.json", facts)

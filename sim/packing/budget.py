@@ -1,0 +1,67 @@
+"""Where a packed model's bytes and its error come from, part by part."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from splatcore.model.pack.pack import stored_order
+from splatcore.sim.packing.choose import SAME_DB, Tell, Views
+from splatcore.spec.camera import Camera
+from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
+from splatcore.spec.memory import CHUNK_HEADER
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Scene, sh_count
+
+
+def bytes_by_part(model: PackedModel) -> dict[str, float]:
+    """Bytes a Gaussian of each part of a model, its codebooks in "codebooks", rest in "unused"."""
+    count, format = max(len(model), 1), model.format
+    record = dict(format.attribute_record.fields)
+    width = {name: field.width for name, field in record.items()}
+    shape = sum(bits for name, bits in width.items() if name[0] == "l")
+    colour = sum(b for name, b in width.items() if name.startswith(("colour", "red", "gr", "bl")))
+    bits = {
+        "chunk headers": len(model.chunk_beats) * CHUNK_HEADER.width / count,
+        "positions": format.position_record.width,
+        "shape": shape,
+        "opacity": width["opacity"],
+        "colour": colour,
+    }
+    degrees = {f"degree {d}": 0.0 for d in range(1, format.sh_degree + 1)}
+    if format.codebooks and format.sh_degree:
+        degrees["degree 1"] = sum(b for name, b in width.items() if name.startswith("sh"))
+    gaussians = np.bincount(np.repeat(model.chunks["harmonics"], 256)[: len(model)], minlength=4)
+    for layout, number in zip(LAYOUTS, gaussians, strict=True):
+        for d in range(1, min(layout.degree, format.sh_degree) + 1):
+            own = SHIFT_BITS + 3 * coefficient_count(d) * layout.bits[d - 1]
+            degrees[f"degree {d}"] += own * number / count
+    bits |= degrees
+    found = {name: value / 8 for name, value in bits.items()}
+    found["unused"] = model.bytes_per_gaussian - sum(found.values())
+    return found | {"codebooks": format.codebook_bytes / count}
+
+
+def psnr_by_part(
+    scene: Scene, model: PackedModel, cameras: Sequence[Camera], tell: Tell = str
+) -> dict[str, float | None]:
+    """dB of the reference's pictures of the scene with one part at a time as it is packed against
+    those of the scene as it is, the worst of the views; None for no error."""
+    exact, packed = scene[stored_order(scene)[0]].gaussians(), model.gaussians()
+    tell("rendering the scene")
+    views = Views.of(scene, cameras)
+    parts = {
+        "positions": replace(exact, position=packed.position),
+        "shape": replace(exact, factor=packed.factor),
+        "opacity": replace(exact, opacity=packed.opacity),
+    }
+    for degree in range(scene.sh_degree + 1):
+        sh, own = exact.sh.copy(), slice(degree**2, sh_count(degree))
+        sh[:, own] = packed.sh[:, own] if own.stop <= packed.sh.shape[1] else 0
+        parts[f"degree {degree}" if degree else "colour"] = replace(exact, sh=sh)
+    found = {}
+    for name, gaussians in parts.items():
+        tell(f"error of {name}")
+        db = views.psnr_db(gaussians)
+        found[name] = None if db == SAME_DB else db
+    return found

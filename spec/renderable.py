@@ -1,0 +1,23 @@
+"""Which packed models a machine renders."""
+
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format
+from splatcore.spec.packed import PackedModel
+
+
+def check_renderable(config: Config, model: PackedModel):
+    """InputError, naming what does not fit, for a model that a machine cannot render."""
+    format, preset = model.format, f"preset {config.name}"
+    if format.sh_degree > config.sh_degree:
+        why = f"has SH degree {format.sh_degree}, {preset} renders up to {config.sh_degree}"
+    elif not format.codebooks and config.colours == "array":
+        why = f"has colours in steps, {preset} renders compact models only"
+    elif format.position != config.position:
+        why = f"has positions of the kind '{format.position}', {preset} '{config.position}'"
+    elif format.codebooks and format != model_format(config, format.sh_degree):
+        why = f"has codebooks of other sizes than those of {preset}"
+    else:
+        return
+    advice = f"splatcore pack SCENE --preset {config.name} -o MODEL"
+    raise InputError(f"{model.name}: {why}; make the model anew from its scene by: {advice}")

@@ -1,0 +1,92 @@
+"""Chunk headers of models in steps: where a chunk's attributes begin, whatever was skipped."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from splatcore.hdl.points.chunk import Chunk
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.spec.colour import LAYOUTS
+from splatcore.spec.config import DEFAULT, PAPER
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.point import (
+    BEATS_BITS,
+    FETCH,
+    GAUSSIAN_BITS,
+    NUMBER_BITS,
+    chunk_record,
+    projecting_record,
+)
+from tb.helpers.point_rows import PointRows, point_rows
+from tb.helpers.runs import check_run, compiled
+from tb.helpers.stage_cases import case
+
+GARDEN = generated_camera("garden")
+AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
+"""A camera with a part of the garden behind it."""
+
+pytestmark = pytest.mark.slow
+
+
+@cache
+def mixed(seed: int, count: int = 8000) -> PackedModel:
+    """The garden with random harmonics of degree 3 in chunks of random layouts."""
+    rng, scene = np.random.default_rng(seed), generate("garden", count)
+    sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(count, 15, 3))], axis=1)
+    layouts = rng.integers(0, len(LAYOUTS), -(-count // CHUNK))
+    return pack(replace(scene, sh=sh), quality=layouts)[0]
+
+
+def check(rows: PointRows, stall: float, seed: int):
+    """Two frames: the second one begins anew."""
+    given = case("chunk", rows)
+    twice = [{k: np.tile(v, (2, 1)) for k, v in r.items()} for r in (given.inputs, given.expected)]
+    check_run(
+        compiled(Chunk, rows.config), *twice, "chunk.", constants=given.constants, stall=stall,
+        seed=seed,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("stall", [0, 0.3, 0.7])
+def test_mixed_layouts(stall):
+    for seed in range(3):
+        model = mixed(seed)
+        rows = point_rows(DEFAULT, model, AMID)
+        kept, skipped = np.flatnonzero(rows.points.read), np.flatnonzero(~rows.points.read)
+        assert (model.chunk_beats[skipped[skipped < kept.max()]] > 1).any()
+        assert len(model) % CHUNK and kept.max() == len(model) // CHUNK
+        check(rows, stall, seed)
+
+
+def test_records():
+    """What the golden side expects of a chunk, by plain integers."""
+    model = mixed(0)
+    rows = point_rows(DEFAULT, model, AMID)
+    codes = chunk_record(DEFAULT).unpack(rows.streams["chunks"])
+    beats, number = 0, 0
+    for chunk, read in enumerate(rows.points.read):
+        layout = int(model.chunks["harmonics"][chunk])
+        if read:
+            assert codes["projecting"]["attributes"][number] == beats
+            assert codes["projecting"]["harmonics"][number] == layout
+            assert codes["fetch"]["number"][number] == chunk
+            number += 1
+        beats += min(CHUNK, len(model) - chunk * CHUNK) * (1 + [0, 1, 1, 2][layout])
+    assert model.layout.attributes + 16 * beats <= model.layout.end
+
+
+def test_compact_models_of_arrays():
+    model, _ = pack(generate("garden", 1000), PAPER)
+    check(point_rows(PAPER, model, GARDEN), 0.3, 0)
+
+
+def test_the_largest_model_fits():
+    """Numbers of chunks and sums of beats hold those of any count of Gaussians."""
+    most, last = (1 << GAUSSIAN_BITS) - 1, (1 << GAUSSIAN_BITS - 8) - 1
+    assert most // CHUNK == last < 1 << NUMBER_BITS == 1 << FETCH["number"].width
+    beats = max(1 + layout.beats for layout in LAYOUTS) * most
+    assert beats < 1 << BEATS_BITS == 1 << projecting_record()["attributes"].width

@@ -1,0 +1,131 @@
+"""Colours beside the array: the projection's splats, every bit, of random models and rays."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from splatcore.hdl.points.project import Project
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.colour import (
+    COARSE,
+    EXPONENT_MAX,
+    EXPONENT_MIN,
+    FINE,
+    LAYOUTS,
+    SECOND,
+    SH_EXPONENT_MAX,
+)
+from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.memory import model_format, step_format
+from splatcore.spec.microprogram import projection
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.schedule import schedule
+from tb.helpers.colour_rows import any_bytes, few_bits, project_rows, random_model
+from tb.helpers.runs import check_run
+from tb.helpers.stage_cases import constants
+
+DEGREES = range(4)
+MACHINES = {degree: replace(DEFAULT, sh_degree=degree) for degree in DEGREES}
+OTHERS = {
+    "two arrays": replace(DEFAULT, pe_arrays=2),
+    "dense": replace(DEFAULT, skip_zeros=False, tile_test="3sigma"),
+    "tiny": TINY,
+    "few slots": replace(DEFAULT, projection_slots=8),
+    "fine colours": replace(DEFAULT, colour_fraction=12, sum_fraction=16),
+    "many stages": Config(colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3))),
+}
+
+ALONE = [np.full(3, number) for number in range(len(LAYOUTS))]
+MIXED = np.array([FINE, 0, COARSE, SECOND, SECOND, FINE, COARSE, 0, FINE, FINE, 0])
+LAST = 77
+"""Gaussians in the last chunk."""
+
+EXPONENTS = {
+    "least": [EXPONENT_MIN] * 4,
+    "most": [EXPONENT_MAX] * 4,
+    "usual": [-5, -6, -6, -7],
+    "any": [0, -7, -2, -4],
+}
+
+
+@cache
+def made(config: Config) -> tuple[Project, Simulation]:
+    """The projection and its simulation."""
+    component = Project(config)
+    return component, Simulation(component)
+
+
+def check(config: Config, model: PackedModel, seed: int, stall: float = 0.0) -> float:
+    """Splats of random points, every bit, and where attributes are asked for; returns the cycles
+    for each splat."""
+    rng = np.random.default_rng(seed)
+    inputs, expected, registers = project_rows(config, model, rng)
+    given = SimpleNamespace(config=config, registers=registers)
+    component, simulation = made(config)
+    result = check_run(
+        simulation, inputs, expected, "project.", first=("write",), stall=stall, seed=seed,
+        constants=constants(component, given),
+    )  # fmt: skip
+    return result.cycles / len(expected["o"])
+
+
+def steps(config: Config, layouts, exponent: str, seed: int, draw=any_bytes) -> PackedModel:
+    format, rng = step_format(config, 3), np.random.default_rng(seed)
+    return random_model(format, layouts, EXPONENTS[exponent], rng, draw, LAST)
+
+
+def compact(config: Config, degree: int, exponent: str, seed: int, draw=any_bytes) -> PackedModel:
+    first, second, *rest = EXPONENTS[exponent]
+    exponents = [first, min(second, SH_EXPONENT_MAX), *rest]
+    format, rng = model_format(config, degree), np.random.default_rng(seed)
+    return random_model(format, np.zeros(4, int), exponents, rng, draw, LAST)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", EXPONENTS)
+@pytest.mark.parametrize("degree", DEGREES)
+def test_models_in_steps(degree, exponent):
+    """Each layout alone, and all in one model; any codes, and those at the ends of their range."""
+    for draw in (any_bytes, few_bits):
+        for seed, layouts in enumerate([*ALONE, MIXED]):
+            check(MACHINES[degree], steps(DEFAULT, layouts, exponent, seed, draw), seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", EXPONENTS)
+@pytest.mark.parametrize("degree", DEGREES)
+def test_compact_models(degree, exponent):
+    for draw in (any_bytes, few_bits):
+        for of_model in range(min(degree, 1) + 1):
+            check(MACHINES[degree], compact(DEFAULT, of_model, exponent, of_model, draw), degree)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", DEGREES)
+def test_stalls(degree):
+    """Streams that idle, on all sides."""
+    for seed, stall in enumerate((0.2, 0.5, 0.8)):
+        check(MACHINES[degree], steps(DEFAULT, MIXED, "usual", seed), seed, stall)
+        check(MACHINES[degree], compact(DEFAULT, min(degree, 1), "usual", seed), seed, stall)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_machines(name):
+    config = OTHERS[name]
+    for stall in (0, 0.5):
+        check(config, steps(config, MIXED, "usual", 1), 1, stall)
+        for degree in (0, 1):
+            check(config, compact(config, degree, "usual", degree), degree, stall)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", DEGREES)
+def test_cycles(degree):
+    """Colours cost the projection nothing."""
+    config = MACHINES[degree]
+    assert schedule(config, projection(config)).interval == 9
+    assert check(config, steps(DEFAULT, ALONE[FINE], "usual", 5), 5) < 9.2

@@ -1,0 +1,220 @@
+"""The model's reader: what headers it takes, what it reads of models, and in which bursts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.spec import axi, colour, memory
+from splatcore.spec.config import DEFAULT, PAPER, Config
+from splatcore.spec.convention import SH_DEGREE_MAX
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.point import EXPONENT
+from splatcore.spec.record import Codes
+from splatcore.spec.registers import ErrorCode
+from splatcore.spec.renderable import check_renderable
+from tb.helpers.colour_rows import random_model
+from tb.helpers.model_memory import Image, check_reading
+from tb.helpers.point_rows import counts
+
+MACHINES = {
+    "DEFAULT": DEFAULT,
+    "degree 1": replace(DEFAULT, sh_degree=1),
+    "degree 0": replace(DEFAULT, sh_degree=0),
+    "PAPER": PAPER,
+}
+PAGE = axi.BOUNDARY // axi.BEAT
+TOP = 1 << axi.BEAT_ADDRESS_BITS
+MIXED = np.array([colour.FINE, 0, colour.COARSE, colour.SECOND, 0, colour.FINE, colour.SECOND])
+
+pytestmark = pytest.mark.slow
+
+
+def model(format: memory.ModelFormat, last: int = 77, layouts: np.ndarray = MIXED) -> PackedModel:
+    """Random bits in a format; without codebooks of all layouts that go with its degree. The last
+    chunk has `last` Gaussians."""
+    layouts = 0 * layouts if format.codebooks else layouts
+    if format.sh_degree < SH_DEGREE_MAX:
+        layouts = np.where(layouts == colour.COARSE, colour.FINE, layouts)
+    return random_model(format, layouts, [-3, -4, -5, -6], np.random.default_rng(last), last=last)
+
+
+def spoiled(model: PackedModel, **fields) -> np.ndarray:
+    """The model's bytes with other numbers in the header; one for an array is for all of it."""
+    image, codes = model.image.copy(), dict(model.header)
+    for name, value in fields.items():
+        value = np.asarray(value) & 0xFFFF if "exponent" in name else np.asarray(value)
+        codes[name] = np.broadcast_to(value, codes[name].shape).astype(np.uint64)
+    image[: memory.HEADER.size] = memory.HEADER.pack(codes).reshape(-1)
+    return image
+
+
+def error_in(config: Config, header: Codes) -> ErrorCode:
+    """The error in a header, by plain integers."""
+
+    def signed(codes) -> list[int]:
+        return [(int(code) ^ 1 << 15) - (1 << 15) for code in np.atleast_1d(codes)]
+
+    degree = int(header["sh_degree"])
+    if header["magic"] != memory.MAGIC:
+        return ErrorCode.MAGIC
+    if header["version"] != 3:
+        return ErrorCode.VERSION
+    if degree > config.sh_degree:
+        return ErrorCode.DEGREE
+    index = {name: [int(b) for b in header[name]] for name in ("colour_index", "sh_index")}
+    codebooks = any(index["colour_index"])
+    least, most = -15, [4, -3 if codebooks else 4, 4, 4]
+    fits = header["position"] == (config.position == "absolute")
+    fits &= -255 <= signed(header["position_exponent"])[0] <= 255
+    fits &= all(least <= e <= m for e, m in zip(signed(header["exponent"]), most, strict=True))
+    if codebooks and degree <= 1:
+        bits = {"colour_index": config.colour_index, "sh_index": config.sh_index}
+        for name, of in bits.items():
+            fits &= index[name] == [*of[degree], *[0] * (4 - len(of[degree]))]
+    else:
+        fits &= not codebooks and not any(index["sh_index"]) and config.colours == "beside"
+    return ErrorCode.NONE if fits else ErrorCode.FORMAT
+
+
+def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
+    """The machine takes a header, and says what it says, or tells its error."""
+    at = Image(image, 4 * seed)
+    error = error_in(config, at.header)
+    result = check_reading(config, at, not error, stall=seed % 3 * 0.3, seed=seed)
+    ports, degree = result.ports, int(at.header["sh_degree"])
+    assert ports["error"] == error and ports["loaded"] == (not error)
+    assert ports["detail"] == (degree if error == ErrorCode.DEGREE else 0)
+    if not error:
+        width = EXPONENT.width
+        codes = [int(e) % (1 << width) for e in at.header["exponent"]]
+        assert ports["exponent"] == sum(code << k * width for k, code in enumerate(codes))
+        assert ports["position_exponent"] == int(at.header["position_exponent"]) % (1 << width)
+        assert ports["gaussians"] == at.header["count"] and ports["sh"] == (degree > 0)
+        if config.colours == "beside":
+            assert ports["codebooks"] == at.header["colour_index"].any()
+        assert ports["given"]
+    return error
+
+
+ENDS = (-32768, -256, -255, -16, -15, -4, -3, -2, 0, 4, 5, 255, 256, 32767)
+"""Exponents at the ends of what is allowed, and around them."""
+
+EDITS = [
+    *({"magic": memory.MAGIC ^ 1 << bit} for bit in (0, 31)),
+    *({"version": version} for version in (0, 2, 4, 0x103, 0xFFFF)),
+    *({"sh_degree": degree} for degree in (*range(6), 128, 255)),
+    *({"position": position} for position in (0, 1, 2, 128)),
+    *({"position_exponent": e} for e in ENDS),
+    *({"exponent": e} for e in ENDS),
+    *({"exponent": np.where(np.arange(4) == d, e, -5)} for d in range(4) for e in ENDS[3:-3]),
+    *({"colour_index": bits} for bits in (0, [7, 6, 0, 0], [9, 9, 0, 0], [9, 0, 0, 0])),
+    *({"colour_index": bits} for bits in ([0, 9, 9, 0], [7, 6, 0, 1])),
+    *({"sh_index": bits} for bits in (0, [7, 7, 0, 0], [8, 0, 0, 0], [0, 0, 0, 1])),
+    {"colour_index": 0, "sh_index": 0},
+    *({"count": count, "exponent": -6} for count in (0, 1, 255, 256, 257, 5 * 256)),
+]
+"""Fields of headers, some of which fit."""
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_headers(name):
+    config = MACHINES[name]
+    formats = [memory.model_format(config, d) for d in memory.compact_degrees(config)]
+    formats += [memory.model_format(PAPER if config is DEFAULT else DEFAULT, 1)]
+    formats += [memory.step_format(config, degree) for degree in (0, 3)]
+    headers = [(model(format), edit) for format in formats for edit in ({}, *EDITS)]
+    seen = [check_header(config, spoiled(m, **e), k) for k, (m, e) in enumerate(headers)]
+    wrong = ErrorCode.MAGIC, ErrorCode.VERSION, ErrorCode.FORMAT, ErrorCode.DEGREE
+    assert set(seen) == {ErrorCode.NONE, *wrong}
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_golden_model_refuses_the_same(name):
+    """Models of every format, for every machine."""
+    config, seen = MACHINES[name], set()
+    formats = [memory.model_format(c, degree) for c in (DEFAULT, PAPER) for degree in (0, 1)]
+    formats += [memory.step_format(config, degree) for degree in range(4)]
+    for format in formats:
+        given = model(format, 5, MIXED[:1])
+        error = error_in(config, Image(given.image, 0).header)
+        seen.add(error)
+        if error == ErrorCode.NONE:
+            check_renderable(config, given)
+            continue
+        why = f"SH degree {format.sh_degree}.* {config.sh_degree};" if error == 13 else "preset"
+        with pytest.raises(InputError, match=f"random: has .*{why}"):
+            check_renderable(config, given)
+    assert seen >= {ErrorCode.NONE, ErrorCode.FORMAT}
+
+
+def random_part(rng: np.random.Generator, model: PackedModel) -> tuple[list, np.ndarray]:
+    """Some chunks (number, count) and some of their Gaussians."""
+    chosen = np.flatnonzero(rng.random(len(model.chunk_beats)) < 0.7)
+    of = np.arange(len(model)) // memory.CHUNK
+    index = np.flatnonzero(np.isin(of, chosen) & (rng.random(len(model)) < 0.6))
+    return [(k, counts(model)[k]) for k in chosen], index
+
+
+FORMATS = {
+    "steps": (DEFAULT, memory.step_format(DEFAULT, 3)),
+    "compact, degree 1": (DEFAULT, memory.model_format(DEFAULT, 1)),
+    "compact, degree 0": (DEFAULT, memory.model_format(DEFAULT, 0)),
+    "no harmonics": (MACHINES["degree 0"], memory.step_format(DEFAULT, 0)),
+    "paper": (PAPER, memory.model_format(PAPER, 1)),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_models(name):
+    """Parts of models at all sorts of addresses, the last chunks partly filled."""
+    config, format = FORMATS[name]
+    layouts = np.zeros_like(MIXED) if format.sh_degree == 0 else MIXED
+    for seed, last in enumerate((77, 1, memory.CHUNK, 255)):
+        given, rng = model(format, last, layouts), np.random.default_rng(seed)
+        for stall in (0, 0.3, 0.7):
+            fetch, index = random_part(rng, given)
+            pairs = np.stack([given.beats[index], given.chunk_beats[index // memory.CHUNK]], axis=1)
+            base = 4 * int(rng.integers(0, 1 << 20))
+            image = Image(given.image, base)
+            check_reading(config, image, True, fetch, pairs.tolist(), stall=stall, seed=seed)
+
+
+def every_offset() -> list[tuple[int, int]]:
+    """Bursts of 1 to 3 beats at all places of a page, in any order."""
+    rng = np.random.default_rng(3)
+    place, count = np.divmod(rng.permutation(3 * PAGE), 3)
+    page = rng.integers(0, 100, 3 * PAGE)
+    return np.stack([page * PAGE + place, count + 1], axis=1).tolist()
+
+
+@pytest.mark.parametrize("stall", [0, 0.4])
+def test_no_burst_crosses_a_page(stall):
+    image = Image(model(FORMATS["steps"][1]).image, 4 * 4321)
+    check_reading(DEFAULT, image, True, [], every_offset(), stall=stall)
+
+
+def test_the_end_of_memory():
+    """Chunks and attributes of a model as large as memory: no sum of addresses is cut."""
+    count, steps = 197_000_000, memory.step_format(DEFAULT, 0)
+    layout = steps.layout(count)
+    assert 0.99 * (TOP << 4) < layout.end <= TOP << 4
+    unit = memory.ALIGNMENT
+    places = {name: getattr(layout, name) // unit for name in memory.PLACED}
+    image = spoiled(model(steps, layouts=0 * MIXED), **places)
+    chunks = memory.chunk_count(count)
+    fetch = [(0, 256), (chunks - 2, 256), (chunks - 1, count % 256), (chunks // 2, 256)]
+    wanted = [(count - k, n) for k, n in ((1, 1), (2, 1), (3, 3), (300, 2))]
+    check_reading(DEFAULT, Image(image, 0), True, fetch, wanted)
+
+
+def test_pace():
+    """A Gaussian every 3 cycles at least, every 2 where a single beat is wanted."""
+    image = Image(model(FORMATS["steps"][1]).image, 0)
+    begin = check_reading(DEFAULT, image).cycles
+    crossing = [(PAGE * k - 1 - 4 * int(image.header["attributes"]), 2) for k in range(20, 520)]
+    for cycles, pairs in ((2, [(k, 1) for k in range(500)]), (3, [(3 * k, 3) for k in range(500)]),
+                          (3, crossing)):  # fmt: skip
+        taken = check_reading(DEFAULT, image, True, [], pairs).cycles
+        assert taken < max(begin, 100) + cycles * len(pairs) + 16

@@ -1,0 +1,197 @@
+"""The model's reader on a memory of any content: what it asks for and gives, every bit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from amaranth.hdl import Assert, Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, connect, flipped
+
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.points.model_reader import READING, ModelReader
+from splatcore.sim.rtl.streams import Result
+from splatcore.spec import axi, memory
+from splatcore.spec.config import Config
+from splatcore.spec.number import Bits
+from splatcore.spec.point import FETCH, WANTED
+from splatcore.spec.record import Array, Codes, Record
+from tb.helpers.parts import forward
+from tb.helpers.runs import check_run, compiled
+
+Ranges = list[tuple[int, int]]
+"""First beats and counts of beats."""
+
+OWED_BITS = 24
+WORDS_MAX = 1024
+
+
+class Reading(wiring.Component):
+    """`ModelReader` that runs once it has loaded; chunks and Gaussians are asked for no sooner.
+
+    Members: those of the reader, but that `model` is `base`, `reads` are `bursts` and `data` beats
+    alone, which come no sooner than they were asked for. It always takes them: it asks for no more
+    than there is room for (but attributes, whose consumer has the room).
+    """
+
+    def __init__(self, config: Config):
+        self.reader = ModelReader(config)
+        members = dict(self.reader.signature.members)
+        for name in ("model", "run", "reads", "data"):
+            del members[name]
+        self.same = [name for name in members if name not in ("fetch", "wanted", "write")]
+        beats = In(stream.Signature(axi.DATA_BITS)).array(len(READING))
+        bursts = self.reader.signature.members["reads"]
+        ports = {"base": In(axi.BEAT_ADDRESS_BITS), "bursts": bursts, "beats": beats}
+        super().__init__(members | ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.reader = reader = self.reader
+        forward(m, self, reader, self.same)
+        words = Queue(reader.write.payload.shape(), WORDS_MAX, memory=True)  # nothing waits there
+        m.submodules.words = words
+        connect(m, reader.write, words.i)
+        connect(m, words.o, flipped(self.write))
+        ran = Signal()
+        m.d.comb += [reader.model.eq(self.base), reader.run.eq(reader.loaded & ~ran)]
+        m.d.sync += ran.eq(reader.loaded)
+        for name in ("fetch", "wanted"):
+            outer, inner = getattr(self, name), getattr(reader, name)
+            m.d.comb += [inner.payload.eq(outer.payload), inner.valid.eq(outer.valid & ran)]
+            m.d.comb += outer.ready.eq(inner.ready & ran)
+        for k, name in enumerate(READING):
+            asked, burst = reader.reads[k], self.bursts[k]
+            given, back = self.beats[k], reader.data[k]
+            owed = Signal(OWED_BITS)
+            m.d.comb += [
+                burst.payload.eq(asked.payload),
+                burst.valid.eq(asked.valid),
+                asked.ready.eq(burst.ready),
+                back.payload.beat.eq(given.payload),
+                back.valid.eq(given.valid & owed.any()),
+                given.ready.eq(back.ready & owed.any()),
+            ]
+            more = (asked.payload.length + 1) * (asked.valid & asked.ready)
+            m.d.sync += owed.eq(owed + more - (given.valid & given.ready))
+            if name == "positions":
+                m.d.comb += Assert(back.ready)
+        return m
+
+
+@dataclass(frozen=True)
+class Image:
+    """Memory in which a model's bytes lie at beat `base`; around them lies noise."""
+
+    data: np.ndarray
+    base: int
+
+    def beats(self, numbers: np.ndarray) -> np.ndarray:
+        """Beats [N, 16] uint8 by their addresses."""
+        noise = np.stack([numbers * 0x1E3779B97F4A7C15, ~numbers], axis=1).astype("<u8")
+        found = noise.view(np.uint8).reshape(-1, axi.BEAT).copy()
+        own = numbers - self.base
+        inside = (own >= 0) & (own < len(self.data) // axi.BEAT)
+        found[inside] = self.data.reshape(-1, axi.BEAT)[own[inside]]
+        return found
+
+    @property
+    def header(self) -> Codes:
+        codes = memory.HEADER.unpack(self.data[: memory.HEADER.size].reshape(1, -1))
+        return {name: array[0] for name, array in codes.items()}
+
+
+def places(ranges: Ranges) -> np.ndarray:
+    """Addresses of all beats of ranges."""
+    return np.concatenate([np.zeros(0, np.int64), *(np.arange(b, b + n) for b, n in ranges)])
+
+
+def divided(ranges: Ranges, unit: int) -> Ranges:
+    """The ranges cut at multiples of `unit` beats."""
+    found = []
+    for first, count in ranges:
+        while count:
+            part = min(count, unit - first % unit)
+            found.append((first, part))
+            first, count = first + part, count - part
+    return found
+
+
+def model_ranges(config: Config, image: Image) -> dict[str, Ranges]:
+    """What the first reader reads of a model that fits: header, codebooks, chunk headers."""
+    header, unit = image.header, memory.ALIGNMENT // axi.BEAT
+    chunks = memory.chunk_count(int(header["count"]))
+    found = {"header": [(image.base, memory.HEADER.size // axi.BEAT)], "codebooks": []}
+    if header["colour_index"].any():
+        format = memory.model_format(config, int(header["sh_degree"]))
+        words = -(-format.codebook_bytes // memory.ALIGNMENT) * unit
+        found["codebooks"] = [(image.base + int(header["colours"]) * unit, words)]
+    begin = image.base + memory.HEADER.size // axi.BEAT
+    found["chunks"] = [(begin, chunks * memory.CHUNK_HEADER.size // axi.BEAT)] * (chunks > 0)
+    return found
+
+
+def fetch_ranges(config: Config, image: Image, chunks: Ranges) -> Ranges:
+    """Beats of the positions of chunks (number, count)."""
+    format, unit = memory.step_format(config, 0), memory.ALIGNMENT // axi.BEAT
+    begin = image.base + int(image.header["positions"]) * unit
+    stride = format.position_stride // axi.BEAT
+    width = format.position_record.width
+    return [(begin + n * stride, -(-count * width // axi.DATA_BITS)) for n, count in chunks]
+
+
+def burst_rows(ranges: Ranges) -> np.ndarray:
+    record = axi.read_record()
+    first, count = np.array(ranges, np.int64).reshape(-1, 2).T
+    return record.pack({"beat": first.astype(np.uint64), "length": (count - 1).astype(np.uint64)})
+
+
+def pair_rows(record: Record, pairs: Ranges) -> np.ndarray:
+    """Rows of a record of two fields."""
+    columns = np.array(pairs, np.uint64).reshape(-1, 2).T
+    return record.pack(dict(zip(dict(record.fields), columns, strict=True)))
+
+
+def write_rows(config: Config, words: np.ndarray) -> np.ndarray:
+    """The codebook memory's words [N, 16] with their addresses."""
+    bits = (config.codebook // memory.CODEBOOK_WORD - 1).bit_length()
+    record = Record("write", {"address": Bits(bits), "word": Array(Bits(64), 2)})
+    address = np.arange(len(words), dtype=np.uint64)
+    return record.pack({"address": address, "word": words.view("<u8")})
+
+
+def check_reading(
+    config: Config,
+    image: Image,
+    fits: bool = True,
+    fetch: Ranges = (),
+    wanted: Ranges = (),
+    **options,
+) -> Result:
+    """Load a model and read it: exactly what is wanted, once, in bursts that AXI allows.
+
+    fits: the machine renders it; else it is left after its header. fetch: chunks, numbers and
+    counts of Gaussians; wanted: attributes, first beats and counts.
+    """
+    parts = model_ranges(config, image) if fits else {}
+    begin = image.base + int(image.header["attributes"]) * (memory.ALIGNMENT // axi.BEAT)
+    header = [(image.base, memory.HEADER.size // axi.BEAT)]
+    attributes = [(begin + beat, count) for beat, count in wanted]
+    positions = fetch_ranges(config, image, list(fetch))
+    ranges = [[r for part in parts.values() for r in part] or header, positions, attributes]
+    units = (axi.BURST_BEATS, axi.BURST_BEATS, axi.BOUNDARY // axi.BEAT)
+    given = [image.beats(places(part)) for part in ranges]
+    headers = image.beats(places(parts.get("chunks", [])))
+    expected = {
+        "headers": headers.reshape(-1, memory.CHUNK_HEADER.size),
+        "write": write_rows(config, image.beats(places(parts.get("codebooks", [])))),
+        "positions": given[1],
+        "attributes": given[2],
+    }
+    inputs = {"fetch": pair_rows(FETCH, list(fetch)), "wanted": pair_rows(WANTED, list(wanted))}
+    for k, unit in enumerate(units):
+        expected[f"bursts__{k}"] = burst_rows(divided(ranges[k], unit))
+        inputs[f"beats__{k}"] = given[k]
+    return check_run(
+        compiled(Reading, config), inputs, expected, "model.",
+        constants={"start": np.array([1, 0]), "base": image.base}, **options,
+    )  # fmt: skip

@@ -1,0 +1,51 @@
+"""The whole machine on models in steps: all layouts, all degrees, chunks that are skipped."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.pipeline import render
+from splatcore.model.generate.generate import generate
+from splatcore.model.pack.pack import pack
+from splatcore.sim.machine.machine import Job
+from splatcore.sim.machine.script import IDEAL, Timing
+from splatcore.spec.colour import LAYOUTS
+from splatcore.spec.config import TINY
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Scene
+from tb.helpers.machines import check, machine, view
+
+COUNT = 3000
+LAYOUT_OF = np.random.default_rng(2).integers(0, len(LAYOUTS), -(-COUNT // CHUNK))
+
+AMID = replace(view(), translation=view().translation - [0, 0, 8])
+"""A camera with a part of the garden behind it."""
+
+ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
+
+pytestmark = pytest.mark.slow
+
+
+def scene() -> Scene:
+    """The garden with random harmonics of degree 3."""
+    found, rng = generate("garden", COUNT), np.random.default_rng(1)
+    sh = np.concatenate([found.sh[:, :1], 0.1 * rng.normal(size=(COUNT, 15, 3))], axis=1)
+    return replace(found, sh=sh)
+
+
+def models() -> list[PackedModel]:
+    """In steps of all layouts and degrees, and compact ones."""
+    kinds = [(None, quality) for quality in (LAYOUT_OF, "faithful", "balanced", "compact")]
+    kinds += [(degree, quality) for degree in (0, 1) for quality in ("faithful", "compact")]
+    return [pack(scene(), TINY, degree, quality=quality)[0] for degree, quality in kinds]
+
+
+@pytest.mark.parametrize("timing", [IDEAL, ROUGH], ids=lambda timing: timing.name)
+def test_frames_of_all_kinds_of_models(timing):
+    """One after the other: nothing of a model stays for the next one's frame."""
+    jobs = [Job(model, camera) for model in models() for camera in (AMID, view(40, 36, 1))]
+    read = render(TINY, *jobs[0]).points.read
+    assert read[-1] and (jobs[0].model.chunk_beats[~read] > 1).any()
+    check(TINY, machine(TINY).run(jobs, timing), *jobs)

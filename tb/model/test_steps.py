@@ -1,0 +1,207 @@
+"""Models in steps: every bit by plain integers, errors of all degrees, layouts, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import sph_harm_y
+
+from splatcore.model.pack.pack import pack
+from splatcore.spec.colour import COARSE, FINE, LAYOUTS, SECOND, folded, unfolded
+from splatcore.spec.config import DEFAULT, PAPER
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER
+from splatcore.spec.packed import PackedModel, checksum
+from tb.helpers.clouds import cloud
+
+BITS = {0: (), 1: (5, 5), 2: (3, 2, 3), 3: (5, 5, 6)}
+BEATS = {0: 0, 1: 1, 2: 1, 3: 2}
+TERM_SIZES = ((3,), (3, 2), (3, 3, 1))  # polynomials of the terms of degrees 1, 2, 3
+
+
+def bits(image: np.ndarray, start: int, offset: int, width: int) -> int:
+    """`width` bits at bit `offset` behind byte `start`, as a plain integer."""
+    word = int.from_bytes(image[start : start + (offset + width) // 8 + 1].tobytes(), "little")
+    return word >> offset & (1 << width) - 1
+
+
+def signed(code: int, width: int) -> int:
+    return code - (code >> width - 1 << width)
+
+
+def plain_colours(image: np.ndarray) -> list[dict[int, np.ndarray]]:
+    """For each Gaussian of a model in steps its factors by degree, from the text of `spec`."""
+    count = bits(image, 0, 64, 32)
+    exponents = [signed(bits(image, 0, 160 + 16 * k, 16), 16) for k in range(4)]
+    align = lambda value: -(-value // 64) * 64  # noqa: E731
+    positions = 64 + align(32 * -(-count // 256))
+    beat = positions + align(count // 256 * 1440 + -(-(count % 256) * 45 // 8))
+    found = []
+    for n in range(count):
+        header = 64 + 32 * (n // 256)
+        layout = bits(image, header, 238, 2)
+        s = [bits(image, header, 240 + 4 * d, 4) for d in range(4)]
+        step = [
+            (0.75 if code & 1 else 1) * 2.0 ** (e - code // 2)
+            for code, e in zip(s, exponents, strict=True)
+        ]
+        base = [signed(bits(image, beat, 101 + 9 * k, 9), 9) for k in range(3)]
+        factors = {0: np.array([base]) * step[0]}
+        place, at = beat + 16, 2 * len(BITS[layout])
+        for d, width in enumerate(BITS[layout], 1):
+            shift = bits(image, beat + 16, 2 * (d - 1), 2)
+            rows = []
+            for size in TERM_SIZES[d - 1]:
+                if at + 3 * size * width > 128:
+                    place, at = place + 16, 0
+                codes = [
+                    signed(bits(image, place, at + k * width, width), width)
+                    for k in range(3 * size)
+                ]
+                rows.append(np.array(codes).reshape(3, size).T)
+                at += 3 * size * width
+            factors[d] = (np.concatenate(rows) + (layout == 2) / 2) * step[d] / 2**shift
+        found.append(factors)
+        beat += 16 * (1 + BEATS[layout])
+    return found
+
+
+def mixed(count: int, degree: int, seed: int = 1):
+    """A cloud whose chunks have all layouts in turn, and its model."""
+    scene = cloud(seed, count=count, degree=degree)
+    layouts = np.arange(-(-count // CHUNK)) % len(LAYOUTS)
+    scene.opacity[:] = np.maximum(scene.opacity, 0.01)
+    return scene, pack(scene, quality=layouts)[0]
+
+
+def test_every_bit_by_plain_integers():
+    _, model = mixed(5 * CHUNK + 3, 3)
+    assert set(model.chunks["harmonics"]) == {0, 1, 2, 3}
+    found = model.factors
+    for n, factors in enumerate(plain_colours(model.image)):
+        for d in range(4):
+            expected = factors.get(d, np.zeros((2 * d + 1, 3)))
+            assert (found[d][n] == expected).all(), (n, d)
+
+
+def test_polynomials_are_the_harmonics():
+    """Factors times polynomials of `spec.colour` are real spherical harmonics, by scipy."""
+    rng = np.random.default_rng(0)
+    x, y, z = direction = rng.normal(size=3)
+    x, y, z = direction / np.linalg.norm(direction)
+    polynomials = [
+        [1],
+        [y, z, x],
+        [2 * x * y, 2 * y * z, (3 * z * z - 1) / 2, 2 * x * z, x * x - y * y],
+        [
+            y * (3 * x * x - y * y), 4 * x * y * z, y * (5 * z * z - 1), z * (5 * z * z - 3) / 2,
+            x * (5 * z * z - 1), 2 * z * (x * x - y * y), x * (3 * y * y - x * x),
+        ],
+    ]  # fmt: skip
+    sh = rng.normal(size=(1, 16, 3))
+    for d, factors in enumerate(folded(sh)):
+        expected = np.zeros(3)
+        for m in range(-d, d + 1):
+            value = sph_harm_y(d, abs(m), np.arccos(z), np.arctan2(y, x))
+            part = value.real if m >= 0 else value.imag
+            expected += sh[0, d * d + d + m] * part * (np.sqrt(2) if m else 1)
+        np.testing.assert_allclose(np.array(polynomials[d]) @ factors[0], expected, atol=1e-12)
+    np.testing.assert_allclose(unfolded(folded(sh)), sh, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("quality", "degree", "beats", "worst"),
+    [
+        ("faithful", 0, 1, ()), ("faithful", 1, 2, (0.06,)), ("faithful", 2, 2, (0.06, 0.06)),
+        ("faithful", 3, 3, (0.06, 0.06, 0.03)), ("balanced", 3, 2, (0.25, 0.5, 0.25)),
+    ],
+)  # fmt: skip
+def test_close_to_the_scene(quality, degree, beats, worst):
+    """RMS errors of the factors of each degree, over their own RMS; sizes to the byte."""
+    scene = cloud(2, count=3000, degree=degree)
+    scene.opacity[:] = np.maximum(scene.opacity, 0.01)
+    model, report = pack(scene, quality=quality)
+    assert model.format.sh_degree == degree and report.codebook_bytes == 0
+    assert (model.chunk_beats == beats).all()
+    assert report.bytes_per_gaussian == pytest.approx(5.625 + 32 / CHUNK + 16 * beats, abs=0.05)
+    sizes = [np.sqrt((f**2).mean()) for f in folded(scene.sh)]
+    assert report.colour_rms < 0.002
+    assert all(e <= w * s for e, w, s in zip(report.sh_rms, worst, sizes[1:], strict=True))
+
+
+def test_chunks_without_harmonics_have_no_beats_for_them():
+    scene = cloud(3, count=4 * CHUNK, degree=3)
+    scene.opacity[:] = 0.5
+    first = scene.position[:, 0] < np.median(scene.position[:, 0])
+    scene.sh[first, 1:] = 0
+    scene.sh[~first, 9:] = 0
+    model, _ = pack(scene, quality="faithful")
+    used = [LAYOUTS[k].degree for k in model.chunks["harmonics"]]
+    assert max(used) == 2 and model.format.sh_degree == 3
+    only = scene[first]
+    assert (pack(only, quality="faithful")[0].chunk_beats == 1).all()
+
+
+def test_a_coefficient_a_thousand_times_the_others():
+    """It is kept to the step of its chunk, and the others of its chunk to eight times finer."""
+    scene = cloud(4, count=CHUNK, degree=3)
+    scene.opacity[:] = 0.5
+    scene.sh[:, 1:] *= 0.01 / np.abs(scene.sh[:, 1:]).max()
+    scene.sh[7, 9, 1] = 10.0
+    model, _ = pack(scene, quality="faithful")
+    at = np.argmax(np.abs(model.sh[:, 9, 1]))
+    assert abs(model.sh[at, 9, 1] - 10) < 0.3
+    others = np.delete(model.sh, at, axis=0)
+    assert np.abs(others[:, 9:]).max() < 0.06  # half a step, eight times finer
+
+
+def test_machines_and_qualities():
+    scene = cloud(6, count=50, degree=3)
+    for degree in range(4):
+        config = replace(DEFAULT, sh_degree=degree)
+        assert pack(scene, config, quality="faithful")[0].format.sh_degree == degree
+        assert pack(scene, config)[0].format.sh_degree == min(degree, 1)
+    with pytest.raises(InputError, match="PAPER renders compact models only"):
+        pack(scene, PAPER, quality="faithful")
+
+
+def edited(image: np.ndarray, offset: int, width: int, value: int) -> np.ndarray:
+    """A model with another value in its header, or behind it, and the checksum to go with it."""
+    bits_ = np.unpackbits(image, bitorder="little")
+    bits_[offset : offset + width] = [value >> k & 1 for k in range(width)]
+    image = np.packbits(bits_, bitorder="little")
+    place = HEADER.offset("checksum") // 8
+    image[place : place + 4] = np.frombuffer(np.uint32(checksum(image)).tobytes(), np.uint8)
+    return image
+
+
+CHUNK_AT = 8 * 64  # bit at which chunk headers begin
+EDITS = {
+    "version": (HEADER.offset("version"), 16, 2, r"version 2 is not 3; make .* splatcore pack"),
+    "degree": (HEADER.offset("sh_degree"), 8, 4, "sh_degree 4 is not in 0 … 3"),
+    "exponent": (HEADER.offset("exponent") + 16, 16, 5, "exponent"),
+    "low exponent": (HEADER.offset("exponent") + 32, 16, (1 << 16) - 16, "exponent"),
+    "codebooks": (HEADER.offset("colour_index"), 8, 7, "colour_index names codebooks"),
+    "sh codebook": (HEADER.offset("sh_index"), 8, 7, "sh_index does not go with"),
+    "layout": (CHUNK_AT + CHUNK_HEADER.offset("harmonics"), 2, SECOND, "needs"),
+    "count": (HEADER.offset("count"), 32, 1 << 30, "beyond the file's end"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_headers_that_contradict_themselves_are_refused(name):
+    *edit, message = EDITS[name]
+    model, _ = pack(cloud(13, count=300, degree=3), quality="faithful")
+    with pytest.raises(InputError, match=f"^odd: .*{message}"):
+        PackedModel(edited(model.image, *edit), "odd")
+
+
+def test_halves_need_all_their_degrees():
+    """A layout of degree 3 in halves has no zeros: a model of degree 2 cannot have it."""
+    scene = cloud(14, count=300, degree=3)
+    model, _ = pack(scene, quality=np.full(2, COARSE))
+    with pytest.raises(InputError, match="harmonics 2 of a chunk does not go with SH degree 2"):
+        PackedModel(edited(model.image, HEADER.offset("sh_degree"), 8, 2), "odd")
+    for kind in (COARSE, FINE):
+        flat, _ = pack(scene.with_sh_degree(2), quality=np.full(2, kind))
+        assert set(flat.chunks["harmonics"]) == {SECOND}

@@ -1,0 +1,107 @@
+"""Packing to a wanted error, and the campaign that measures it, on a scene of degree 3."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.reference import render
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.sim.common.metric import psnr
+from splatcore.sim.common.source import Source
+from splatcore.sim.packing import choose
+from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
+from splatcore.spec.config import DEFAULT, PAPER
+from splatcore.spec.packed import read_model
+from splatcore.spec.scene import Scene
+from tb.helpers.command import load, run
+
+CAMERA = generated_camera("garden", 96, 54)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """A garden whose left half has harmonics of degree 3."""
+    flat = generate("garden", 2500)
+    sh = np.zeros((len(flat), 16, 3))
+    sh[:, :4] = flat.sh
+    left = flat.position[:, 0] < np.median(flat.position[:, 0])
+    sh[left, 4:] = np.random.default_rng(0).normal(0, 0.1, (left.sum(), 12, 3))
+    return replace(flat, sh=sh)
+
+
+def test_the_smallest_that_is_good_enough(scene):
+    """Of the qualities in turn; dB are those of the pictures."""
+    found = {least: choose.choose(scene, DEFAULT, [CAMERA], least=least) for least in (10, 40, 50)}
+    assert [packed.quality for packed in found.values()] == ["compact", "balanced", "faithful"]
+    for packed in found.values():
+        pictures = [render(g.gaussians(), CAMERA).pixels / 255 for g in (packed.model, scene)]
+        assert psnr(*pictures) == pytest.approx(packed.psnr_db)
+    plain = choose.choose(scene.with_sh_degree(0), DEFAULT, [CAMERA])
+    assert plain.quality == "faithful" and plain.model.bytes_per_gaussian < 22
+    assert choose.choose(scene, PAPER, [CAMERA]).quality == "compact"
+
+
+def test_chunk_by_chunk(scene):
+    """More dB, more bytes; chunks without harmonics get none; what cannot be is the best."""
+    targets = (42.0, 45.0, 48.0, 90.0)
+    found = [choose.smallest(scene, DEFAULT, [CAMERA], db) for db in targets]
+    sizes = [len(packed.model.image) for packed in found]
+    assert sizes == sorted(set(sizes))
+    assert all(p.psnr_db >= db for p, db in zip(found[:-1], targets[:-1], strict=True))
+    best = choose.choose(scene, DEFAULT, [CAMERA], "faithful")
+    assert found[-1].psnr_db <= 90 and found[-1].psnr_db >= best.psnr_db - 0.1
+    assert sizes[-1] <= len(best.model.image)
+
+
+def test_a_source_is_packed_once(scene):
+    source = Source("a garden", scene=scene)
+    first = choose.packed(source, DEFAULT, CAMERA)
+    assert choose.packed(source, replace(DEFAULT, pes=3), CAMERA) is first
+    assert choose.packed(source, DEFAULT, CAMERA, "compact") is not first
+    assert choose.packing(source)["quality"] == "compact"
+    assert "packed as compact: 21.79 bytes a Gaussian" in choose.packing_line(source)
+
+
+def test_budget(scene):
+    """Parts' bytes are all bytes; a part that is packed alone loses less than all together."""
+    packed = choose.choose(scene, DEFAULT, [CAMERA], "faithful")
+    sizes = bytes_by_part(packed.model)
+    assert sum(sizes.values()) == pytest.approx(packed.model.bytes_per_gaussian)
+    losses = psnr_by_part(scene, packed.model, [CAMERA])
+    assert list(losses) == [
+        "positions",
+        "shape",
+        "opacity",
+        "colour",
+        "degree 1",
+        "degree 2",
+        "degree 3",
+    ]
+    assert all(db is None or db > packed.psnr_db for db in losses.values())
+    compact = choose.choose(scene, DEFAULT, [CAMERA], "compact")
+    assert psnr_by_part(scene, compact.model, [CAMERA])["degree 3"] < compact.psnr_db + 3
+    assert bytes_by_part(compact.model)["codebooks"] > 0
+
+
+@pytest.mark.slow
+def test_commands(scene, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_ply("s.ply", scene)
+    assert run("pack s.ply -o s.splatcore --psnr 40 --size 96x54 --json p.json") == 0
+    facts = load(tmp_path / "p.json")
+    assert facts["quality"] == "40 dB" and facts["psnr_db_scene"] >= 40
+    assert read_model("s.splatcore").bytes_per_gaussian == facts["bytes_per_gaussian"]
+    assert run("pack s.ply -o t.splatcore --psnr 40 --quality compact") == 2
+    assert run("bench quality s.ply -o q --size 96x54 --psnr 40") == 0
+    rows = load(tmp_path / "q" / "quality.json")["rows"]
+    assert [row["asked"] for row in rows] == ["compact", "balanced", "faithful", "40 dB"]
+    assert rows[0]["psnr_db_scene"] < rows[1]["psnr_db_scene"] < rows[2]["psnr_db_scene"]
+    assert all(row["psnr_db_machine"] > 52 for row in rows)
+    reads = [row["model_bytes"] for row in rows]
+    assert reads[0] < reads[3] < reads[1] < reads[2]
+    assert (tmp_path / "q" / "quality.png").is_file() and (
+        tmp_path / "q" / "s-faithful.png"
+    ).is_file()
+    assert "40 dB" in capsys.readouterr().out
