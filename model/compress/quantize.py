@@ -15,7 +15,7 @@ from splatcore.model.gradients.trainable import RATES, Tensors, rotation, scene_
 from splatcore.model.pack.chunk import chunk_positions
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.pack import Codebooks, appearance, largest_factor
-from splatcore.spec.colour import SH_C0, SH_C1
+from splatcore.spec.colour import SH_C0, SH_C1, SH_EXPONENT_MAX
 from splatcore.spec.config import Config
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.memory import ABSOLUTE, COMPONENT, FACTOR, OPACITY, SLOPE, model_format
@@ -173,7 +173,8 @@ def quantised(scene: Scene, weight: np.ndarray, config: Config, seed: int) -> Qu
     tensors = tensors_of(scene)
     like = tensors["means"].detach()
     colour = quantise(colours, format.colour_index, COMPONENT, seed, weight)
-    harmonics = quantise(slopes, format.sh_index, SLOPE, seed, weight if len(slopes) else None)
+    of_slopes = weight if len(slopes) else None
+    harmonics = quantise(slopes, format.sh_index, SLOPE, seed, of_slopes, SH_EXPONENT_MAX)
     stages = Stages.of(colour, COMPONENT, like), Stages.of(harmonics, SLOPE, like)
     return Quantised(tensors, config, *stages)
 

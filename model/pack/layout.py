@@ -89,7 +89,8 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
     if isinstance(model.colour, Steps):
         exponents = model.colour.exponents
     else:
-        exponents[: len(model.colour)] = [codebook.exponent for codebook in model.colour]
+        used = [codebook.exponent for codebook in model.colour if codebook.entries]
+        exponents[: len(used)] = used
     codes["exponent"] = HEADER["exponent"].encode(np.array([exponents]))
     for field in ("colour_index", "sh_index"):
         bits = getattr(format, field)

@@ -148,6 +148,9 @@ def test_nothing_visible(count):
 AT_THRESHOLDS = {"opacity_edge": 64, "transmittance_edge": 64}
 """Hard cases with values exactly at a threshold: pixels that may decide otherwise (45 do)."""
 
+IN_SINGLE = {"swinging_harmonics": 1}
+"""The same of float32 alone: an alpha so near to 1/255 that its rounding decides."""
+
 
 @pytest.mark.parametrize("name", GENERATORS)
 def test_picture_of_the_reference(name):
@@ -171,7 +174,8 @@ def test_picture_of_the_reference(name):
     single = render(*(torch.tensor(a, dtype=torch.float32) for a in arrays), camera)
     error = np.abs(single.image.numpy() - wanted.image).max(2)
     most = {"far_from_origin": 1e-2}.get(name, SINGLE)  # positions of many digits
-    assert (error > most).sum() <= AT_THRESHOLDS.get(name, 0) and error.max() < 1e-2
+    others = (AT_THRESHOLDS | IN_SINGLE).get(name, 0)
+    assert (error > most).sum() <= others and error.max() < 1e-2
 
 
 @pytest.mark.parametrize("name", ["ordinary", "opaque", "dark", "ended"])

@@ -7,7 +7,7 @@ import torch
 
 from splatcore.golden.reference import render as reference
 from splatcore.model.generate.generate import generate, generated_camera
-from splatcore.model.gradients import differentiable, rendering_points, rendering_tiles
+from splatcore.model.gradients import differentiable, drawn, rendering_points, rendering_tiles
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.camera import Camera
@@ -48,7 +48,8 @@ def test_same_bits_whatever_the_threads(kind, monkeypatch):
     finally:
         numba.set_num_threads(threads)
     for count in (1, 2, 3, 7):  # shares of the work, on as many threads as there are
-        monkeypatch.setattr(differentiable, "get_num_threads", lambda n=count: n)
+        for module in (differentiable, drawn):
+            monkeypatch.setattr(module, "get_num_threads", lambda n=count: n)
         monkeypatch.setattr(rendering_tiles.numba, "get_num_threads", lambda n=count: n)
         assert bits(kind) == first
 
@@ -66,7 +67,7 @@ def test_exponential(kind, most):
 def test_lists_hold_the_pairs_of_the_reference():
     arrays, camera = garden()
     view = rendering_points.view_numbers(camera, SPLATCORE)
-    splats, index = differentiable._project([arrays[key] for key in PARAMETERS], view)
+    splats, index = drawn._project([arrays[key] for key in PARAMETERS], view)
     first, start, pair, owner = rendering_tiles.tile_lists(splats, camera.width, camera.height)
     wanted = reference(generate("garden", 3000).gaussians(), camera)
     assert np.array_equal(np.diff(start), wanted.tile_list.reshape(-1))
@@ -81,8 +82,8 @@ def test_lists_hold_the_pairs_of_the_reference():
 def test_tiles_to_image_and_back(size):
     camera = garden()[1].resized(*size)
     image = np.random.default_rng(0).normal(size=(camera.height, camera.width))
-    tiles = differentiable.to_tiles(image, camera)
-    assert np.array_equal(differentiable.to_image(tiles, camera), image)
+    tiles = drawn.to_tiles(image, camera)
+    assert np.array_equal(drawn.to_image(tiles, camera), image)
     assert np.count_nonzero(tiles) == image.size
     corners = rendering_tiles.corners(*size, np.dtype(np.float64)).astype(int)
     for tile, (left, top) in zip(tiles, corners, strict=True):
