@@ -31,6 +31,8 @@ TARGETS = "36,40,44,48,52"
 
 INCHES, DOTS_PER_INCH = (9.0, 5.5), 120
 
+HOLLOW = {"linestyle": "none", "markerfacecolor": "none", "markersize": 9}
+
 
 def quality(
     config: Config, views: list[View], targets: list[float], folder: Path, scheduler: str | None
@@ -104,15 +106,22 @@ def read_bytes(frame: Frame, packed: Packed) -> int:
 
 
 def write_plot(path: Path, rows: list[dict]):
-    """dB against the scene over bytes a Gaussian, a line for each view."""
+    """dB against the scene over bytes a Gaussian: for each view a line through the smallest models
+    of some dB, and a hollow marker for each of `QUALITIES`."""
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
     axes = figure.subplots()
     views = list(dict.fromkeys((row["scene"], row["camera"]) for row in rows))
     for k, (scene, camera) in enumerate(views):
         mine = [row for row in rows if (row["scene"], row["camera"]) == (scene, camera)]
         style = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
-        places = sorted((r["bytes_per_gaussian"], r["psnr_db_scene"] or np.nan) for r in mine)
-        axes.plot(*np.array(places).T, label=f"{scene.split('.')[0]} {camera}", **style)
+        label = f"{scene.split('.')[0]} {camera}"
+        for named, look in ((False, {"label": label}), (True, HOLLOW)):
+            places = sorted(
+                (row["bytes_per_gaussian"], row["psnr_db_scene"] or np.nan)
+                for row in mine
+                if (row["asked"] in QUALITIES) == named
+            )
+            axes.plot(*np.array(places).reshape(-1, 2).T, **style, **look)
     axes.set_xlabel("bytes a Gaussian")
     axes.set_ylabel("dB, golden model against the scene as it is")
     axes.grid(alpha=0.3)
