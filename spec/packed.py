@@ -181,8 +181,8 @@ class PackedModel:
 
     def attribute_beats(self, index: np.ndarray) -> np.ndarray:
         """Beats [M, 16] of attributes, uint8, by their numbers."""
-        end = self.layout.attributes + (len(self.image) - self.layout.attributes) // 16 * 16
-        return self.image[self.layout.attributes : end].reshape(-1, 16)[index]
+        part, size = self.image[self.layout.attributes :], memory.ATTRIBUTE_BITS // 8
+        return part[: len(part) // size * size].reshape(-1, size)[index]
 
     @cached_property
     def attributes(self) -> dict[str, np.ndarray]:

@@ -24,7 +24,7 @@ from functools import cache
 
 import numpy as np
 
-from splatcore.spec.colour import COLOUR_INTEGER, colour_format
+from splatcore.spec.colour import CHANNELS, COLOUR_INTEGER, colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
 from splatcore.spec.group import feature_record
@@ -142,7 +142,7 @@ GROUP_BITS = 6
 """Bits of a group's number by which parts of stage 3 know whether they are at the same group: more
 than there can be ends of groups on their way between them."""
 
-COLOURS = ("red", "green", "blue")
+COLOURS = CHANNELS
 
 
 def colours(config: Config) -> dict[str, Fixed]:

@@ -19,6 +19,7 @@ from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.source import View
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import DEFAULT, PAPER, Config
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from splatcore.spec.depth import whole_depth
@@ -33,8 +34,6 @@ SMALL_EXPONENT = 5
 Fields = dict[str, np.ndarray]
 """Values [M] by name: u, v, half_width, half_height in pixels, depth in scene units, conic_a and
 conic_c in 1/pixel², shear, red, green, blue."""
-
-CHANNELS = ("red", "green", "blue")
 
 Tell = Callable[[str], None]  # called with the name of the step that begins
 

@@ -176,10 +176,10 @@ def cells(row: dict) -> Iterator[tuple[str, object]]:
 def markdown(rows: list[dict]) -> str:
     """Three tables: cycles and error, the cycle model's stages, megabytes by cause."""
     done = [row for row in rows if "cycles" in row]
-    titles = [f"{row['scene']} {row['camera']}, {row['timing']['name']}" for row in done]
     titles = [
-        f"{title}, {row['quality']}" if row["quality"] else title
-        for title, row in zip(titles, done, strict=True)
+        f"{row['scene']} {row['camera']}, {row['timing']['name']}"
+        + (f", {row['quality']}" if row["quality"] else "")
+        for row in done
     ]
     frames = [
         {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}

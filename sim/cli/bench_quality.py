@@ -9,8 +9,6 @@ from splatcore.spec.preset import find_preset
 
 AGAINST = ("scene", "packing", "machine")
 
-AGAINST = ("scene", "packing", "machine")
-
 TargetsOption = option(str, "DB,DB,…", "dB to find the smallest models for.", "--psnr")
 
 

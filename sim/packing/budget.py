@@ -9,7 +9,7 @@ from splatcore.model.pack.pack import stored_order
 from splatcore.sim.packing.choose import SAME_DB, Tell, Views
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
-from splatcore.spec.memory import CHUNK_HEADER
+from splatcore.spec.memory import CHUNK, CHUNK_HEADER
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene, sh_count
 
@@ -31,7 +31,8 @@ def bytes_by_part(model: PackedModel) -> dict[str, float]:
     degrees = {f"degree {d}": 0.0 for d in range(1, format.sh_degree + 1)}
     if format.codebooks and format.sh_degree:
         degrees["degree 1"] = sum(b for name, b in width.items() if name.startswith("sh"))
-    gaussians = np.bincount(np.repeat(model.chunks["harmonics"], 256)[: len(model)], minlength=4)
+    layouts = np.repeat(model.chunks["harmonics"], CHUNK)[: len(model)]
+    gaussians = np.bincount(layouts, minlength=len(LAYOUTS))
     for layout, number in zip(LAYOUTS, gaussians, strict=True):
         for d in range(1, min(layout.degree, format.sh_degree) + 1):
             own = SHIFT_BITS + 3 * coefficient_count(d) * layout.bits[d - 1]
