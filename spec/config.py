@@ -140,6 +140,10 @@ class Config:
         bounds=("colour_fraction", "weight"), beyond=-1,
     )  # fmt: skip
     early_termination: bool = True  # pixels end once too little of T is left
+    # What cannot be seen is left out (`spec.raster`): once T < 2^−a a splat that takes less than
+    # 2^−b of it; once T < 2^−c the pixel ends, and its last splat takes all of T. (a, b, c), or
+    # nothing for 3DGS's own rule.
+    unseen: tuple[int, ...] = (5, 11, 9)
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB

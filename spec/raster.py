@@ -30,7 +30,7 @@ from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMI
 from splatcore.spec.group import feature_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
-from splatcore.spec.record import Array, Record
+from splatcore.spec.record import Array, Format, Record
 
 BLOCKS = TILE // BLOCK
 """Blocks along the side of a tile."""
@@ -208,10 +208,11 @@ def around_record(config: Config) -> Record:
     return Record("around", fields | colours(config) | {"end": Bits(1)})
 
 
-def marked_record(config: Config, blocks: int = BLOCKS**2) -> Record:
-    """A pair with the blocks that it may reach: of the tile, or those that one rasterizer owns."""
+def marked_record(config: Config, blocks: Format) -> Record:
+    """A pair with the blocks that it may reach: those that one rasterizer owns, or those of the
+    tile by their level (`mark_min`)."""
     fields = {"quadratic": quadratic_record(config), "tile": tile_format(config)}
-    fields |= {"blocks": Bits(blocks)}
+    fields |= {"blocks": blocks}
     return Record("marked", fields | colours(config) | {"end": Bits(1)})
 
 
@@ -226,14 +227,27 @@ def exponent_min(fraction: int) -> int:
     return int(np.ceil(np.log2(ALPHA_MIN) * 2.0**fraction))
 
 
-def mark_min(config: Config) -> int:
-    """E from which on a block is marked, in units of 2^−exponent_fraction: lower than
-    `exponent_min` by what the roundings of a pixel's E can raise it.
-    """
+def mark_roundings(config: Config) -> int:
+    """What the roundings of a pixel's E can raise it, in units of 2^−exponent_fraction."""
     most = max(STEPS)
     roundings = 2 * most + 3 * most**2  # of its slopes and its second differences
     finer = config.exponent_fraction - config.pixel_fraction
-    return exponent_min(config.exponent_fraction) - (roundings << max(finer, 0))
+    return roundings << max(finer, 0)
+
+
+def mark_min(config: Config) -> tuple[int, ...]:
+    """E from which on a block is marked, in units of 2^−exponent_fraction, by its level: one is 0
+    as long as a pixel of it has T ≥ 2^−a (`Config.unseen`), k from T < 2^−(a + k − 1) on.
+
+    With T < 2^−t a splat takes less than 2^−b where alpha < 2^−(b − t). Alpha 1/255 is taken for
+    2^−8, so that all differ by whole numbers.
+    """
+    least = [-POWER_SHIFTS]
+    if config.unseen:
+        from_, below, ends = config.unseen
+        least += [max(t - below, -POWER_SHIFTS) for t in range(from_, ends)]
+    fraction = config.exponent_fraction
+    return tuple((e << fraction) - mark_roundings(config) for e in least)
 
 
 @cache
@@ -251,6 +265,8 @@ def transmittance_min(config: Config) -> int:
     """T below which a pixel ends; none is below 0."""
     if not config.early_termination:
         return 0
+    if config.unseen:
+        return 1 << config.transmittance - config.unseen[2]
     return int(np.ceil(TRANSMITTANCE_MIN * 2.0**config.transmittance))
 
 

@@ -160,15 +160,18 @@ class Raster(wiring.Component):
             setup.enable.eq(pipe.enable),
             mark.enable.eq(pipe.enable),
         ]
-        self.marked, self.reached = mark.o, Signal(len(mark.o.blocks))
+        self.marked, self.reached = mark.o, Signal(config.rasterizers)
         self.arrived = Signal(raster.GROUP_BITS)  # number of the group whose pairs arrive
         with m.If(pipe.o.valid & pipe.o.ready & mark.o.end):
             m.d.sync += self.arrived.eq(self.arrived + 1)
         takers = []
         for part in self.rasterizers:
             o = part.i.payload
-            live = part.live[mark.o.tile] | ~self._at(part, self.arrived).replicate(len(part.own))
-            blocks = Cat(mark.o.blocks[block] for block in part.own) & live
+            own = [Cat(level[block] for block in part.own) for level in mark.o.blocks]
+            there = self._at(part, self.arrived).replicate(len(part.own))
+            blocks = own[0] & (part.live[mark.o.tile] | ~there)
+            for level, reached in zip(part.level, own[1:], strict=True):
+                blocks &= reached | ~(level[mark.o.tile] & there)
             m.d.comb += [
                 o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
             ]

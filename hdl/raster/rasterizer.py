@@ -13,6 +13,7 @@ from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
+from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 
 PAIRS_WAITING = 32
@@ -29,7 +30,8 @@ class Rasterizer(wiring.Component):
         positions: stream of `position_record`, one for each group.
         width, height: of the image, pixels. background: a colour.
         started, group: a group is being rasterized, and its number modulo 2^GROUP_BITS.
-        live: blocks of each of the group's tiles that have live pixels.
+        live: blocks of each of the group's tiles that have live pixels. level: for each level from
+            1 on (`spec.raster.mark_min`) those that are at it, or at a higher one.
         o: stream of `pixels_record`: the group's blocks within the image.
         blended, waited: a block enters the lanes; none does although the group has not ended.
         pairs, finished: the queues of pairs and of blocks to be given out (for tests).
@@ -42,7 +44,9 @@ class Rasterizer(wiring.Component):
         self.config, self.number, self.own = config, number, raster.owned(config, number)
         self.tiles = config.group**2
         self.blocks = self.tiles * len(self.own)
-        pair, pixels = raster.marked_record(config, len(self.own)), raster.pixels_record(config)
+        self.levels = len(raster.mark_min(config)) - 1
+        pair = raster.marked_record(config, Bits(len(self.own)))
+        pixels = raster.pixels_record(config)
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
         self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
         ports = {
@@ -54,6 +58,7 @@ class Rasterizer(wiring.Component):
             "started": Out(1),
             "group": Out(raster.GROUP_BITS, init=-1),
             "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
+            "level": Out(data.ArrayLayout(len(self.own), self.tiles)).array(self.levels),
             "o": Out(stream.Signature(layout(pixels))),
             "blended": Out(1),
             "waited": Out(1),
@@ -99,8 +104,12 @@ class Rasterizer(wiring.Component):
                     for block in self.own
                 ]
                 m.d.sync += self.live[tile].eq(Cat(inside))
-        with m.Elif(self.blend.ended):
-            m.d.sync += self.live.as_value().bit_select(self.blend.ended_block, 1).eq(0)
+            m.d.sync += [level.as_value().eq(0) for level in self.level]
+        with m.Elif(self.blend.blended):
+            block = self.blend.blended_block
+            m.d.sync += self.live.as_value().bit_select(block, 1).eq(~self.blend.ended)
+            for level, reached in zip(self.level, self.blend.level, strict=True):
+                m.d.sync += level.as_value().bit_select(block, 1).eq(reached)
 
     def _issue(self, m: Module) -> Value:
         """The next block: of the pair at hand; or at the group's end one after the other, to be
