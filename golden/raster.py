@@ -27,7 +27,7 @@ PAIRS = ("entries", "pairs", "far", "empty")
 and a tile with live pixels; those that setup found too far away, those without a marked block."""
 
 
-UNSEEN, ENDED, BLENDED = range(3)
+FAINT, ENDED, BLENDED = range(3)
 """What a splat does to a pixel."""
 
 
@@ -101,7 +101,7 @@ def _levels(config: Config, mark_all: bool) -> np.ndarray:
     least = 2 * np.array(stage_3.mark_min(config))
     if mark_all:
         least = np.full(1, -(1 << 62))
-    from_, *_ = config.unseen or (0,)
+    from_, *_ = config.faint or (0,)
     above = [1 << config.transmittance - from_ - k for k in range(len(least) - 1)]
     return np.stack([np.array([*above, 0]), least], axis=1)
 
@@ -109,14 +109,14 @@ def _levels(config: Config, mark_all: bool) -> np.ndarray:
 def _blend_constants(config: Config) -> tuple[int, ...]:
     """Constants of a machine for the loops below."""
     pixel, bits = config.pixel_fraction, config.transmittance
-    from_, below, _ = config.unseen or (bits, bits, 0)
+    from_, below, _ = config.faint or (bits, bits, 0)
     return (
-        1 << bits - from_ if config.unseen else 0, stage_3.exponent_min(pixel),
+        1 << bits - from_ if config.faint else 0, stage_3.exponent_min(pixel),
         config.exponent_fraction + 2 - pixel, pixel - config.power_fraction,
         config.power_fraction, config.power_mantissa, config.transmittance,
         stage_3.transmittance_min(config), config.transmittance - config.weight,
         config.weight + config.colour_fraction - config.sum_fraction, config.sum_fraction,
-        1 << bits - below, int(bool(config.unseen)),
+        1 << bits - below, int(bool(config.faint)),
     )  # fmt: skip
 
 
@@ -248,7 +248,7 @@ def _blend_block(exponents, colour, block, blending, table, work):
                 visited = True
                 if block[j, i, 4]:
                     did = _blend(block[j, i], min(exponent, -1), colour, blending, table)
-                    contributing |= did != UNSEEN
+                    contributing |= did != FAINT
                     work[3] += did == BLENDED
                     ended += not block[j, i, 4]
             if block[j, i, 4]:
@@ -270,7 +270,7 @@ def _blend(pixel, exponent, colour, blending, table):
     halvings = -1 - (exponent >> steps)
     taken = pixel[0] * table[exponent & ((1 << steps) - 1)] >> mantissa + halvings
     if pixel[0] < blending[0] and taken < blending[11]:
-        return UNSEEN
+        return FAINT
     rest = pixel[0] - taken
     if rest < rest_min:
         pixel[4] = 0

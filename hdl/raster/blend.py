@@ -28,7 +28,7 @@ class Blend(wiring.Component):
     """Blends, pixel by pixel: T and the colour in, weights out of T·alpha, T and the colour back.
 
     A pixel whose T would fall below the least one ends: from then on it stays as it is. What cannot
-    be seen is left out (`Config.unseen`); there a pixel's last splat takes what is left of T. A
+    be seen is left out (`Config.faint`); there a pixel's last splat takes what is left of T. A
     block that is touched for the first time in a group begins with T of almost 1 and no colour.
     Weights
     are differences of T cut to few bits: what one weight lacks the next one has, and all together
@@ -150,15 +150,15 @@ class Blend(wiring.Component):
             rest = Signal(config.transmittance + 1, name=f"rest_{pixel}")
             acts, ends = Signal(name=f"acts_{pixel}"), Signal(name=f"ends_{pixel}")
             after = Signal.like(lane.rest)
-            unseen, last = Const(0), lane.rest
-            if config.unseen:
-                from_, below, _ = config.unseen
-                unseen = ~lane.rest[bits - from_ :].any() & ~taken[bits - below :].any()
+            faint, last = Const(0), lane.rest
+            if config.faint:
+                from_, below, _ = config.faint
+                faint = ~lane.rest[bits - from_ :].any() & ~taken[bits - below :].any()
                 last = Const(0)
             m.d.comb += [
                 taken.eq((lane.product >> config.power_mantissa) >> lane.halvings),
                 rest.eq(lane.rest - taken),
-                acts.eq(lane.seen & ~lane.ended & ~unseen),
+                acts.eq(lane.seen & ~lane.ended & ~faint),
                 ends.eq(acts & (rest < transmittance_min(config))),
                 ended[pixel].eq(lane.ended | ends),
                 after.eq(Mux(ends, last, Mux(acts, rest[:-1], lane.rest))),
@@ -167,7 +167,7 @@ class Blend(wiring.Component):
             less = Mux(before.rest, 0, after[coarser:])
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
             for k in range(levels):
-                bright[k] |= after[bits - config.unseen[0] - k :].any() & ~ended[pixel]
+                bright[k] |= after[bits - config.faint[0] - k :].any() & ~ended[pixel]
         blended = valid & ~before.rest & ~before.give
         m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
         m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]

@@ -1,0 +1,82 @@
+"""What is too faint to be seen: the rule's error, and that leaving visits out changes no pixel."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.pipeline import render
+from splatcore.golden.raster import rasterize
+from splatcore.golden.reference import project
+from splatcore.golden.reference import render as render_reference
+from splatcore.model.generate.generate import generated_camera
+from splatcore.model.generate.hard import HARD
+from splatcore.model.pack.pack import pack
+from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.error import InputError
+from splatcore.spec.raster import faint_rule, mark_min
+from tb.helpers.machines import garden
+
+RULE = replace(SPLATCORE, faint=faint_rule(DEFAULT))
+OFF = replace(DEFAULT, faint=())
+FROM, BELOW, ENDS = DEFAULT.faint
+
+VALUES = [(5, 11, 9), (1, 2, 2), (4, 9, 4), (3, 16, 16), (6, 13, 9), (2, 8, 5)]
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_error_of_the_rule(name):
+    """At most 2^−a of the range of the colours, in the reference; it is 3DGS's where T stays."""
+    case = HARD[name](0)
+    gaussians = case.scene.gaussians()
+    own, faint = (render_reference(gaussians, case.camera, rule) for rule in (SPLATCORE, RULE))
+    error = np.abs(own.image - faint.image)
+    splats, _ = project(gaussians, case.camera)
+    assert error.max(initial=0) <= 2.0**-FROM * splats.colour.max(initial=0)
+    assert (error[own.transmittance >= 2.0**-FROM] == 0).all()
+    assert faint.counts["contributions"] <= own.counts["contributions"]
+
+
+@pytest.mark.parametrize("name", ["fog", "alternating_layers"])
+def test_cases_are_hard(name):
+    """The rule shows in them: more than arithmetic's errors, and it saves work."""
+    case = HARD[name](0)
+    model, _ = pack(case.scene, DEFAULT)
+    pictures = [render(config, model, case.camera) for config in (DEFAULT, OFF)]
+    error = np.abs(np.subtract(*(p.pixels.astype(int) for p in pictures))).max()
+    assert 2 <= error <= 255 / 2**FROM + 1
+    faint, own = (p.raster.counts for p in pictures)
+    assert faint["contributions"] < 0.7 * own["contributions"]
+
+
+@pytest.mark.parametrize("values", VALUES)
+def test_no_visit_left_out_matters(values):
+    """Pictures are the same when every block is visited whatever its level."""
+    config = replace(DEFAULT, faint=values)
+    model, camera = garden(config, 3_000), generated_camera("garden", 240, 136)
+    frame, size = render(config, model, camera), (camera.width, camera.height)
+    whole = rasterize(config, frame.binned.features, frame.sorted, size, mark_all=True)
+    assert np.array_equal(frame.pixels, whole.pixels)
+    counts = frame.raster.counts, whole.counts
+    assert counts[0]["contributions"] == counts[1]["contributions"]
+    assert counts[0]["marked"] < 0.9 * counts[1]["marked"]
+
+
+def test_levels_leave_blocks_out():
+    """Blocks are not visited that have a pixel of alpha ≥ 1/255 with nothing to be seen of it."""
+    model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
+    faint, own = (render(config, model, camera).raster.counts for config in (DEFAULT, OFF))
+    assert faint["visited"] < 0.95 * own["visited"]
+    assert len(mark_min(DEFAULT)) == 1 + ENDS - FROM and len(mark_min(OFF)) == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [({"faint": (5, 11)}, "neither"), ({"faint": (5, 8, 9)}, "a ≤ c ≤ b"),
+     ({"faint": (0, 11, 9)}, "1 ≤ a"), ({"faint": (5, 17, 9)}, "b ≤ 16"),
+     ({"early_termination": False}, "ends pixels")],
+)  # fmt: skip
+def test_impossible_values_are_refused(fields, why):
+    with pytest.raises(InputError, match=f"faint.*{why}"):
+        Config(**fields)
