@@ -176,7 +176,7 @@ def test_without_early_termination(hardware):
 
     Whole machines are tested without it as well (`OTHER`).
     """
-    config = replace(TINY, early_termination=False)
+    config = replace(TINY, early_termination=False, faint=())
     size = (64, 64)
     features, entries = random_case(config, 500, size, 3)
     features["opacity"][:] = 0

@@ -30,7 +30,7 @@ ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, st
 
 OTHER = replace(
     TINY, name="OTHER", group=1, tile_test="3sigma", culling="none", skip_zeros=False,
-    early_termination=False, sub_sorters=1, rasterizers=1,
+    early_termination=False, faint=(), sub_sorters=1, rasterizers=1,
 )  # fmt: skip
 """All that can be chosen otherwise: the smallest groups, of which tiles and groups have the same
 numbers; tiles by the original renderer's square; the ablation's machine, in which nothing is
