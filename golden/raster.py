@@ -47,7 +47,7 @@ class Entries:
 class Raster:
     """A rasterized frame."""
 
-    pixels: np.ndarray  # [H, W, 3] uint8
+    pixels: np.ndarray  # [H, W, 3] uint8, or the sums before they are rounded (int64)
     work: np.ndarray  # [groups, rasterizers, len(WORK)] int64
     pairs: np.ndarray  # [groups, len(PAIRS)] int64
     blocks: np.ndarray  # [tiles of all entries' masks] int64: marked ones, visited ones from bit 16
@@ -67,16 +67,17 @@ def rasterize(
     size: tuple[int, int],
     background: tuple[int, int, int] = (0, 0, 0),
     mark_all: bool = False,
+    rounded: bool = True,
 ) -> Raster:
     """Blend every group's entries, front to back.
 
     features: codes [M] of `spec.group.feature_record`. size: width and height, pixels. background:
     codes of `spec.group.colour_format`. mark_all: no block is left out, which must give the same
-    picture.
+    picture. rounded: False for the sums themselves, `sum_fraction` − 8 bits finer than pixels.
     """
     (width, height), mask = size, entries.mask.astype(np.int64)
     rows, columns = group_grid(config, width, height)
-    pixels = np.zeros((height, width, 3), np.uint8)
+    pixels = np.zeros((height, width, 3), np.uint8 if rounded else np.int64)
     work = np.zeros((rows * columns, config.rasterizers, len(WORK)), np.int64)
     pairs = np.zeros((rows * columns, len(PAIRS)), np.int64)
     owners = np.array([owner(config, block)[0] for block in range(BLOCKS**2)])
@@ -85,13 +86,13 @@ def rasterize(
     _rasterize_groups(
         prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
         np.array([columns, config.group]), owners, setup_constants(config),
-        _blend_constants(config, mark_all), np.array(stage_3.power_table(config)),
+        _blend_constants(config, mark_all, rounded), np.array(stage_3.power_table(config)),
         np.array(background), pixels, work, pairs, tiles, blocks,
     )  # fmt: skip
     return Raster(pixels, work, pairs, blocks)
 
 
-def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
+def _blend_constants(config: Config, mark_all: bool, rounded: bool) -> tuple[int, ...]:
     """Constants of a machine for the loops below."""
     pixel = config.pixel_fraction
     return (
@@ -99,7 +100,8 @@ def _blend_constants(config: Config, mark_all: bool) -> tuple[int, ...]:
         config.exponent_fraction + 2 - pixel, pixel - config.power_fraction,
         config.power_fraction, config.power_mantissa, config.transmittance,
         stage_3.transmittance_min(config), config.transmittance - config.weight,
-        config.weight + config.colour_fraction - config.sum_fraction, config.sum_fraction,
+        config.weight + config.colour_fraction - config.sum_fraction,
+        config.sum_fraction - 8 if rounded else 0, config.sum_fraction - 8,
     )  # fmt: skip
 
 
@@ -260,9 +262,10 @@ def _blend(pixel, exponent, colour, blending, table):
 
 @njit(cache=True)
 def _finish(pixel, background, blending, out):
-    """A pixel's 8-bit colour before the background, rounded to nearest."""
-    narrower, product, fraction = blending[8], blending[9], blending[10]
+    """A pixel's colour before the background, at most 255, rounded to nearest."""
+    narrower, product, dropped, finer = blending[8], blending[9], blending[10], blending[11]
     weight = pixel[0] >> narrower
     for channel in range(3):
         total = pixel[1 + channel] + (weight * background[channel] + (1 << product - 1) >> product)
-        out[channel] = min(total + (1 << fraction - 9) >> fraction - 8, 255)
+        most = 255 << finer - dropped
+        out[channel] = min(total + (1 << dropped >> 1) >> dropped, most)

@@ -57,6 +57,17 @@ class Result:
         return self
 
 
+def against(found: dict[str, Difference]) -> dict[str, float | None]:
+    """Metrics of a picture by what it is compared with: `psnr_db_scene` and so on.
+
+    "machine": a machine's picture against the reference's of the same packed model; "scene": the
+    same picture against the reference's of the scene as it is, all harmonics; "packing": the
+    reference's picture of the packed model against that of the scene.
+    """
+    metrics = list(Difference.__dataclass_fields__)
+    return {f"{key}_{name}": getattr(one, key) for key in metrics for name, one in found.items()}
+
+
 def _same_size(image: np.ndarray, reference: np.ndarray, name: str):
     """InputError, naming `name`, if the sizes of two images differ."""
     if image.shape != reference.shape:

@@ -1,6 +1,6 @@
 """Where a packed model's bytes and its error come from, part by part."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Scene, sh_count
+from splatcore.spec.scene import Gaussians, Scene, sh_count
 
 
 def bytes_by_part(model: PackedModel) -> dict[str, float]:
@@ -43,25 +43,26 @@ def bytes_by_part(model: PackedModel) -> dict[str, float]:
     return found | {"codebooks": format.codebook_bytes / count}
 
 
-def psnr_by_part(
-    scene: Scene, model: PackedModel, cameras: Sequence[Camera], tell: Tell = str
-) -> dict[str, float | None]:
-    """dB of the reference's pictures of the scene with one part at a time as it is packed against
-    those of the scene as it is, the worst of the views; None for no error."""
+def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussians]]:
+    """Names of parts, and the scene's Gaussians with that part alone as it is packed."""
     exact, packed = scene[stored_order(scene)[0]].gaussians(), model.gaussians()
-    tell("rendering the scene")
-    views = Views.of(scene, cameras)
-    parts = {
-        "positions": replace(exact, position=packed.position),
-        "shape": replace(exact, factor=packed.factor),
-        "opacity": replace(exact, opacity=packed.opacity),
-    }
+    yield "positions", replace(exact, position=packed.position)
+    yield "shape", replace(exact, factor=packed.factor)
+    yield "opacity", replace(exact, opacity=packed.opacity)
     for degree in range(scene.sh_degree + 1):
         sh, own = exact.sh.copy(), slice(degree**2, sh_count(degree))
         sh[:, own] = packed.sh[:, own] if own.stop <= packed.sh.shape[1] else 0
-        parts[f"degree {degree}" if degree else "colour"] = replace(exact, sh=sh)
-    found = {}
-    for name, gaussians in parts.items():
+        yield f"degree {degree}" if degree else "colour", replace(exact, sh=sh)
+
+
+def psnr_by_part(
+    scene: Scene, model: PackedModel, cameras: Sequence[Camera] | Views, tell: Tell = str
+) -> dict[str, float | None]:
+    """dB of the reference's pictures of the scene with one part at a time as it is packed against
+    those of the scene as it is, the worst of the views; None for no error."""
+    tell("rendering the scene")
+    views, found = Views.of(scene, cameras), {}
+    for name, gaussians in part_by_part(scene, model):
         tell(f"error of {name}")
         db = views.psnr_db(gaussians)
         found[name] = None if db == SAME_DB else db
