@@ -129,9 +129,7 @@ def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
     found = keys(config, near, splat_codes(config, points.projected)).astype(np.float64)
     depth = exact.depth[points.index]
     order = np.argsort(depth, kind="stable")
-    key = np.interp(exact.depth, depth[order], found[order])  # of all Gaussians
-    key[points.index] = found
-    return key[exact.splats.index]
+    return np.interp(exact.splats.depth, depth[order], found[order])
 
 
 def raster_picture(config: Config, exact: Reference) -> np.ndarray:

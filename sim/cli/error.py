@@ -168,7 +168,10 @@ def error_budget(views: dict[str, View], config: Config, output: Path | None, js
     console.print(BUDGET, soft_wrap=True)
     if output:
         write_budget_plot(output, rows)
-    write_json(json, {"stage": EVERYTHING, "preset": config.name, "rows": rows})
+    sizes = {"x".join(map(str, found["size"])) for found in rows}
+    size = sizes.pop() if len(sizes) == 1 else None
+    facts = {"stage": EVERYTHING, "preset": config.name, "size": size, "rows": rows}
+    write_json(json, facts)
 
 
 def error_of_points(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatcore.sim.accuracy.budget import SUM, TITLES, WHOLES
 from splatcore.sim.common.paper import ABLATION, GATES_ALL, LOGIC, MEMORY_POWER, POWER
 from splatcore.sim.common.picture import write_png
 from splatcore.spec.config import CLOCK_HZ
@@ -60,6 +61,25 @@ def scenes(folder: Path):
             "traffic_bytes": {"read_model": 1_000_000, "write_pixels": 3_000_000},
         })  # fmt: skip
     (folder / "scenes/scenes.csv").write_text("scene\n")
+
+
+def budget(folder: Path):
+    """`error --stage all`: a view of degree 3, others of degree 1, one part equal."""
+    rows = []
+    for number, (scene, camera) in enumerate(VIEWS):
+        parts = {"packing": ["shape", *(f"degree {d + 1}" for d in range(1 if number else 3))]}
+        parts |= {"machine": ["depth keys", "8 bits"], "scene": []}
+        found = [
+            {"part": part, "of": of, "psnr_db": None if part == "depth keys" else 60.0 + number,
+             "max_error": None if part == SUM else 2 / 255, "share": 0.25}
+            for of, own in parts.items() for part in [*own, SUM, TITLES[of]]
+        ]  # fmt: skip
+        whole = {f"psnr_db_{of}": 50.0 - number for of in WHOLES}
+        rows.append({
+            "scene": scene, "camera": camera, "size": [64, 48], "quality": "faithful",
+            "bytes_per_gaussian": 53.75, "parts": found, **whole,
+        })  # fmt: skip
+    write(folder / "budget.json", {"preset": "DEFAULT", "size": SIZE, "rows": rows})
 
 
 def sweep(folder: Path):
@@ -177,5 +197,5 @@ def others(folder: Path):
 
 def everything(folder: Path):
     """All results that a report has a use for."""
-    for make in (scenes, sweep, machine, campaigns, others):
+    for make in (scenes, budget, sweep, machine, campaigns, others):
         make(folder)
