@@ -220,9 +220,9 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     image = picture(splats, camera)
     return {
         "fields": {name: sizes(error) for name, error in errors.items()},
-        "psnr_db": psnr(image, exact.image),
+        "psnr_db_machine": psnr(image, exact.image),
         "psnr_db_default_model": psnr(image, whole.image),
-        "max_error": float(np.abs(image - exact.image).max()),
+        "max_error_machine": float(np.abs(image - exact.image).max()),
         "projected": len(index),
         "visible": len(exact.splats),
         "lost": len(np.setdiff1d(exact.splats.index, index)),

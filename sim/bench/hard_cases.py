@@ -8,7 +8,7 @@ from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.model.pack.pack import PackReport, pack
-from splatcore.sim.common.metric import LEVELS, Difference, difference, psnr
+from splatcore.sim.common.metric import LEVELS, Difference, against, difference, psnr
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles
@@ -75,14 +75,13 @@ class Outcome:
     def facts(self) -> dict:
         """The case in the file of `--json`."""
         names = (
-            "about", "size", "gaussians", "left_out", "psnr_db", "reason", "identical", "cycles",
-            "bound", "passed", "failures",
+            "about", "size", "gaussians", "left_out", "reason", "identical", "cycles", "bound",
+            "passed", "failures",
         )  # fmt: skip
-        return {name: getattr(self, name) for name in names} | {
-            "ssim": self.error and self.error.ssim,
-            "max_error": self.error and self.error.max_error,
-            "packing": self.packing and vars(self.packing),
-        }
+        none = Difference(None, None, None)
+        metrics = against({"machine": self.error or none, "packing": self.packing or none})
+        finer = {"psnr_db_machine": self.psnr_db}
+        return {name: getattr(self, name) for name in names} | metrics | finer
 
 
 def camera_of(case: HardCase, size: tuple[int, int] | None) -> Camera:

@@ -87,7 +87,8 @@ def train_command(
     found = _decibels(scene.gaussians(), aside)
     facts = {
         "scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree, "steps": steps,
-        "photographs": len(learn), "held_out": len(aside), "psnr_db": found,
+        "photographs": len(learn), "held_out": len(aside), "against": "photographs",
+        "psnr_db": found,
     }  # fmt: skip
     shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
     console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
@@ -201,13 +202,14 @@ def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: i
     if aside:
         before, after = (_decibels(each, aside) for each in (original, packed))
         says = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
-        return {"psnr_db": after, "psnr_db_before": before, "says": says}
+        found = {"against": "photographs", "psnr_db": after, "psnr_db_before": before}
+        return found | {"says": says}
     views = surrounding_views(original, LOOKED_AT, *size, seed + 1)
     own = [Target(view, render(original, view).pixels, view.name) for view in views]
     after = _decibels(packed, own)
     says = "no difference" if after is None else f"{after:.2f} dB against the scene"
     says += f" on {len(views)} other views"
-    return {"psnr_db": after, "psnr_db_before": None, "says": says}
+    return {"against": "original", "psnr_db": after, "psnr_db_before": None, "says": says}
 
 
 def table_of(checkpoints: Checkpoints, original: int) -> Table:

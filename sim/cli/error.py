@@ -113,10 +113,10 @@ def error_command(
     "and packing" in the table, what its packing and its numbers lose together.
 
     With --stage sort: order by depth keys of fewer bits, on exact inputs: PSNR and largest error of
-    the pictures, and how many entries changed places.
+    the pictures against float64, and how many entries changed places.
 
     With --stage raster: the formats of stage 3, one changed at a time, on exact inputs: PSNR and
-    largest error of the pictures against the gates of a lane from synthesis.
+    largest error of the pictures against float64, over the gates of a lane from synthesis.
 
     With --stage all: where the error of the 8-bit picture against the scene as it is comes from, by
     part: positions, shape, opacity and colours as they are packed, arithmetic of stages 0 and 1,
@@ -219,14 +219,15 @@ def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
     return largest
 
 
-def decibels(result: dict, key: str = "psnr_db") -> str:
+def decibels(result: dict, key: str = "psnr_db_machine") -> str:
     """A picture's PSNR."""
     return shown(result[key], ".1f", none="exact")
 
 
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
     """Print all tables: pictures and counts by scene, errors by field."""
-    tables = {"PSNR of the pictures, dB": picture_table(results, machines)}
+    title = "PSNR of the pictures, dB, machine: against the reference on the same packed model"
+    tables = {title: picture_table(results, machines)}
     for kind, name in (("scenes", "scenes"), ("hard", "hard cases")):
         if kind in largest:
             title = f"Errors over the {name}: largest RMS, largest of all; relative but for units"

@@ -106,7 +106,7 @@ def pass_line(outcome: Outcome) -> str:
 
 def table(outcomes: list[Outcome], title: str) -> Table:
     """A row for each case."""
-    numbers = ("PSNR, dB", "SSIM", "max error", "packing, dB", "cycles")
+    numbers = ("dB, machine", "SSIM, machine", "max error, machine", "dB, packing", "cycles")
     drawn = new_table("case", numbers, title, ("left out", "bound", ""))
     for outcome in outcomes:
         error, packing = outcome.error, outcome.packing
@@ -167,7 +167,7 @@ def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
         value = decibels(outcome.psnr_db, outcome.error is not None)
         value = f"{value} dB" if outcome.psnr_db is not None else value.replace("–", "packing")
         image = _show(right, error, f"{value}, {'pass' if outcome.passed else 'FAIL'}", norm)
-    against = "of packing" if engine == "reference" else "against the reference"
+    against = "of packing" if engine == "reference" else "of the machine"
     label = f"error {against}, levels of {LEVELS}"
     figure.colorbar(image, ax=axes, label=label, orientation="horizontal", shrink=0.5, aspect=50)
     figure.suptitle(f"The hard cases by engine {engine}", fontsize=11)

@@ -9,7 +9,7 @@ from splatcore.sim.common.output import check_writable, console, progress_bar, w
 from splatcore.sim.common.source import check_known, open_cameras, open_source
 from splatcore.sim.common.table import new_table
 from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
-from splatcore.sim.packing.choose import LEAST_DB, choose, smallest
+from splatcore.sim.packing.choose import LEAST_DB, Views, choose, smallest
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -22,7 +22,7 @@ QualityOption = options.option(
     f"{LEAST_DB:g} dB.",
 )
 PsnrOption = options.option(
-    float | None, "DB", "The smallest model that reaches so many dB, chosen chunk by chunk."
+    float | None, "DB", "The smallest model with so many dB against the scene, chunk by chunk."
 )
 ShDegreeOption = options.option(int | None, None, "Keep harmonics up to this degree.", min=0, max=3)
 
@@ -42,9 +42,9 @@ def pack_command(
 ):
     """Pack a scene into the model that the machine reads, and say what that loses.
 
-    All dB are of the reference renderer's 8-bit pictures against those of the scene as it is, with
-    all its harmonics, the worst of the views: of the model, and of the scene with one part at a
-    time as it is packed.
+    All dB are those of packing: the reference renderer's 8-bit pictures against those of the scene
+    as it is, with all its harmonics, the worst of the views: of the model, and of the scene with
+    one part at a time as it is packed.
     """
     check_writable(output, json)
     config = find_preset(preset)
@@ -67,19 +67,21 @@ def pack_command(
         def tell(step: str):
             advance(0, None, step)
 
+        tell("rendering the scene")
+        seen = Views.of(original, views)
         if psnr is not None:
-            packed = smallest(original, config, views, psnr, tell)
+            packed = smallest(original, config, seen, psnr, tell)
         else:
-            packed = choose(original, config, views, quality, tell=tell)
-        losses = psnr_by_part(original, packed.model, views, tell)
+            packed = choose(original, config, seen, quality, tell=tell)
+        losses = psnr_by_part(original, packed.model, seen, tell)
     parts = bytes_by_part(packed.model)
     facts = packed.report.as_dict() | {
         "preset": config.name, "quality": packed.quality, "views": len(views),
-        "psnr_db_scene": packed.psnr_db,
+        "psnr_db_packing": packed.psnr_db,
     }  # fmt: skip
     write(output, packed.model.image.tobytes())
     console.print(describe.table({"model": str(output)} | facts))
-    table = new_table("part", ("bytes a Gaussian", "dB against the scene"))
+    table = new_table("part", ("bytes a Gaussian", "dB, packing"))
     for name in dict.fromkeys((*parts, *losses)):
         db = losses.get(name)
         shown = "equal" if db is None else f"{db:.1f}"
@@ -87,4 +89,4 @@ def pack_command(
     console.print(table)
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
-    write_json(json, facts | {"bytes_by_part": parts, "psnr_db_by_part": losses})
+    write_json(json, facts | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})

@@ -60,7 +60,6 @@ def psnr_by_part(
 ) -> dict[str, float | None]:
     """dB of the reference's pictures of the scene with one part at a time as it is packed against
     those of the scene as it is, the worst of the views; None for no error."""
-    tell("rendering the scene")
     views, found = Views.of(scene, cameras), {}
     for name, gaussians in part_by_part(scene, model):
         tell(f"error of {name}")

@@ -140,7 +140,6 @@ def choose(
 ) -> Packed:  # fmt: skip
     """The smallest of `QUALITIES` with at least `least` dB in all views, or the best; or the one
     that is asked for."""
-    tell("rendering the scene")
     views = Views.of(scene, cameras)
     names = [quality] if quality else list(candidates(scene, config))
     if len(names) > 1 and scene.sh_degree > COMPACT_DEGREE:

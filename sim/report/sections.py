@@ -17,7 +17,8 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
         "Real scenes in RTL simulation",
         "The whole machine, from the packed model in memory to the pixels in memory, simulated "
         "cycle by cycle. Every picture is compared with the golden model's bit for bit, and with "
-        "a float64 renderer's of the same packed model after 8-bit output.",
+        "a float64 renderer's of the same packed model (machine) and of the scene as it is "
+        "(scene), 8-bit pictures of all.",
         scenes.BLOCKS,
     ),
     "budget": (

@@ -11,7 +11,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.main import COMMANDS as FILES
 from splatcore.sim.cli.options import app
-from splatcore.sim.common.metric import Result
+from splatcore.sim.common.metric import Compared, Result
 from splatcore.sim.common.picture import read_png
 from splatcore.spec.packed import read_model
 from tb.helpers.command import KEYS, ROOT, load, run, write_scene
@@ -33,7 +33,7 @@ def test_render(folder, capsys):
     assert result["engine"] == "reference" and result["preset"] == "DEFAULT"
     assert result["size"] == [64, 48] and result["camera"] == "cameras.json:7"
     assert result["counts"]["gaussians"] == 200 and result["seconds"] > 0
-    assert result["psnr_db"] is None and result["cycles"] is None
+    assert result["psnr_db_machine"] is None and result["cycles"] is None
     picture = read_png("a.png")
     assert picture.shape == (48, 64, 3) and picture.std() > 5
     assert read_png("tiles.png").shape[2] == 3
@@ -83,14 +83,14 @@ def test_without_a_camera_there_is_something_to_see(folder):
 def test_pack_render_compare(folder, capsys):
     assert run("pack scene.ply -o scene.splatcore --json pack.json --camera cameras.json") == 0
     report = load(folder / "pack.json")
-    assert report["packed"] + report["transparent"] == 200 and report["psnr_db_scene"] > 30
+    assert report["packed"] + report["transparent"] == 200 and report["psnr_db_packing"] > 30
     assert len(read_model("scene.splatcore")) == report["packed"]
     for name in ("scene.ply", "scene.splatcore"):
         run("render", name, "--camera", "cameras.json", "-o", name + ".png")
     assert run("compare scene.ply.png scene.splatcore.png -o map.png --json c.json") == 0
     result = load(folder / "c.json")
-    assert list(result) == KEYS
-    assert result["psnr_db"] == pytest.approx(report["psnr_db_scene"]) and not result["identical"]
+    assert list(result) == list(vars(Compared("", ""))) and result["against"] == "scene.ply.png"
+    assert result["psnr_db"] == pytest.approx(report["psnr_db_packing"]) and not result["identical"]
     assert read_png("map.png").size > 0
     options = "--scene scene.ply --camera cameras.json --json three.json"
     run(f"compare scene.ply.png reference scene.ply.png {options}")
@@ -139,7 +139,7 @@ def test_empty_model(folder, capsys):
     assert run("compare", "reference", "golden", "--scene", "empty.splatcore") == 0
     assert "identical" in capsys.readouterr().out
     assert run("cycles", "empty.splatcore", "--json", "e.json") == 0
-    assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db"] is None
+    assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db_machine"] is None
 
 
 @pytest.mark.slow
@@ -169,9 +169,10 @@ def test_usage_errors_exit_with_2(capsys):
 
 def test_result_has_the_documented_keys():
     assert list(vars(Result("reference", "DEFAULT"))) == KEYS
-    others = "psnr_db_scene bytes_per_gaussian middle_98_percent pes_busy nand2".split()
+    keys = [*KEYS, *vars(Compared("", ""))]
+    others = "psnr_db_packing bytes_per_gaussian middle_98_percent pes_busy nand2".split()
     documented = (ROOT / "docs" / "json.md").read_text()
-    assert all(f"`{key}`" in documented for key in (*KEYS, *others))
+    assert all(f"`{key}`" in documented for key in (*keys, *others))
 
 
 @pytest.mark.slow

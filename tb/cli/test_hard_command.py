@@ -54,7 +54,7 @@ def test_all_cases_of_the_golden_model(tmp_path, capsys):
     cases = facts["cases"]
     assert list(cases) == list(HARD)
     assert all(case["passed"] and case["cycles"] > 0 for case in cases.values())
-    assert {name for name, case in cases.items() if case["psnr_db"] is None} == {"empty"}
+    assert {name for name, case in cases.items() if case["psnr_db_machine"] is None} == {"empty"}
     assert cases["empty"]["reason"] == "an empty scene: identical pictures"
     assert cases["not_finite"]["left_out"]["not_finite"] == 15
     assert cases["opacity_edge"]["left_out"]["transparent"] == 64
@@ -75,13 +75,13 @@ def test_what_is_measured(tmp_path, capsys):
     golden = render(TINY, model, hard.camera)
     exact = render_reference(model.gaussians(), hard.camera)
     error = golden.pixels / 255 - np.clip(exact.image, 0, 1)
-    assert case["psnr_db"] == pytest.approx(-10 * np.log10(np.mean(error**2)))
+    assert case["psnr_db_machine"] == pytest.approx(-10 * np.log10(np.mean(error**2)))
     worst = np.abs(golden.pixels.astype(int) - exact.pixels.astype(int)).max()
-    assert case["max_error"] == pytest.approx(worst / 255)
+    assert case["max_error_machine"] == pytest.approx(worst / 255)
     assert case["cycles"] == frame_cycles(TINY, golden).frame
     np.testing.assert_array_equal(read_png(tmp_path / "one.png"), golden.pixels)
     whole = render_reference(hard.scene.gaussians(), hard.camera).pixels / 255
-    assert case["packing"]["psnr_db"] == pytest.approx(psnr(exact.pixels / 255, whole))
+    assert case["psnr_db_packing"] == pytest.approx(psnr(exact.pixels / 255, whole))
     assert f"one: pass (≥ 52 dB): {case['psnr_db']:.2f} dB" in capsys.readouterr().out
 
 
@@ -89,7 +89,7 @@ def test_reference(tmp_path, quick, capsys):
     facts = measured(tmp_path, "--engine", "reference", "-o", str(tmp_path / "pictures"))
     assert facts["passed"] and list(facts["cases"]) == list(QUICK)
     one = facts["cases"]["one"]
-    assert one["psnr_db"] is None and one["cycles"] is None and one["packing"]["psnr_db"] > 50
+    assert one["psnr_db_machine"] is None and one["cycles"] is None and one["psnr_db_packing"] > 50
     assert facts["cases"]["opacity_edge"]["left_out"]["unseen"] == 64
     hard = HARD["one"](0)
     expected = render_reference(hard.scene.gaussians(), hard.camera).pixels
@@ -191,7 +191,7 @@ def test_hardware(name, tmp_path):
     case = facts["cases"][name]
     assert facts["timing"] == "lpddr4" and case["passed"] and case["identical"]
     np.testing.assert_array_equal(read_png(tmp_path / f"{name}.png"), picture)
-    for key in ("psnr_db", "ssim", "max_error", "left_out", "packing", "reason"):
+    for key in ("psnr_db_machine", "ssim_machine", "max_error_machine", "left_out", "reason"):
         assert case[key] == golden[key], key
     assert case["cycles"] > golden["cycles"]  # memory's latency comes on top
 
@@ -203,6 +203,6 @@ def test_a_bit_of_the_hardware(tmp_path, monkeypatch, capsys):
         hard_cases.pipeline, "render", lambda *job: changed(render(*job), (20, 30, 1), 1)
     )
     case = measured(tmp_path, "one", "--engine", "rtl", status=1)["cases"]["one"]
-    assert not case["identical"] and not case["passed"] and case["psnr_db"] > PSNR_MIN
+    assert not case["identical"] and not case["passed"] and case["psnr_db_machine"] > PSNR_MIN
     text = capsys.readouterr().out
     assert "1 pixels differ from the golden model's, first (30, 20)" in text and "0 of 1" in text

@@ -99,19 +99,34 @@ def test_front():
     """A point is not on it if another one is as good in everything and better in something."""
     values = {"a": (10, 5, 60), "b": (10, 6, 60), "c": (9, 7, 60), "d": (11, 4, 50)}
     values["e"] = values["a"]
-    names = ("frame_cycles_max", "nand2", "psnr_db_mean")
+    names = ("frame_cycles_max", "nand2", "psnr_db_machine_mean")
     found = {name: dict(zip(names, value, strict=True)) for name, value in values.items()}
     assert front(found) == ["a", "c", "d", "e"]
 
 
 def test_summary_of_a_point():
     rows = [
-        {"point": "p", "cycles": {"frame": c}, "fps_at_800mhz": f, "psnr_db": d, "max_error": e}
+        {
+            "point": "p",
+            "cycles": {"frame": c},
+            "fps_at_800mhz": f,
+            "psnr_db_machine": d,
+            "max_error_machine": e,
+        }
         for c, f, d, e in ((100, 8.0, 50.0, 0.5), (200, 4.0, None, 0.0), (50, 16.0, 60.0, 0.1))
     ]
     point = Point("p", "knob", "1", DEFAULT)
-    found = summary(point, [*rows, rows[0] | {"point": "q", "max_error": 1}], {"nand2": 5.0}, 2.0)
-    names = ("frame_cycles_max", "fps_min", "psnr_db_min", "psnr_db_mean", "max_error_max", "nand2")
+    found = summary(
+        point, [*rows, rows[0] | {"point": "q", "max_error_machine": 1}], {"nand2": 5.0}, 2.0
+    )
+    names = (
+        "frame_cycles_max",
+        "fps_min",
+        "psnr_db_machine_min",
+        "psnr_db_machine_mean",
+        "max_error_machine_max",
+        "nand2",
+    )
     assert [found[name] for name in names] == [200, 4.0, 50.0, 55.0, 0.5, 7.0]
     assert summary(point, rows, {}, 2.0)["nand2"] is None
 

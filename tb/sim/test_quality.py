@@ -91,7 +91,7 @@ def test_commands(scene, tmp_path, monkeypatch, capsys):
     write_ply("s.ply", scene)
     assert run("pack s.ply -o s.splatcore --psnr 40 --size 96x54 --json p.json") == 0
     facts = load(tmp_path / "p.json")
-    assert facts["quality"] == "40 dB" and facts["psnr_db_scene"] >= 40
+    assert facts["quality"] == "40 dB" and facts["psnr_db_packing"] >= 40
     assert read_model("s.splatcore").bytes_per_gaussian == facts["bytes_per_gaussian"]
     assert run("pack s.ply -o t.splatcore --psnr 40 --quality compact") == 2
     assert run("bench quality s.ply -o q --size 96x54 --psnr 40") == 0
