@@ -1,6 +1,7 @@
 """The command `pack`: a scene as the model that the machine reads."""
 
 from dataclasses import replace
+from functools import partial
 
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
@@ -62,12 +63,8 @@ def pack_command(
     original = source.scene
     if sh_degree is not None:
         config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
-    with progress_bar("packing") as advance:
-
-        def tell(step: str):
-            advance(0, None, step)
-
-        tell("rendering the scene")
+    with progress_bar("rendering the scene") as advance:
+        tell = partial(advance, 0, None)
         seen = Views.of(original, views)
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, tell)

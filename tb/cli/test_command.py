@@ -11,7 +11,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.main import COMMANDS as FILES
 from splatcore.sim.cli.options import app
-from splatcore.sim.common.metric import Compared, Result
+from splatcore.sim.common.metric import Compared, Result, against, difference, told
 from splatcore.sim.common.picture import read_png
 from splatcore.spec.packed import read_model
 from tb.helpers.command import KEYS, ROOT, load, run, write_scene
@@ -97,6 +97,41 @@ def test_pack_render_compare(folder, capsys):
     images = load(folder / "three.json")["images"]
     assert [image["identical"] for image in images] == [True, True]
     assert "identical" in capsys.readouterr().out
+
+
+def test_against_model_and_scene(folder, capsys):
+    """Of a scene both are told, of a model only the one that it can be compared with."""
+    view = "--camera cameras.json --json"
+    assert run(f"render scene.ply --engine golden -o g.png {view} g.json") == 0
+    assert run(f"render scene.ply -o scene.png {view} r.json") == 0
+    assert run("pack scene.ply -o scene.splatcore --camera cameras.json") == 0
+    assert run(f"render scene.splatcore -o model.png {view} r.json") == 0
+    wanted = {
+        of: difference(read_png("g.png"), read_png(f"{file}.png"))
+        for of, file in (("machine", "model"), ("scene", "scene"))
+    }
+    result = load(folder / "g.json")
+    assert result | against(wanted) == result
+    assert result["psnr_db_machine"] > result["psnr_db_scene"] + 1
+    printed = capsys.readouterr().out
+    assert f"against the reference: {told(wanted)}" in printed
+    assert run(f"render scene.splatcore --engine golden -o g.png {view} m.json") == 0
+    assert load(folder / "m.json")["psnr_db_machine"] == result["psnr_db_machine"]
+    assert load(folder / "m.json")["psnr_db_scene"] is None
+    assert run(f"cycles scene.ply scene.splatcore {view} c.json") == 0
+    of_scene, of_model = load(folder / "c.json")["scenes"].values()
+    assert of_scene | against(wanted) == of_scene
+    assert of_model | against({"machine": wanted["machine"]}) == of_model
+    assert "psnr_db_scene" not in of_model
+    rows = [
+        line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" dB, ")
+    ]
+    db = {of: f"{wanted[of].psnr_db:.2f}" for of in wanted}
+    assert rows == [["dB,", "machine", db["machine"], db["machine"]],
+                    ["dB,", "scene", db["scene"], "–"]]  # fmt: skip
+    background = "--engine golden --background 0,0,1"
+    assert run(f"render scene.ply {background} -o b.png {view} b.json") == 0
+    assert load(folder / "b.json")["psnr_db_machine"] > 45
 
 
 def test_scene_and_info(folder, capsys):

@@ -141,6 +141,7 @@ def test_bench_scenes(golden, tmp_path, monkeypatch, capsys):
     ]  # fmt: skip
     ideal, slow = map(load, files)
     assert ideal["identical"] and ideal["psnr_db_machine"] > 45
+    assert ideal["psnr_db_scene"] < ideal["psnr_db_machine"] and ideal["ssim_scene"] is not None
     assert ideal["cycles"]["frame"] < slow["cycles"]["frame"]
     assert ideal["model_cycles"]["raster"] == frame_cycles(TINY, golden[1]).raster
     table = (tmp_path / "scenes.md").read_text()

@@ -43,6 +43,29 @@ def test_the_smallest_that_is_good_enough(scene):
     assert choose.choose(scene, PAPER, [CAMERA]).quality == "compact"
 
 
+def test_the_scene_is_rendered_once(scene, monkeypatch):
+    """For the model that is chosen, for one of some dB, and for the parts' errors."""
+    seen, drawn = choose.Views.of(scene, [CAMERA]), choose.picture
+    assert choose.Views.of(scene, seen) is seen
+    rendered = []
+
+    def picture(gaussians, camera):
+        rendered.append(gaussians.position)
+        return drawn(gaussians, camera)
+
+    monkeypatch.setattr(choose, "picture", picture)
+    packed = choose.choose(scene, DEFAULT, seen, "faithful")
+    assert len(rendered) == 1
+    assert choose.smallest(scene, DEFAULT, seen, 20.0).quality == "compact"
+    assert np.array_equal(packed.exact, render(scene.gaussians(), CAMERA).pixels)
+    assert np.array_equal(packed.drawn, render(packed.model.gaussians(), CAMERA).pixels)
+    assert packed.camera is CAMERA
+    psnr_by_part(scene, packed.model, seen)
+    assert len(rendered) > 7 and not any(array is scene.position for array in rendered)
+    choose.Views.of(scene, [CAMERA])
+    assert rendered[-1] is scene.position  # it would show
+
+
 def test_chunk_by_chunk(scene):
     """More dB, more bytes; chunks without harmonics get none; what cannot be is the best."""
     targets = (42.0, 45.0, 48.0, 90.0)
@@ -99,6 +122,9 @@ def test_commands(scene, tmp_path, monkeypatch, capsys):
     assert [row["asked"] for row in rows] == ["compact", "balanced", "faithful", "40 dB"]
     assert rows[0]["psnr_db_scene"] < rows[1]["psnr_db_scene"] < rows[2]["psnr_db_scene"]
     assert all(row["psnr_db_machine"] > 52 for row in rows)
+    assert all(rows[0][f"{key}_{of}"] is not None for of in ("scene", "machine", "packing")
+               for key in ("psnr_db", "ssim", "max_error"))  # fmt: skip
+    assert rows[2]["psnr_db_packing_by_part"]["colour"] > rows[2]["psnr_db_packing"]
     reads = [row["model_bytes"] for row in rows]
     assert reads[0] < reads[3] < reads[1] < reads[2]
     assert (tmp_path / "q" / "quality.png").is_file() and (
