@@ -51,8 +51,8 @@ def compare_command(
     packed = bool({"golden", "rtl"} & set(images))
     pictures = [picture(text, scene, camera, size, config, packed) for text in images]
     first = images[0]
-    if first == "reference":
-        first += " on the packed model" if packed else " on the scene"
+    if first == "reference" and packed:
+        first += " on the packed model"
     results = []
     table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {first}")
     for text, pixels in zip(images[1:], pictures[1:], strict=True):

@@ -76,7 +76,7 @@ def fit_command(
     rows = knobs(chosen)
     reasons = {row.name: row.reason for row in rows}
     reasons |= {"pe_arrays": reasons["pes"], "depth": "as arithmetic"}
-    target = f"{fps:g} frames a second" + ("" if psnr is None else f", {psnr:g} dB")
+    target = f"{fps:g} frames a second" + ("" if psnr is None else f", {psnr:g} dB of the machine")
     about = f"splatcore fit {Path(scene).name}, {len(views)} views: {target}"
     write_preset(output, chosen.config, DEFAULT, reasons, about)
     sizes = _gates(chosen.config) if gates else {}

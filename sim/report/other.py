@@ -192,7 +192,9 @@ def fitted(results: Results) -> Iterator[Item]:
         try:
             facts = read(path)
             psnr = facts["psnr_db_machine"]
-            asked = f"{facts['scene']}, {facts['fps']:g} FPS" + (f", {psnr:g} dB" if psnr else "")
+            asked = f"{facts['scene']}, {facts['fps']:g} FPS" + (
+                f", {psnr:g} dB, machine" if psnr else ""
+            )
             words = ["splatcore", "fit", facts["scene"], "--fps", f"{facts['fps']:g}"]
             words += ["--psnr", f"{psnr:g}"] if psnr else []
             words += ["-o", str(path.with_suffix(".toml")), "--json", str(path)]
