@@ -9,7 +9,7 @@ from rich.table import Table
 from splatcore.golden.reference import render
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
-from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.recipe import STEPPED, Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
@@ -52,7 +52,15 @@ QuantizeOption = option(int, None, "Steps under the packed model's numbers.", mi
 RateOption = option(float, "S", "Learning rates, as a share of those that suit most scenes.")
 OrderOption = option(str, "ORDER", "distill-first: harmonics go first; or prune-first.")
 DegreeOption = option(
-    int | None, None, "Of the model. Default: 0 where 1 is not worth its bytes.", min=0, max=1
+    int | None,
+    None,
+    "Of the model's harmonics; from 2 on it is packed in steps. Default: 1, or 0 where 1 is not "
+    "worth its bytes.",
+    min=0,
+    max=3,
+)
+QualityOption = option(
+    str | None, None, f"Of a model of degree 2 or 3: {' or '.join(STEPPED)}. Default: {STEPPED[0]}."
 )
 SeedOption = option(int, None, "Same seed, same result on one machine.", min=0)
 WorkOption = option(
@@ -108,7 +116,8 @@ def compress_command(
     quantize_steps: QuantizeOption = Recipe.quantize_steps,
     rate: RateOption = Recipe.rate,
     order: OrderOption = Recipe.order,
-    sh_degree: DegreeOption = None,
+    degree: DegreeOption = None,
+    quality: QualityOption = None,
     views: ViewsOption = 96,
     size: SizeOption = "1920x1080",
     scale: ScaleOption = 1.0,
@@ -130,14 +139,15 @@ def compress_command(
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
     recipe = Recipe(
-        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, sh_degree,
-        target_ratio, max_drop, seed,
+        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, degree,
+        quality, target_ratio, max_drop, seed,
     )  # fmt: skip
     config, pixels = find_preset(preset), parse_size(size)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
     if source.scene is None:
         raise InputError(f"{scene}: is a packed model already, not a scene")
+    recipe.check(source.scene, config)
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
     if not images:
         path = read_cameras(cameras) if cameras else ()

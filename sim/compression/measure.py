@@ -14,6 +14,7 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import render
 from splatcore.model.compress.checkpoint import Step
+from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.photographs import Target
 from splatcore.model.pack.pack import pack
 from splatcore.sim.common.cache import digest, kept_in
@@ -37,11 +38,12 @@ def kept(folder: Path, about: list, make: Callable[[], dict]) -> dict:
 @dataclass(frozen=True, eq=False)
 class Version:
     """A version of a subject: a scene or packed model that is loaded when it is needed. about:
-    stands for it (JSON)."""
+    stands for it (JSON); recipe: says how a scene is packed."""
 
     name: str
     about: list
     config: Config
+    recipe: Recipe
     load: Callable[[], Scene | PackedModel]
 
     @cached_property
@@ -56,13 +58,16 @@ class Version:
     def model(self) -> PackedModel:
         """As the machine has it: a scene is packed."""
         loaded = self.loaded
-        return loaded if isinstance(loaded, PackedModel) else pack(loaded, self.config)[0]
+        if isinstance(loaded, PackedModel):
+            return loaded
+        return pack(loaded, self.config, **self.recipe.packing)[0]
 
 
 def original(subject: Subject) -> Version:
     """The subject itself."""
-    about = [subject.key, "original"]
-    return Version("original", about, subject.protocol.config, lambda: subject.scene)
+    config, recipe = subject.protocol.config, subject.protocol.recipe
+    about = [subject.key, "original", recipe.packing]
+    return Version("original", about, config, recipe, lambda: subject.scene)
 
 
 def left_by(run: Run, step: Step) -> Version:
@@ -71,7 +76,7 @@ def left_by(run: Run, step: Step) -> Version:
     if step.kind == "original":
         return original(run.subject)
     about = [run.key, asdict(step)]
-    return Version(step.name, about, run.config, lambda: run.checkpoints.load(step))
+    return Version(step.name, about, run.config, run.recipe, lambda: run.checkpoints.load(step))
 
 
 @dataclass(frozen=True, eq=False)

@@ -232,7 +232,7 @@ def test_rendered_parameters(scene):
     (
         ({"schedule": (0.4, 1.0)}, "--schedule"), ({"steps": -1}, "--steps"),
         ({"target_ratio": 0.5}, "--target-ratio"), ({"max_drop": 0.0}, "--max-drop"),
-        ({"sh_degree": 2}, "--sh-degree"), ({"rate": 0.0}, "--rate"),
+        ({"degree": 4}, "--degree"), ({"rate": 0.0}, "--rate"),
         ({"order": "both"}, "--order"),
         ({"target_ratio": 5.0, "max_drop": 1.0}, "--target-ratio, --max-drop"),
     ),
