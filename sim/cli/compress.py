@@ -143,27 +143,33 @@ def compress_command(
         quality, target_ratio, max_drop, seed,
     )  # fmt: skip
     config, pixels = find_preset(preset), parse_size(size)
-    with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
-    if source.scene is None:
-        raise InputError(f"{scene}: is a packed model already, not a scene")
-    recipe.check(source.scene, config)
+    original = _opened(scene)
+    recipe.check(original, config)
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
     if not images:
         path = read_cameras(cameras) if cameras else ()
-        learn = run.teacher(source.scene, views, pixels, seed, scene, path)
-        learn += run.pictures_at(source.scene, path, pixels, scene) if path else ()
-    arrays = [getattr(source.scene, name) for name in ARRAYS]
+        learn = run.teacher(original, views, pixels, seed, scene, path)
+        learn += run.pictures_at(original, path, pixels, scene) if path else ()
+    arrays = [getattr(original, name) for name in ARRAYS]
     key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
-    model = run.compressed(source.scene, learn, recipe, checkpoints, config, scene)
+    model = run.compressed(original, learn, recipe, checkpoints, config, scene)
     files.write(output, model.image.tobytes())
-    facts = {"scene": scene, "model": str(output)} | facts_of(source.scene, model, checkpoints)
+    facts = {"scene": scene, "model": str(output)} | facts_of(original, model, checkpoints)
     console.print(table_of(checkpoints, facts["original_bytes"]))
-    facts |= _loss(source.scene, model.gaussians(), aside, pixels, seed)
+    facts |= _loss(original, model.gaussians(), aside, pixels, seed)
     says = f"{facts['ratio']:.1f} times smaller; {facts.pop('says')}"
     console.print(f"{output}: {says}", soft_wrap=True)
     write_json(json, facts)
+
+
+def _opened(path: str) -> Scene:
+    """The scene of a file; InputError for a packed model."""
+    with progress_bar(f"reading {path}"):
+        source = open_source(path)
+    if source.scene is None:
+        raise InputError(f"{path}: is a packed model already, not a scene")
+    return source.scene
 
 
 def parse_schedule(text: str) -> tuple[float, ...]:
