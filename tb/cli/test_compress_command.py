@@ -15,6 +15,7 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate
+from splatcore.sim.compression import run as compression_run
 from splatcore.spec.colour import FINE, SH_C0
 from splatcore.spec.packed import read_model
 from tb.helpers.command import load, run
@@ -143,7 +144,6 @@ def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
         (["--target-ratio", "9999999"], "--target-ratio: 1e+07 leaves"),
         (["--images", "nowhere"], "nowhere"),
         (["--size", "0x5"], "--size 0x5: width 0"),
-        (["--degree", "2"], "small.ply: --degree 2 is above its degree 1"),
         (["--degree", "4"], "--degree"),
         (["--quality", "faithful"], "--quality: faithful is of models of degree 2 and 3"),
         (["--scale", "2", "--images", "nowhere"], "--scale 2: is not in 0 … 1"),
@@ -154,6 +154,13 @@ def test_bad_options(scene_file, tmp_path, capsys, options, message):
     assert run("compress", str(scene_file), "-o", str(model), *QUICK, *options) == 2
     error = capsys.readouterr().err
     assert message in " ".join(error.split()) and not model.exists()
+
+
+def test_degree_above_the_scene_s(scene_file, tmp_path, capsys, monkeypatch):
+    """It is refused before a picture is rendered."""
+    monkeypatch.delattr(compression_run, "teacher")
+    assert run("compress", str(scene_file), "-o", str(tmp_path / "m"), "--degree", "2") == 2
+    assert "small.ply: --degree 2 is above its degree 1" in capsys.readouterr().err
 
 
 def test_bad_input(scene_file, tmp_path, capsys):
