@@ -141,7 +141,7 @@ class Bench:
         about = [name, self.subject.key, repr(self.config), packing]
         facts = kept(self.folder / "measured", about, sizes)
         step = Step(name, "quantize", **facts, seconds=0.0, loss=None, file="")
-        version = Version(name, about, self.config, self.recipe, alone)
+        version = Version(name, about, self.config, alone)
         first = {"target_ratio": None, "note": name} | self.row(version, step)
         points = [first]
         for ratio in sorted(self.ratios):

@@ -14,7 +14,6 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import render
 from splatcore.model.compress.checkpoint import Step
-from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.photographs import Target
 from splatcore.model.pack.pack import pack
 from splatcore.sim.common.cache import digest, kept_in
@@ -38,12 +37,11 @@ def kept(folder: Path, about: list, make: Callable[[], dict]) -> dict:
 @dataclass(frozen=True, eq=False)
 class Version:
     """A version of a subject: a scene or packed model that is loaded when it is needed. about:
-    stands for it (JSON); recipe: says how a scene is packed."""
+    stands for it (JSON)."""
 
     name: str
     about: list
     config: Config
-    recipe: Recipe
     load: Callable[[], Scene | PackedModel]
 
     @cached_property
@@ -56,18 +54,15 @@ class Version:
 
     @cached_property
     def model(self) -> PackedModel:
-        """As the machine has it: a scene is packed."""
+        """As the machine has it: a scene is packed, and `work` is the same in every quality."""
         loaded = self.loaded
-        if isinstance(loaded, PackedModel):
-            return loaded
-        return pack(loaded, self.config, **self.recipe.packing)[0]
+        return loaded if isinstance(loaded, PackedModel) else pack(loaded, self.config)[0]
 
 
 def original(subject: Subject) -> Version:
     """The subject itself."""
-    config, recipe = subject.protocol.config, subject.protocol.recipe
-    about = [subject.key, "original", recipe.packing]
-    return Version("original", about, config, recipe, lambda: subject.scene)
+    about = [subject.key, "original"]
+    return Version("original", about, subject.protocol.config, lambda: subject.scene)
 
 
 def left_by(run: Run, step: Step) -> Version:
@@ -76,7 +71,7 @@ def left_by(run: Run, step: Step) -> Version:
     if step.kind == "original":
         return original(run.subject)
     about = [run.key, asdict(step)]
-    return Version(step.name, about, run.config, run.recipe, lambda: run.checkpoints.load(step))
+    return Version(step.name, about, run.config, lambda: run.checkpoints.load(step))
 
 
 @dataclass(frozen=True, eq=False)

@@ -186,8 +186,8 @@ def test_mean():
 
 
 def test_degree(fake, second, tmp_path):
-    """Packing alone, its steps and the work of all rows have it; results of another one do not
-    stay beside them, and a scene that has less is left out."""
+    """Packing alone and what is left have it; results of another one do not stay beside them, and
+    a scene that has less is left out."""
     write_ply("b.ply", small(300).with_sh_degree(1))
     assert bench("a.ply", "--part", "budget") == 0
     arguments = ("a.ply", "b.ply", "--degree", "2", "--ratios", "9", "--part", "steps,curve")
@@ -203,11 +203,7 @@ def test_degree(fake, second, tmp_path):
     model = pack(read_scene("a.ply"), DEFAULT, **packing)[0]
     assert (alone["sh_degree"], alone["bytes"]) == (2, len(model.image))
     assert point["sh_degree"] == 2 and point["ratio"] == pytest.approx(9, rel=0.03)
-    frames = [pipeline.render(DEFAULT, model, camera) for camera in held_out()]
-    cycles = np.mean([frame_cycles(DEFAULT, frame).preprocessing for frame in frames])
-    first, *_, last = scene["steps"]["rows"]
-    assert first["work"]["preprocessing"] == cycles and last["sh_degree"] == 2
-    assert any(row["step"] == "distill 2" for row in scene["steps"]["rows"])
+    assert [row["sh_degree"] for row in scene["steps"]["rows"]] == [3, *6 * [2]]
 
 
 def test_equal_pictures():
