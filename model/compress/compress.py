@@ -75,7 +75,7 @@ def compress(
             return
         rates = recipe.schedule
         if recipe.target_ratio is not None:
-            count = work.count_for_ratio(original, recipe.target_ratio, scene)
+            count = work.count_at_ratio(original, recipe.target_ratio, scene)
             rates = scaled_schedule(rates, len(scene), count)
         start = yield from work.before_pruning(start)
         for rate in rates:
@@ -226,7 +226,7 @@ class Compression:
             errors.append(float(difference(picture, as_tensor(target.image, picture))))
         return float(np.mean(errors))
 
-    def count_for_ratio(self, original: int, ratio: float, scene: Scene) -> int:
+    def count_at_ratio(self, original: int, ratio: float, scene: Scene) -> int:
         """Gaussians of the scene's model at that ratio, in the largest format that it may have."""
         highest = min(scene.sh_degree, self.config.sh_degree, self.recipe.highest)
         if self.recipe.in_steps:

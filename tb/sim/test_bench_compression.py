@@ -204,6 +204,7 @@ def test_degree(fake, second, tmp_path):
     assert (alone["sh_degree"], alone["bytes"]) == (2, len(model.image))
     assert point["sh_degree"] == 2 and point["ratio"] == pytest.approx(9, rel=0.03)
     assert [row["sh_degree"] for row in scene["steps"]["rows"]] == [3, *6 * [2]]
+    assert fake.calls.count("distill 2") == 1, "both parts make use of one distillation"
 
 
 def test_equal_pictures():
