@@ -123,9 +123,14 @@ def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
         largest = np.abs(factor).max((1, 2), initial=0)
         has = np.maximum.reduceat(largest, starts) > 0 if len(starts) else degree > 0
         degree = np.where(has, d, degree)
+    return layout_of(quality, degree)
+
+
+def layout_of(quality: str | np.ndarray, degree: int | np.ndarray) -> np.ndarray:
+    """The layout in `spec.colour.LAYOUTS` of chunks with harmonics up to `degree`."""
     asked = {"balanced": COARSE, "faithful": FINE}[quality] if isinstance(quality, str) else quality
     second = np.minimum(asked, SECOND)  # those of degree 3 hold nothing more of degrees 1 and 2
-    return np.where(degree > 2, asked, np.where(degree > 0, second, 0))
+    return np.where(np.greater(degree, 2), asked, np.where(np.greater(degree, 0), second, 0))
 
 
 def report(kept: Scene, lower: np.ndarray, model: PackedModel, gone: tuple[int, int]) -> PackReport:
