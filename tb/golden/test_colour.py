@@ -7,11 +7,13 @@ import pytest
 
 from splatcore.golden.colour import colours, polynomials
 from splatcore.golden.reference import harmonics
+from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.spec.colour import CHANNELS, FOLDED, LAYOUTS, POLYNOMIAL, unscaled_colour_format
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.memory import CHUNK
+from tb.helpers.bounds import HARMONICS
 from tb.helpers.clouds import cloud
 
 ERROR = {1: 2, 2: 4, 3: 8}
@@ -65,6 +67,19 @@ def check(config, model):
         bound += np.abs(f).sum(1) * ERROR[degree] * POLYNOMIAL.step
     exact = np.clip(exact, 0, unscaled_colour_format(config).max)
     assert (np.abs(np.stack(list(made.values()), axis=1) - exact) <= bound).all()
+
+
+@pytest.mark.parametrize("quality", ["balanced", "faithful"])
+@pytest.mark.parametrize("name", HARMONICS)
+def test_hard_cases(name, quality):
+    check(DEFAULT, pack(HARD[name](0).scene, quality=quality)[0])
+
+
+def test_no_direction():
+    """At the camera's own place all polynomials are as at (0, 0, 0)."""
+    nowhere = {f"ray_{axis}": np.zeros(1) for axis in "xyz"}
+    found = np.concatenate(polynomials(DEFAULT, nowhere), axis=1)[0] * POLYNOMIAL.step
+    assert list(found) == [0, 0, 0, 0, 0, -0.5, *9 * [0]]
 
 
 @pytest.mark.parametrize("quality", ["compact", "balanced", "faithful", "mixed"])

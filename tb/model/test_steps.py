@@ -7,7 +7,7 @@ import pytest
 from scipy.special import sph_harm_y
 
 from splatcore.model.pack.pack import pack
-from splatcore.spec.colour import COARSE, FINE, LAYOUTS, SECOND, folded, unfolded
+from splatcore.spec.colour import COARSE, EXPONENT_MIN, FINE, LAYOUTS, SECOND, folded, unfolded
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER
@@ -153,6 +153,16 @@ def test_a_coefficient_a_thousand_times_the_others():
     assert abs(model.sh[at, 9, 1] - 10) < 0.3
     others = np.delete(model.sh, at, axis=0)
     assert np.abs(others[:, 9:]).max() < 0.06  # half a step, eight times finer
+
+
+def test_nothing_has_the_finest_steps():
+    """Halves have no zero: a degree that no Gaussian has is off by next to nothing."""
+    scene = cloud(5, count=CHUNK, degree=3)
+    scene.opacity[:] = 0.5
+    scene.sh[:, 1:9] = 0
+    model, report = pack(scene, quality="balanced")
+    assert model.exponents[1:3] == [EXPONENT_MIN] * 2
+    assert 0 < max(report.sh_error[:2]) < 2.0**-20
 
 
 def test_machines_and_qualities():

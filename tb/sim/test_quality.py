@@ -1,5 +1,6 @@
 """Packing to a wanted error, and the campaign that measures it, on a scene of degree 3."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +13,11 @@ from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.source import Source
 from splatcore.sim.packing import choose
 from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
+from splatcore.spec.colour import COARSE
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.packed import read_model
 from splatcore.spec.scene import Scene
-from tb.helpers.command import load, run
+from tb.helpers.command import check_documented, load, run
 
 CAMERA = generated_camera("garden", 96, 54)
 
@@ -83,6 +85,32 @@ def test_budget(scene):
     compact = choose.choose(scene, DEFAULT, [CAMERA], "compact")
     assert psnr_by_part(scene, compact.model, [CAMERA])["degree 3"] < compact.psnr_db + 3
     assert bytes_by_part(compact.model)["codebooks"] > 0
+
+
+def test_a_gaussian_at_the_camera(scene):
+    """It has no direction, and keeps no chunk from its harmonics."""
+    place = scene.position.copy()
+    place[np.argmax(scene.opacity)] = CAMERA.position
+    there = replace(scene, position=place)
+    with warnings.catch_warnings(action="error"):
+        steps = choose.upgrades(there, DEFAULT, [CAMERA], str)
+    left = [chunk for chunk, kind in steps if kind == COARSE]
+    assert len(left) == len(set(left)) >= 5
+
+
+def test_lost_coefficients(scene, tmp_path, monkeypatch, capsys):
+    """One that no step can hold is told in a line on standard error."""
+    monkeypatch.chdir(tmp_path)
+    sh = scene.sh.copy()
+    sh[:, 3, 1] = np.where(np.arange(len(sh)) == 9, 1000, sh[:, 3, 1])
+    for name, lost in (("plain.ply", False), ("odd.ply", True)):
+        write_ply(name, replace(scene, sh=sh) if lost else scene)
+        assert run(f"pack {name} -o s.splatcore --quality faithful --size 16x9 --json p.json") == 0
+        told, facts = capsys.readouterr().err, load(tmp_path / "p.json")
+        line = "odd.ply: coefficients beyond what their steps hold, off by up to 249 of degree 1\n"
+        assert told.endswith(line) if lost else "beyond" not in told
+        assert len(facts["sh_error"]) == 3 and (facts["sh_error"][0] > 200) == lost
+        check_documented("## `splatcore pack`", facts)
 
 
 @pytest.mark.slow
