@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.golden.colour import colours, polynomials
+from splatcore.golden.colour import colours, polynomials, rounded
 from splatcore.golden.reference import harmonics
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
@@ -67,6 +67,13 @@ def check(config, model):
         bound += np.abs(f).sum(1) * ERROR[degree] * POLYNOMIAL.step
     exact = np.clip(exact, 0, unscaled_colour_format(config).max)
     assert (np.abs(np.stack(list(made.values()), axis=1) - exact) <= bound).all()
+
+
+@pytest.mark.parametrize("bits", [-2, 0, 1, 4])
+def test_rounding(bits):
+    """To the nearest, a half upwards."""
+    total = np.arange(-40, 40)
+    assert (rounded(total, bits) == np.floor(total / 2.0**bits + 0.5)).all()
 
 
 @pytest.mark.parametrize("quality", ["balanced", "faithful"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from splatcore.model.pack.pack import pack
+from splatcore.model.pack.pack import pack, stored_order
 from splatcore.model.pack.steps import exponent_for, quantise
 from splatcore.spec.colour import (
     COARSE,
@@ -138,6 +138,9 @@ def test_close_to_the_scene(quality, degree, beats, worst):
     sizes = [np.sqrt((f**2).mean()) for f in folded(scene.sh)]
     assert report.colour_rms < 0.002
     assert all(e <= w * s for e, w, s in zip(report.sh_rms, worst, sizes[1:], strict=True))
+    exact = folded(scene.sh[stored_order(scene)[0]])
+    errors = [np.abs(a - b).max() for a, b in zip(model.factors, exact, strict=True)]
+    assert [report.colour_error, *report.sh_error] == errors
 
 
 def test_chunks_without_harmonics_have_no_beats_for_them():
@@ -151,6 +154,18 @@ def test_chunks_without_harmonics_have_no_beats_for_them():
     assert max(used) == 2 and model.format.sh_degree == 3
     only = scene[first]
     assert (pack(only, quality="faithful")[0].chunk_beats == 1).all()
+    only.sh[9, 12, 1] = 1e-4  # one of one Gaussian is enough
+    assert sorted(pack(only, quality="faithful")[0].chunk_beats) == [1, 3]
+
+
+def test_layouts_side_by_side():
+    """A chunk's codes stand for the same, whatever layouts the others have."""
+    scene, model = mixed(5 * CHUNK + 3, 3)
+    of = np.repeat(model.chunks["harmonics"], CHUNK)[: len(model)]
+    for number in range(len(LAYOUTS)):
+        alone, _ = pack(scene, quality=np.full(len(model.chunk_beats), number))
+        for found, expected in zip(model.factors, alone.factors, strict=True):
+            assert (found[of == number] == expected[of == number]).all(), number
 
 
 def test_a_coefficient_a_thousand_times_the_others():
