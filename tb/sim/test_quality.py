@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -91,7 +92,7 @@ def test_budget(scene):
         "degree 2",
         "degree 3",
     ]
-    assert all(db is None or db > packed.psnr_db for db in losses.values())
+    assert all(db > packed.psnr_db for db in losses.values())  # None would be: nothing is lost
     compact = choose.choose(scene, DEFAULT, [CAMERA], "compact")
     assert psnr_by_part(scene, compact.model, [CAMERA])["degree 3"] < compact.psnr_db + 3
     assert bytes_by_part(compact.model)["codebooks"] > 0
@@ -145,8 +146,36 @@ def test_no_step_too_many(scene):
     strong[order[5 * CHUNK : 6 * CHUNK], 4:] *= 10
     strong = choose.upgrades(replace(scene, sh=strong), DEFAULT, [CAMERA], str)
     assert strong[0] == (5, COARSE)
-    away = replace(CAMERA, rotation=np.diag([-1.0, 1, -1]) @ CAMERA.rotation)
-    assert len(choose.upgrades(scene, DEFAULT, [away], str)) < len(steps)
+    away = replace(CAMERA, translation=CAMERA.translation - [0, 0, 1000])
+    assert choose.upgrades(scene, DEFAULT, [away], str) == []
+
+
+def test_second_steps_come_after_the_first(scene, monkeypatch):
+    """Even if they gain more; a chunk that gains nothing by its first gets neither."""
+    errors = [10, 10, 3, 1], [9, 5, 5, 1], [0, 4, 0, 0]  # of four chunks; the others have none
+    rest = len(scene) - 4 * CHUNK
+    found = iter([np.pad(np.repeat(error, CHUNK), (0, rest)) for error in errors])
+    monkeypatch.setattr(choose, "seen_error", lambda *_: next(found))
+    steps = [(1, COARSE), (0, COARSE), (0, FINE), (1, FINE)]
+    assert choose.upgrades(scene, DEFAULT, [CAMERA], str) == steps
+
+
+def test_bisection(scene, monkeypatch):
+    """The least of 20 steps that suffices, for every target; as if each took a dB."""
+    steps = [(chunk, kind) for kind in (1, 2) for chunk in range(10)]
+
+    def made(*_, quality):
+        return SimpleNamespace(gaussians=lambda: int(quality.sum())), None
+
+    views = SimpleNamespace(of=lambda *_: SimpleNamespace(psnr_db=float))
+    first = choose.Packed(None, None, "compact", -1.0)
+    fakes = {"upgrades": lambda *_: steps, "pack": made, "Views": views, "choose": lambda *_: first}
+    for name, fake in fakes.items():
+        monkeypatch.setattr(choose, name, fake)
+    for target in range(23):
+        found = choose.smallest(scene, DEFAULT, [CAMERA], target)
+        assert found.psnr_db == min(target, 20)
+    assert choose.smallest(scene, DEFAULT, [CAMERA], -2) is first
 
 
 def test_the_worst_view_counts(scene):
