@@ -55,6 +55,8 @@ class PackReport:
     opacity_error: float  # largest
     colour_rms: float
     sh_rms: list[float]  # of degrees 1, 2 …, of the factors of their polynomials
+    colour_error: float  # largest
+    sh_error: list[float]  # largest, likewise
 
     def as_dict(self) -> dict:
         return asdict(self)
@@ -153,6 +155,8 @@ def report(kept: Scene, lower: np.ndarray, model: PackedModel, gone: tuple[int, 
         opacity_error=_largest(packed.opacity - kept.opacity),
         colour_rms=_rms(errors[0]),
         sh_rms=[_rms(error) for error in errors[1:]],
+        colour_error=_largest(errors[0]),
+        sh_error=[_largest(error) for error in errors[1:]],
     )
 
 

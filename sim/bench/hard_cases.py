@@ -33,7 +33,8 @@ BOUNDS = {
     "golden": f"machine ≥ {PSNR_MIN:.0f} dB",
     "rtl": f"golden's, machine ≥ {PSNR_MIN:.0f} dB",
 }
-"""The bound of a case by engine; machines leave out all NaN and Inf, too."""
+"""The bound of a case by engine; machines leave out all NaN and Inf, too. Some cases bound what
+packing loses, besides."""
 
 
 @dataclass(eq=False)
@@ -107,7 +108,7 @@ def measure(
     except InputError as error:
         outcome.failures.append(str(error))
         return outcome
-    outcome.packing = difference(outcome.exact.pixels, outcome.whole.pixels)
+    check_packing(outcome, case)
     if engine == "reference":
         of_reference(outcome)
     elif engine == "golden":
@@ -124,6 +125,17 @@ def prepare(outcome: Outcome, case: HardCase, camera: Camera, config: Config):
     with np.errstate(invalid="ignore"):  # an infinite quaternion has no rotation
         outcome.whole = render(case.scene.gaussians(), camera)
     outcome.exact = render(outcome.model.gaussians(), camera)
+
+
+def check_packing(outcome: Outcome, case: HardCase):
+    """The reference's picture of the packed model against that of the scene."""
+    outcome.packing = difference(outcome.exact.pixels, outcome.whole.pixels)
+    least, found = case.packing_db, outcome.packing.psnr_db
+    if least is None:
+        return
+    outcome.bound += f"; packing ≥ {least:g} dB"
+    if found is not None and found < least:
+        outcome.failures.append(f"packing: {found:.2f} dB, below {least:g} dB")
 
 
 def of_reference(outcome: Outcome):

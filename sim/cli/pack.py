@@ -6,10 +6,17 @@ from functools import partial
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
-from splatcore.sim.common.output import check_writable, console, progress_bar, write, write_json
+from splatcore.sim.common.output import (
+    check_writable,
+    console,
+    messages,
+    progress_bar,
+    write,
+    write_json,
+)
 from splatcore.sim.common.source import check_known, open_cameras, open_source
 from splatcore.sim.common.table import new_table
-from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
+from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
 from splatcore.sim.packing.choose import LEAST_DB, Views, choose, smallest
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -84,6 +91,8 @@ def pack_command(
         shown = "equal" if db is None else f"{db:.1f}"
         table.add_row(name, f"{parts.get(name, 0):.2f}", shown if name in losses else "")
     console.print(table)
+    if lost := lost_line(packed.report):
+        messages.print(f"{scene}: {lost}", soft_wrap=True, markup=False)
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
     write_json(json, facts | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})

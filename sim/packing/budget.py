@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcore.model.pack.pack import stored_order
+from splatcore.model.pack.pack import PackReport, stored_order
 from splatcore.sim.packing.choose import SAME_DB, Tell, Views
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
@@ -41,6 +41,14 @@ def bytes_by_part(model: PackedModel) -> dict[str, float]:
     found = {name: value / 8 for name, value in bits.items()}
     found["unused"] = model.bytes_per_gaussian - sum(found.values())
     return found | {"codebooks": format.codebook_bytes / count}
+
+
+def lost_line(report: PackReport) -> str:
+    """The degrees of which a coefficient is off by more than the whole range of brightness, as a
+    line for people; empty if there is none."""
+    errors = enumerate([report.colour_error, *report.sh_error])
+    lost = [f"{error:.3g} of degree {d}" for d, error in errors if error > 1]
+    return f"coefficients beyond what their steps hold, off by up to {', '.join(lost)}" * bool(lost)
 
 
 def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussians]]:

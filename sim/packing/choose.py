@@ -227,9 +227,11 @@ def upgrades(
 def seen_error(
     exact: Gaussians, packed: Gaussians, weights: list[np.ndarray], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Σ over the cameras of weight · squared error of the colour, [N]."""
-    index, total = np.arange(len(packed)), np.zeros(len(packed))
+    """Σ over the cameras of weight · squared error of the colour, [N]. What a camera does not see
+    has no colour: at its own place there is no direction."""
+    total = np.zeros(len(packed))
     for weight, camera in zip(weights, cameras, strict=True):
+        index = np.flatnonzero(weight)
         seen = [colours(gaussians, index, camera, SPLATCORE) for gaussians in (exact, packed)]
-        total += weight * ((seen[0] - seen[1]) ** 2).sum(1)
+        total[index] += weight[index] * ((seen[0] - seen[1]) ** 2).sum(1)
     return total

@@ -63,7 +63,7 @@ def test_all_cases_of_the_golden_model(tmp_path, capsys):
     assert {path.stem for path in folder.glob("*.png")} == {*HARD, "hard-cases"}
     assert read_png(folder / "hard-cases.png").std() > 20
     text = capsys.readouterr().out
-    assert text.count(": pass (") == 25 and "25 of 25 pass" in text and "FAIL" not in text
+    assert text.count(": pass (") == 27 and "27 of 27 pass" in text and "FAIL" not in text
 
 
 def test_what_is_measured(tmp_path, capsys):
@@ -155,6 +155,16 @@ def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(hard_cases, "render", infinite)
     facts = measured(tmp_path, "one", "--engine", "reference", status=1)
     assert facts["cases"]["one"]["failures"] == ["a pixel is not finite"]
+
+
+def test_packing_below_its_bound(tmp_path, monkeypatch, capsys):
+    """Fails whatever the engine; a bound that is met is told as well."""
+    facts = measured(tmp_path, "zero_bands")["cases"]["zero_bands"]
+    assert facts["bound"] == "≥ 52 dB; packing ≥ 50 dB" and facts["packing"]["psnr_db"] >= 50
+    monkeypatch.setattr(hard_cases, "finest", lambda *_: "balanced")
+    for engine in ("reference", "golden"):
+        measured(tmp_path, "zero_bands", "--engine", engine, status=1)
+        assert "packing: 35.76 dB, below 50 dB" in capsys.readouterr().out
 
 
 def test_what_cannot_be_packed(tmp_path, monkeypatch, quick):
