@@ -3,6 +3,8 @@
 from dataclasses import replace
 from functools import partial
 
+from rich.table import Table
+
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
@@ -85,14 +87,19 @@ def pack_command(
     }  # fmt: skip
     write(output, packed.model.image.tobytes())
     console.print(describe.table({"model": str(output)} | facts))
-    table = new_table("part", ("bytes a Gaussian", "dB, packing"))
-    for name in dict.fromkeys((*parts, *losses)):
-        db = losses.get(name)
-        shown = "equal" if db is None else f"{db:.1f}"
-        table.add_row(name, f"{parts.get(name, 0):.2f}", shown if name in losses else "")
-    console.print(table)
+    console.print(parts_table(parts, losses))
     if lost := lost_line(packed.report):
         messages.print(f"{scene}: {lost}", soft_wrap=True, markup=False)
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
     write_json(json, facts | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})
+
+
+def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:
+    """Bytes a Gaussian and dB of each part."""
+    table = new_table("part", ("bytes a Gaussian", "dB, packing"))
+    for name in dict.fromkeys((*parts, *losses)):
+        db = losses.get(name)
+        shown = "equal" if db is None else f"{db:.1f}"
+        table.add_row(name, f"{parts.get(name, 0):.2f}", shown if name in losses else "")
+    return table

@@ -51,6 +51,7 @@ def test_polynomials():
         errors = made[:, degree**2 - 1 : (degree + 1) ** 2 - 1] - exact[:, own] / FOLDED[degree]
         assert np.abs(errors).max() <= bound * POLYNOMIAL.step
         assert np.sqrt((errors**2).mean()) <= RMS[degree] * POLYNOMIAL.step
+        assert np.abs(errors.mean()) <= 0.1 * POLYNOMIAL.step
 
 
 def check(config, model):

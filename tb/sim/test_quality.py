@@ -190,8 +190,11 @@ def test_bisection(scene, monkeypatch):
     def made(*_, quality):
         return SimpleNamespace(gaussians=lambda: int(quality.sum())), None
 
-    views = SimpleNamespace(of=lambda *_: SimpleNamespace(psnr_db=float))
-    first = choose.Packed(None, None, "compact", -1.0)
+    def judged(model, *_):
+        return SimpleNamespace(psnr_db=float(model.gaussians()))
+
+    views = SimpleNamespace(of=lambda *_: SimpleNamespace(judged=judged, cameras=[CAMERA]))
+    first = SimpleNamespace(psnr_db=-1.0)
     fakes = {"upgrades": lambda *_: steps, "pack": made, "Views": views, "choose": lambda *_: first}
     for name, fake in fakes.items():
         monkeypatch.setattr(choose, name, fake)
