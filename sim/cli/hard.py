@@ -45,8 +45,9 @@ OutputOption = options.option(Path | None, "DIR", f"Folder for pictures and {SHE
     help="Run the hard cases through an engine: small scenes on which renderers go wrong.\n\n"
     "For each of them a picture, its error against the float64 reference on the same packed model, "
     "what packing loses, cycles (golden: the cycle model's, rtl: measured), Gaussians left out, "
-    f"and whether it meets its bound: {PSNR_MIN:.0f} dB, and for rtl every bit of the golden "
-    "model's picture. Exit status 1 if one does not (the FP16 numbers of PAPER do not meet it)."
+    f"and whether it meets its bound: {PSNR_MIN:.0f} dB, with harmonics a bound on packing, too, "
+    "and for rtl every bit of the golden model's picture. Exit status 1 if one does not (the FP16 "
+    "numbers of PAPER do not meet it)."
     "\n\nNAME is one of: " + ", ".join(HARD) + ".",
 )
 def hard_command(

@@ -165,6 +165,9 @@ def test_packing_below_its_bound(tmp_path, monkeypatch, capsys):
     for engine in ("reference", "golden"):
         measured(tmp_path, "zero_bands", "--engine", engine, status=1)
         assert "packing: 35.76 dB, below 50 dB" in capsys.readouterr().out
+    monkeypatch.undo()
+    assert run("hard zero_bands --engine reference --preset paper") == 0  # no steps, no bound
+    assert "packing ≥" not in capsys.readouterr().out
 
 
 def test_what_cannot_be_packed(tmp_path, monkeypatch, quick):
