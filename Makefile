@@ -81,7 +81,7 @@ size = $(addprefix --size ,$(SIZE))
 preset = $(addprefix --preset ,$(PRESET))
 measure = mkdir -p $(@D) && $(SPLATCORE)
 
-campaigns := scenes/scenes.csv sweep/sweep.json ablation/ablation.json work/work.json power.json
+campaigns := scenes/scenes.csv budget.json sweep/sweep.json ablation/ablation.json work/work.json power.json
 others := $(addsuffix .json,hard/hard hard-rtl/hard hard-paper/hard programs programs-paper synth \
 	memories fpga-tiny fpga)
 
@@ -95,6 +95,7 @@ $(addprefix $(RESULTS)/,$(campaigns) $(others)): | .venv/installed
 $(addprefix $(RESULTS)/,$(campaigns)): $(wildcard $(SCENES))
 
 $(RESULTS)/scenes/scenes.csv: ; $(measure) bench scenes --out $(@D) $(SCENES) $(size) $(preset)
+$(RESULTS)/budget.json: ; $(measure) error --stage all --json $@ $(SCENES) $(size) $(preset)
 $(RESULTS)/sweep/sweep.json: ; $(measure) bench sweep --out $(@D) $(SCENES) $(size)
 $(RESULTS)/ablation/ablation.json: ; $(measure) bench ablation --out $(@D) $(SCENES) $(size) $(preset)
 $(RESULTS)/work/work.json: ; $(measure) bench work --out $(@D) $(SCENES) $(size) $(preset)

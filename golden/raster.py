@@ -51,7 +51,7 @@ class Entries:
 class Raster:
     """A rasterized frame."""
 
-    pixels: np.ndarray  # [H, W, 3] uint8
+    pixels: np.ndarray  # [H, W, 3] uint8, or the sums before they are rounded (int64)
     work: np.ndarray  # [groups, rasterizers, len(WORK)] int64
     pairs: np.ndarray  # [groups, len(PAIRS)] int64
     blocks: np.ndarray  # [tiles of all entries' masks] int64: marked ones, visited ones from bit 16
@@ -71,16 +71,17 @@ def rasterize(
     size: tuple[int, int],
     background: tuple[int, int, int] = (0, 0, 0),
     mark_all: bool = False,
+    rounded: bool = True,
 ) -> Raster:
     """Blend every group's entries, front to back.
 
     features: codes [M] of `spec.group.feature_record`. size: width and height, pixels. background:
     codes of `spec.group.colour_format`. mark_all: no block is left out, which must give the same
-    picture.
+    picture. rounded: False for the sums themselves, `sum_fraction` − 8 bits finer than pixels.
     """
     (width, height), mask = size, entries.mask.astype(np.int64)
     rows, columns = group_grid(config, width, height)
-    pixels = np.zeros((height, width, 3), np.uint8)
+    pixels = np.zeros((height, width, 3), np.uint8 if rounded else np.int64)
     work = np.zeros((rows * columns, config.rasterizers, len(WORK)), np.int64)
     pairs = np.zeros((rows * columns, len(PAIRS)), np.int64)
     owners = np.array([owner(config, block)[0] for block in range(BLOCKS**2)])
@@ -89,7 +90,8 @@ def rasterize(
     _rasterize_groups(
         prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
         np.array([columns, config.group]), owners, setup_constants(config),
-        _blend_constants(config), _levels(config, mark_all), np.array(stage_3.power_table(config)),
+        _blend_constants(config, rounded), _levels(config, mark_all),
+        np.array(stage_3.power_table(config)),
         np.array(background), pixels, work, pairs, tiles, blocks,
     )  # fmt: skip
     return Raster(pixels, work, pairs, blocks)
@@ -106,7 +108,7 @@ def _levels(config: Config, mark_all: bool) -> np.ndarray:
     return np.stack([np.array([*above, 0]), least], axis=1)
 
 
-def _blend_constants(config: Config) -> tuple[int, ...]:
+def _blend_constants(config: Config, rounded: bool) -> tuple[int, ...]:
     """Constants of a machine for the loops below."""
     pixel, bits = config.pixel_fraction, config.transmittance
     from_, below, _ = config.faint or (bits, bits, 0)
@@ -115,7 +117,8 @@ def _blend_constants(config: Config) -> tuple[int, ...]:
         config.exponent_fraction + 2 - pixel, pixel - config.power_fraction,
         config.power_fraction, config.power_mantissa, config.transmittance,
         stage_3.transmittance_min(config), config.transmittance - config.weight,
-        config.weight + config.colour_fraction - config.sum_fraction, config.sum_fraction,
+        config.weight + config.colour_fraction - config.sum_fraction,
+        config.sum_fraction - 8 if rounded else 0, config.sum_fraction - 8,
         1 << bits - below, int(bool(config.faint)),
     )  # fmt: skip
 
@@ -269,12 +272,12 @@ def _blend(pixel, exponent, colour, blending, table):
     exponent >>= finer
     halvings = -1 - (exponent >> steps)
     taken = pixel[0] * table[exponent & ((1 << steps) - 1)] >> mantissa + halvings
-    if pixel[0] < blending[0] and taken < blending[11]:
+    if pixel[0] < blending[0] and taken < blending[12]:
         return FAINT
     rest = pixel[0] - taken
     if rest < rest_min:
         pixel[4] = 0
-        if not blending[12]:
+        if not blending[13]:
             return ENDED
         rest = 0
     weight = (pixel[0] >> narrower) - (rest >> narrower)
@@ -286,9 +289,10 @@ def _blend(pixel, exponent, colour, blending, table):
 
 @njit(cache=True)
 def _finish(pixel, background, blending, out):
-    """A pixel's 8-bit colour before the background, rounded to nearest."""
-    narrower, product, fraction = blending[8], blending[9], blending[10]
+    """A pixel's colour before the background, at most 255, rounded to nearest."""
+    narrower, product, dropped, finer = blending[8], blending[9], blending[10], blending[11]
     weight = pixel[0] >> narrower
     for channel in range(3):
         total = pixel[1 + channel] + (weight * background[channel] + (1 << product - 1) >> product)
-        out[channel] = min(total + (1 << fraction - 9) >> fraction - 8, 255)
+        most = 255 << finer - dropped
+        out[channel] = min(total + (1 << dropped >> 1) >> dropped, most)

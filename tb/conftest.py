@@ -2,9 +2,10 @@
 
 LONGEST = (
     "test_demo", "sim/test_verilog", "machine/test_machine", "hdl/test_sort", "hdl/test_raster",
-    "hdl/test_points", "machine/test_machine_axi", "planted/test_mutate",
+    "hdl/test_points", "machine/test_machine_axi", "planted/test_mutate", "hdl/test_colour",
     "sim/test_fit", "machine/test_machine_default", "cli/test_command", "hdl/test_bin",
-    "hdl/test_subsort", "sim/test_cycles", "hdl/test_float", "hdl/test_unary", "hdl/test_codebook",
+    "sim/test_quality", "hdl/test_subsort", "hdl/test_model_reader", "machine/test_machine_steps",
+    "sim/test_cycles", "hdl/test_float", "hdl/test_unary", "hdl/test_codebook",
     "hdl/test_axi", "hdl/test_scale", "model/test_surround", "golden/test_pipeline",
 )  # fmt: skip
 """Files of tests that take 20 seconds and more, the longest first."""

@@ -11,20 +11,23 @@ import numpy as np
 import torch
 
 from splatcore.model.compress.checkpoint import Checkpoints, Result, Step, ply_bytes
+from splatcore.model.compress.codebooks import in_codebooks
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.prune import count_for_ratio, prune, scaled_schedule, sound
-from splatcore.model.compress.quantize import REFRESH, Quantised, quantised
+from splatcore.model.compress.quantize import REFRESH, Quantised
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
+from splatcore.model.compress.steps import InSteps
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import Tell, as_tensor, difference, finetune
-from splatcore.model.pack.pack import pack
+from splatcore.model.pack.pack import layout_of
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import ModelFormat, model_format
+from splatcore.spec.memory import model_format, step_format
 from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
@@ -58,9 +61,10 @@ def compress(
     The caller may stop after any step. The scene learns from `targets`: photographs, or its own
     pictures. What `checkpoints` holds already is yielded, not done again. `original` are the bytes
     that ratios are counted from (default: the scene's as a PLY). InputError if nothing of the scene
-    can be seen, if the ratio or the drop cannot be reached, and where the loss is NaN; earlier
-    steps stay.
+    can be seen, if the degree, the ratio or the drop cannot be reached, and where the loss is NaN;
+    earlier steps stay.
     """
+    recipe.check(scene, config)
     scene = sound(scene)
     original = original or ply_bytes(len(scene), scene.sh_degree)
     work = Compression(tuple(targets), recipe, checkpoints, config, tell)
@@ -71,7 +75,7 @@ def compress(
             return
         rates = recipe.schedule
         if recipe.target_ratio is not None:
-            count = count_for_ratio(original, recipe.target_ratio, work.largest_format(scene))
+            count = work.count_at_ratio(original, recipe.target_ratio, scene)
             rates = scaled_schedule(rates, len(scene), count)
         start = yield from work.before_pruning(start)
         for rate in rates:
@@ -168,9 +172,7 @@ class Compression:
 
     def lowered(self, scene: Scene) -> Steps:
         """The scene with no more harmonics than the model will have at most."""
-        wanted = self.recipe.sh_degree
-        last = min(self.config.sh_degree, 1 if wanted is None else wanted)
-        for degree in degrees(scene, last):
+        for degree in degrees(scene, min(self.config.sh_degree, self.recipe.highest)):
             scene = yield from self.distilled(scene, degree)
         return scene
 
@@ -183,15 +185,14 @@ class Compression:
     def packed(self, scene: Scene) -> Generator[Step, None, PackedModel]:
         """Quantise and pack a pruned scene whose harmonics go first, where they have not."""
         scene = yield from self.lowered(scene)
-        if self.recipe.sh_degree is None and scene.sh_degree == 1 and self.goes_without(scene):
+        if self.recipe.degree is None and scene.sh_degree == 1 and self.goes_without(scene):
             scene = yield from self.distilled(scene, 0)
         name = self.next_name("quantize")
         return (yield from self.step("quantize", "quantize", lambda: self.quantised(scene, name)))
 
     def quantised(self, scene: Scene, name: str) -> tuple[PackedModel, float | None]:
         """The packed model after fine-tuning under its numbers."""
-        self.tell(f"{name}: codebooks", 0, 1, None)
-        work = quantised(scene, self.weights(scene, name), self.config, self.recipe.seed)
+        work = self.under_numbers(scene, name)
         leaves, rates = work.leaves()
 
         def tell(what: str, done: int, total: int, loss: float | None):
@@ -205,8 +206,16 @@ class Compression:
             work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed,
             tell, name, work.rendered,
         )  # fmt: skip
-        final, codebooks = work.finish(scene.name)
-        return pack(final, self.config, final.sh_degree, codebooks=codebooks)[0], loss
+        return work.packed(scene.name), loss
+
+    def under_numbers(self, scene: Scene, name: str) -> Quantised:
+        """The scene under the numbers of the model that it becomes."""
+        recipe = self.recipe
+        if recipe.in_steps:
+            self.tell(f"{name}: steps", 0, 1, None)
+            return InSteps(trainable.tensors_of(scene), self.config, recipe.packing["quality"])
+        self.tell(f"{name}: codebooks", 0, 1, None)
+        return in_codebooks(scene, self.weights(scene, name), self.config, recipe.seed)
 
     @torch.no_grad()
     def error(self, parameters: tuple[torch.Tensor, ...], targets: Sequence[Target]) -> float:
@@ -217,13 +226,14 @@ class Compression:
             errors.append(float(difference(picture, as_tensor(target.image, picture))))
         return float(np.mean(errors))
 
-    def largest_format(self, scene: Scene) -> ModelFormat:
-        """Of the formats that the scene's model may have, the one with the larger codebooks."""
-        wanted = self.recipe.sh_degree
-        highest = min(scene.sh_degree, self.config.sh_degree, 1 if wanted is None else wanted)
-        degrees = {highest, 0} if wanted is None else {highest}
-        formats = [model_format(self.config, degree) for degree in degrees]
-        return max(formats, key=lambda format: format.layout(0).end)
+    def count_at_ratio(self, original: int, ratio: float, scene: Scene) -> int:
+        """Gaussians of the scene's model at that ratio, in the largest format that it may have."""
+        highest = min(scene.sh_degree, self.config.sh_degree, self.recipe.highest)
+        if self.recipe.in_steps:
+            beats = LAYOUTS[layout_of(self.recipe.packing["quality"], highest)].beats
+            return count_for_ratio(original, ratio, step_format(self.config, highest), beats)
+        degrees = {highest, 0} if self.recipe.degree is None else {highest}
+        return min(count_for_ratio(original, ratio, model_format(self.config, d)) for d in degrees)
 
     def goes_without(self, scene: Scene) -> bool:
         """True if a scene of degree 1 loses its harmonics; what was decided once stands."""
@@ -241,8 +251,8 @@ class Compression:
         def found(work: Quantised) -> float:
             return self.error(work.rendered(work.tensors), targets)
 
-        flat = quantised(scene.with_sh_degree(0), weight, self.config, self.recipe.seed)
-        full = quantised(scene, weight, self.config, self.recipe.seed)
+        flat = in_codebooks(scene.with_sh_degree(0), weight, self.config, self.recipe.seed)
+        full = in_codebooks(scene, weight, self.config, self.recipe.seed)
         return found(flat) > WORTH * found(full)
 
     def within_drop(self, scene: Scene, drop: float) -> Iterator[Step]:

@@ -143,16 +143,20 @@ def sound(scene: Scene) -> Scene:
     return kept
 
 
-def count_for_ratio(original: int, ratio: float, format: ModelFormat) -> int:
-    """Gaussians of a packed model that is `ratio` times smaller than `original` bytes.
+def count_for_ratio(original: int, ratio: float, format: ModelFormat, beats: int = 0) -> int:
+    """Gaussians, with so many beats of harmonics each, of a packed model that is `ratio` times
+    smaller than `original` bytes.
 
     InputError if the codebooks alone are larger.
     """
+
+    def size(count: int) -> int:
+        return format.layout(count, beats * count).end
+
     room = original / ratio
-    counts = range(1, int(room) + 1)
-    count = bisect_right(counts, room, key=lambda count: format.layout(count).end)
+    count = bisect_right(range(1, int(room) + 1), room, key=size)
     if count < 1:
-        least = f"{ratio:g} leaves {room:.0f} bytes, and a packed model has {format.layout(1).end}"
+        least = f"{ratio:g} leaves {room:.0f} bytes, and a packed model has {size(1)}"
         raise InputError(f"--target-ratio: {least} at least")
     return count
 

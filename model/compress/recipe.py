@@ -2,11 +2,18 @@
 
 from dataclasses import dataclass
 
+from splatcore.model.pack.pack import QUALITIES
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
+from splatcore.spec.memory import COMPACT_DEGREE
+from splatcore.spec.scene import Scene
 
 ORDERS = ("distill-first", "prune-first")
 """Harmonics go before Gaussians, or after them as in the paper. Gaussians merged later are
 fine-tuned as the machine will show them; harmonics distilled later cost fewer steps."""
+
+STEPPED = QUALITIES[1:]
+"""Qualities of models in steps, the smaller first."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +31,8 @@ class Recipe:
     quantize_steps: int = 400  # under the packed model's numbers
     rate: float = 1.0  # learning rates, as a share of `trainable.REFINING`
     order: str = "distill-first"  # of ORDERS
-    sh_degree: int | None = None  # of the packed model; None: by what view dependence is worth
+    degree: int | None = None  # of the packed model; None: by what view dependence is worth
+    quality: str | None = None  # of models of degree 2 and 3; None: "balanced"
     target_ratio: float | None = None
     max_drop: float | None = None  # dB
     seed: int = 0
@@ -42,10 +50,38 @@ class Recipe:
             require(f"--{option.replace('_', '-')}", value >= 0, f"{value} is below 0")
         require("--order", self.order in ORDERS, f"{self.order} is not one of {', '.join(ORDERS)}")
         require("--rate", 0 < self.rate <= 10, f"{self.rate:g} is not in 0 … 10")
-        require("--sh-degree", self.sh_degree in (None, 0, 1), f"{self.sh_degree} is not 0 or 1")
+        require("--degree", self.degree in (None, 0, 1, 2, 3), f"{self.degree} is not in 0 … 3")
+        if self.quality is not None:
+            names = " and ".join(STEPPED)
+            require("--quality", self.quality in STEPPED, f"{self.quality} is none of {names}")
+            steps = "is of models of degree 2 and 3; name one by --degree"
+            require("--quality", self.in_steps, f"{self.quality} {steps}")
         if self.target_ratio is not None:
             require("--target-ratio", self.target_ratio > 1, f"{self.target_ratio:g} is not over 1")
         if self.max_drop is not None:
             require("--max-drop", self.max_drop > 0, f"{self.max_drop:g} dB is not over 0")
         both = self.target_ratio is not None and self.max_drop is not None
         require("--target-ratio, --max-drop", not both, "only one of them decides how much goes")
+
+    @property
+    def highest(self) -> int:
+        """The degree at which distillation ends, unless less is as good."""
+        return COMPACT_DEGREE if self.degree is None else self.degree
+
+    @property
+    def in_steps(self) -> bool:
+        """True if the model is in steps, False if it is compact."""
+        return self.highest > COMPACT_DEGREE
+
+    @property
+    def packing(self) -> dict:
+        """Degree and quality as `model.pack.pack.pack` takes them."""
+        quality = (self.quality or STEPPED[0]) if self.in_steps else QUALITIES[0]
+        return {"sh_degree": self.highest, "quality": quality}
+
+    def check(self, scene: Scene, config: Config):
+        """InputError if the model's degree is above that of the scene or of the machine."""
+        machine = f"preset {config.name}"
+        for owner, most in ((scene.name, scene.sh_degree), (machine, config.sh_degree)):
+            if self.degree is not None and self.degree > most:
+                raise InputError(f"{owner}: --degree {self.degree} is above its degree {most}")

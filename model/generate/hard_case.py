@@ -25,6 +25,7 @@ class HardCase:
     scene: Scene
     camera: Camera
     about: str  # what the corner is and why it is hard, one line
+    packing_db: float | None = None  # dB against the scene that packing keeps at least, if bounded
 
 
 HARD: dict[str, Callable[[int], HardCase]] = {}
@@ -37,13 +38,15 @@ def straight_camera(width: int = WIDTH, height: int = HEIGHT) -> Camera:
     return Camera(width, height, FOCAL, FOCAL, width / 2, height / 2, eye, origin, "straight")
 
 
-def hard_case(about: str, camera: Camera | None = None) -> Callable:
+def hard_case(
+    about: str, camera: Camera | None = None, packing_db: float | None = None
+) -> Callable:
     """Decorates a function of a generator that returns a scene: it becomes the case of its name."""
 
     def enter(build: Callable[[np.random.Generator], Scene]) -> Callable[[int], HardCase]:
         def case(seed: int = 0) -> HardCase:
             scene = build(np.random.default_rng(seed))
-            return HardCase(scene, camera or straight_camera(), about)
+            return HardCase(scene, camera or straight_camera(), about, packing_db)
 
         HARD[build.__name__] = case
         return case

@@ -1,4 +1,5 @@
-"""Hard cases of colour: harmonics of degree 3 where number formats and steps go wrong."""
+"""Hard cases of colour: harmonics of degree 3 where number formats and steps go wrong, each with a
+bound on what packing loses."""
 
 from dataclasses import replace
 
@@ -8,16 +9,18 @@ from splatcore.model.generate.hard_case import (
     DEPTH,
     FOCAL,
     WIDTH,
-    behind_pixel,
     hard_case,
     sh_of_colour,
     spread,
 )
 from splatcore.spec.camera import look_at
-from splatcore.spec.convention import SH_DEGREE_MAX
+from splatcore.spec.convention import NEAR_PLANE, SH_DEGREE_MAX
+from splatcore.spec.memory import CHUNK
 from splatcore.spec.scene import Scene, sh_count
 
 COUNT = 300
+DEPTHS = 0.75 * DEPTH, 1.5 * DEPTH
+FAR_DEPTHS = 1.75 * DEPTH, 1.9 * DEPTH  # of all beyond the first chunk: places order them last
 LARGEST, OUTLIER = 0.01, 10.0  # of the coefficients of a chunk; of one of them
 SWING = 1.25  # of the colour about ½ over the sphere: from −2 to 3, two deviations each way
 
@@ -33,41 +36,84 @@ def _harmonics(rng: np.random.Generator, deviation: float) -> np.ndarray:
     return sh
 
 
-@hard_case("harmonics that swing from −2 to 3 over the sphere: every degree counts", ASIDE)
+def _layers(rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
+    """Unremarkable Gaussians and the mask of those in the second chunk. No two are equally deep:
+    the order of storage, which packing changes, does not show."""
+    ends = (*DEPTHS, CHUNK), (*FAR_DEPTHS, COUNT - CHUNK)
+    depth = rng.permutation(np.concatenate([np.linspace(*end) for end in ends]))
+    return spread(rng, COUNT, depth), depth >= FAR_DEPTHS[0]
+
+
+@hard_case("harmonics that swing from −2 to 3 over the sphere: every degree counts", ASIDE, 37)
 def swinging_harmonics(rng: np.random.Generator) -> Scene:
-    return replace(spread(rng, COUNT), sh=_harmonics(rng, SWING))
+    return replace(_layers(rng)[0], sh=_harmonics(rng, SWING))
 
 
-@hard_case("colours that are clamped at 0 seen from half of all directions")
+@hard_case("colours that are clamped at 0 seen from half of all directions", packing_db=43)
 def clamped_harmonics(rng: np.random.Generator) -> Scene:
     sh = _harmonics(rng, 0.5)
     sh[:, :1] = sh_of_colour(np.zeros((COUNT, 3)))[:, :1]
-    return replace(spread(rng, COUNT), sh=sh)
+    return replace(_layers(rng)[0], sh=sh)
 
 
-@hard_case("directions at a pole and in the planes of the axes: polynomials at 0 and at their ends")
+@hard_case(
+    "directions at a pole and in the planes of the axes: polynomials at 0 and at their ends",
+    packing_db=50,
+)
 def at_the_poles(rng: np.random.Generator) -> Scene:
-    scene = spread(rng, COUNT)
-    place = behind_pixel(rng.uniform(0, 63, COUNT), rng.uniform(0, 47, COUNT), DEPTH)
+    scene, _ = _layers(rng)
+    place = scene.position.copy()
     place[:200, 0] = 0.0
     place[100:, 1] = 0.0
     return replace(scene, position=place, sh=_harmonics(rng, 0.3))
 
 
-@hard_case("one coefficient a thousand times all others of its chunk: the step is that one's")
+@hard_case(
+    "Gaussians at the camera's own place, which have no direction, and close ahead of it",
+    packing_db=44,
+)
+def at_the_camera(rng: np.random.Generator) -> Scene:
+    depth = rng.permutation(np.linspace(*DEPTHS, COUNT))
+    depth[:60] = 0.0
+    depth[60:160] = NEAR_PLANE * rng.permutation(np.linspace(1.02, 2.0, 100))
+    scene = spread(rng, COUNT, depth)
+    scene.position[30:60] = rng.normal(0, 1e-6, (30, 3))
+    scene.scale[:60] = 0.1
+    return replace(scene, sh=_harmonics(rng, 0.3))
+
+
+@hard_case(
+    "one coefficient a thousand times all others of its chunk: the step is that one's",
+    packing_db=53,
+)
 def outlying_coefficient(rng: np.random.Generator) -> Scene:
     sh = _harmonics(rng, 1.0)
     sh *= LARGEST / np.abs(sh).max()
     sh[:, :1] = sh_of_colour(rng.uniform(0.1, 0.9, (COUNT, 3)))[:, :1]
     sh[rng.integers(COUNT), 8 + rng.integers(1, 8), rng.integers(3)] = OUTLIER
-    return replace(spread(rng, COUNT), sh=sh)
+    return replace(_layers(rng)[0], sh=sh)
 
 
-@hard_case("degrees 0 to 3 in one chunk, and a chunk whose bands of degree 3 are all zero")
+@hard_case(
+    "degrees 0 to 3 in one chunk, and a chunk whose bands of degree 3 are all zero", packing_db=48
+)
 def mixed_degrees(rng: np.random.Generator) -> Scene:
-    scene = replace(spread(rng, COUNT), sh=_harmonics(rng, 0.3))
+    scene, second = _layers(rng)
+    sh = _harmonics(rng, 0.3)
     degree = rng.integers(0, SH_DEGREE_MAX + 1, COUNT)
-    degree[(scene.position[:, :2] > 0).all(1)] %= SH_DEGREE_MAX  # chunks follow places
+    degree[second] %= SH_DEGREE_MAX
     for d in range(SH_DEGREE_MAX):
-        scene.sh[degree == d, sh_count(d) :] = 0
-    return scene
+        sh[degree == d, sh_count(d) :] = 0
+    return replace(scene, sh=sh)
+
+
+@hard_case(
+    "a chunk that has degree 3 alone, and one whose bands are all zero: steps of nothing",
+    packing_db=50,
+)
+def zero_bands(rng: np.random.Generator) -> Scene:
+    scene, second = _layers(rng)
+    sh = _harmonics(rng, 0.3)
+    sh[:, 1 : sh_count(2)] = 0
+    sh[second, 1:] = 0
+    return replace(scene, sh=sh)

@@ -55,6 +55,8 @@ class PackReport:
     opacity_error: float  # largest
     colour_rms: float
     sh_rms: list[float]  # of degrees 1, 2 …, of the factors of their polynomials
+    colour_error: float  # largest
+    sh_error: list[float]  # largest, likewise
 
     def as_dict(self) -> dict:
         return asdict(self)
@@ -123,9 +125,14 @@ def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
         largest = np.abs(factor).max((1, 2), initial=0)
         has = np.maximum.reduceat(largest, starts) > 0 if len(starts) else degree > 0
         degree = np.where(has, d, degree)
+    return layout_of(quality, degree)
+
+
+def layout_of(quality: str | np.ndarray, degree: int | np.ndarray) -> np.ndarray:
+    """The layout in `spec.colour.LAYOUTS` of chunks with harmonics up to `degree`."""
     asked = {"balanced": COARSE, "faithful": FINE}[quality] if isinstance(quality, str) else quality
     second = np.minimum(asked, SECOND)  # those of degree 3 hold nothing more of degrees 1 and 2
-    return np.where(degree > 2, asked, np.where(degree > 0, second, 0))
+    return np.where(np.greater(degree, 2), asked, np.where(np.greater(degree, 0), second, 0))
 
 
 def report(kept: Scene, lower: np.ndarray, model: PackedModel, gone: tuple[int, int]) -> PackReport:
@@ -148,6 +155,8 @@ def report(kept: Scene, lower: np.ndarray, model: PackedModel, gone: tuple[int, 
         opacity_error=_largest(packed.opacity - kept.opacity),
         colour_rms=_rms(errors[0]),
         sh_rms=[_rms(error) for error in errors[1:]],
+        colour_error=_largest(errors[0]),
+        sh_error=[_largest(error) for error in errors[1:]],
     )
 
 

@@ -61,7 +61,8 @@ def quantise_steps(factors: list[np.ndarray], harmonics: np.ndarray) -> Steps:
 
 def exponent_for(factors: np.ndarray, code: Fixed) -> int:
     """The least E with which the largest factor has a code, as far as there is one."""
-    _, exponent = np.frexp(np.abs(factors).max(initial=0) / code.max)
+    least = np.ldexp(1.0, EXPONENT_MIN - 1)
+    _, exponent = np.frexp(np.abs(factors).max(initial=least) / code.max)
     return int(np.clip(exponent, EXPONENT_MIN, EXPONENT_MAX))
 
 

@@ -37,7 +37,7 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
     places = range(len(machines))
     scenes = hard = 0
     for name, facts in results.items():
-        values = [facts["machines"][config.name]["psnr_db"] for config in machines]
+        values = [facts["machines"][config.name]["psnr_db_machine"] for config in machines]
         values = [float("nan") if value is None else value for value in values]
         if facts["hard"]:
             style = {"linewidth": 0.8, "marker": ".", "zorder": 1}
@@ -51,7 +51,7 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
         axes.plot(places, values, color=colour, label=name, **style)
     axes.set_xticks(places, list(map(heading, machines)))
     axes.set_xlabel("machine: exponent/fraction bits of stages 0 and 1")
-    axes.set_ylabel("PSNR of the picture, dB")
+    axes.set_ylabel("PSNR of the picture, machine, dB")
     axes.set_title("Pictures" + ("; hard cases thin" if hard and scenes else ""))
     axes.grid(alpha=0.3)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)

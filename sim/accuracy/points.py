@@ -185,6 +185,18 @@ def sizes(error: np.ndarray) -> dict[str, float | None]:
     return {"rms": float(np.sqrt(np.mean(error**2))), "max": float(np.abs(error).max())}
 
 
+def drawn_splats(
+    fields: Fields, points: Points, model: PackedModel
+) -> tuple[Splats, np.ndarray, np.ndarray]:
+    """The splats that can be drawn, in order of their depths; which of all are finite [M], and
+    which have a positive definite conic [M]."""
+    finite = np.all([np.isfinite(values) for values in fields.values()], axis=0)
+    positive = (points.projected["across"] > 0) & (points.projected["along"] > 0)
+    drawn = np.flatnonzero(finite & positive)
+    left, index = {name: values[drawn] for name, values in fields.items()}, points.index[drawn]
+    return splats_of(left, model.opacity[index], index), finite, positive
+
+
 def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     """A machine's errors by field, its picture's, and how many Gaussians went where.
 
@@ -194,8 +206,7 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     model, camera = exact.model, exact.camera
     points = project_points(config, model, camera)
     fields, index = fields_of(config, model, points), points.index
-    finite = np.all([np.isfinite(values) for values in fields.values()], axis=0)
-    positive = (points.projected["across"] > 0) & (points.projected["along"] > 0)
+    splats, finite, positive = drawn_splats(fields, points, model)
 
     true, depth = exact.depth[points.points], points.culled["z"]
     front = (true > NEAR_PLANE) & np.isfinite(depth)  # of what stage 0 reads
@@ -205,17 +216,13 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     both = {name: values[a] for name, values in fields.items()}
     errors = stage_0 | field_errors(both, fields_of_splats(exact.splats[b]))
 
-    drawn = np.flatnonzero(finite & positive)
-    opacity = model.opacity[index[drawn]]
-    left = {name: values[drawn] for name, values in fields.items()}
-    splats = splats_of(left, opacity, index[drawn])
     seen = splats.index[areas(pixel_boxes(splats, camera)) > 0]
     image = picture(splats, camera)
     return {
         "fields": {name: sizes(error) for name, error in errors.items()},
-        "psnr_db": psnr(image, exact.image),
+        "psnr_db_machine": psnr(image, exact.image),
         "psnr_db_default_model": psnr(image, whole.image),
-        "max_error": float(np.abs(image - exact.image).max()),
+        "max_error_machine": float(np.abs(image - exact.image).max()),
         "projected": len(index),
         "visible": len(exact.splats),
         "lost": len(np.setdiff1d(exact.splats.index, index)),

@@ -11,7 +11,7 @@ from rich.table import Table
 from splatcore.golden.exact import features_of
 from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import Splats
-from splatcore.sim.accuracy.raster import EXACT, exact_view
+from splatcore.sim.accuracy.raster import EXACT, EXACT_TITLE, exact_view
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
@@ -85,7 +85,7 @@ def reordered(keys: Keys, splats: Splats, entries: Entries) -> tuple[Entries, fl
 
 
 def sort_errors(views: dict[str, View]) -> dict:
-    """Way → {"scenes": {scene → {psnr_db, max_error, changed_places}}}."""
+    """Way → {"scenes": {scene → {psnr_db_float64, max_error_float64, changed_places}}}."""
     found = {name: {"scenes": {}} for name in WAYS}
     config, total = replace(DEFAULT, arithmetic=EXACT), len(views) * len(WAYS)
     with progress_bar("ordering", total) as advance:
@@ -97,8 +97,8 @@ def sort_errors(views: dict[str, View]) -> dict:
                 there, share = reordered(keys, splats, entries)
                 pixels = rasterize(config, features, there, image.shape[1::-1]).pixels / 255
                 found[name]["scenes"][title] = {
-                    "psnr_db": psnr(pixels, image),
-                    "max_error": float(np.abs(pixels - image).max()),
+                    "psnr_db_float64": psnr(pixels, image),
+                    "max_error_float64": float(np.abs(pixels - image).max()),
                     "changed_places": share,
                 }
     return found
@@ -107,11 +107,11 @@ def sort_errors(views: dict[str, View]) -> dict:
 def sort_table(found: dict) -> Table:
     """PSNR of the 8-bit pictures, largest error in steps of 1/255, neighbours that changed."""
     scenes = found[EXACT_ORDER]["scenes"]
-    table = new_table("keys", [f"{scene}\ndB, max, changed" for scene in scenes])
+    table = new_table("keys", [f"{scene}\ndB, max, changed" for scene in scenes], EXACT_TITLE)
     for name, facts in found.items():
         cells = [
-            f"{shown(result['psnr_db'], '.2f', none='exact')}, {result['max_error'] * 255:.1f}, "
-            f"{result['changed_places']:.2%}"
+            f"{shown(result['psnr_db_float64'], '.2f', none='exact')}, "
+            f"{result['max_error_float64'] * 255:.1f}, {result['changed_places']:.2%}"
             for result in facts["scenes"].values()
         ]
         table.add_row(name, *cells)
@@ -127,7 +127,7 @@ def write_sort_plot(path: str | Path, found: dict):
     for number, scene in enumerate(exact):
         results = [found[name]["scenes"][scene] for name in names]
         lost = [
-            (exact[scene]["psnr_db"] or np.nan) - (result["psnr_db"] or np.nan)
+            (exact[scene]["psnr_db_float64"] or np.nan) - (result["psnr_db_float64"] or np.nan)
             for result in results
         ]
         shares = [result["changed_places"] or np.nan for result in results]  # none: no point

@@ -12,19 +12,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from splatcore.golden.pipeline import Frame, render
-from splatcore.golden.reference import render as render_reference
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.bench.campaign import Task, collected
-from splatcore.sim.common.metric import Difference, difference
+from splatcore.sim.common.metric import against, difference
 from splatcore.sim.common.picture import write_figure, write_png
 from splatcore.sim.common.plot import COLOURS, MARKERS
 from splatcore.sim.common.source import View
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
-from splatcore.sim.packing.choose import Packed, choose, smallest
+from splatcore.sim.packing.choose import Packed, Views, choose, smallest
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER
+from splatcore.spec.scene import Scene
 
 TARGETS = "36,40,44,48,52"
 """dB that the smallest models are found for."""
@@ -56,44 +56,39 @@ def measure(config: Config, view: View, targets: list[float], folder: Path) -> d
     source, camera = view.open()
     if source.scene is None:
         raise InputError(f"{view.scene}: is a packed model already, not a scene")
-    exact = render_reference(source.scene.gaussians(), camera).pixels
+    seen = Views.of(source.scene, [camera])
     stem = f"{Path(view.scene).name.split('.')[0]}{f'-{view.camera}' if view.camera else ''}"
-    write_png(folder / f"{stem}-scene.png", exact)
+    write_png(folder / f"{stem}-scene.png", seen.pictures[0])
     rows = []
-    for asked, packed in models(config, source.scene, camera, targets):
+    for asked, packed in models(config, source.scene, seen, targets):
         model = packed.model
         frame = render(config, model, camera)
-        shown = render_reference(model.gaussians(), camera).pixels
         if asked in QUALITIES:
             write_png(folder / f"{stem}-{asked}.png", frame.pixels)
         found = {
-            "scene": difference(frame.pixels, exact),
-            "machine": difference(frame.pixels, shown),
-            "packing": difference(shown, exact),
+            "scene": difference(frame.pixels, packed.exact),
+            "machine": difference(frame.pixels, packed.drawn),
+            "packing": difference(packed.drawn, packed.exact),
         }
         rows.append({
             "scene": Path(view.scene).name, "camera": view.camera or camera.name,
             "asked": asked, "gaussians": len(model), "sh_degree": model.format.sh_degree,
             "bytes": len(model.image), "bytes_per_gaussian": model.bytes_per_gaussian,
-            "bytes_by_part": bytes_by_part(model), **errors(found),
-            "psnr_db_by_part": psnr_by_part(source.scene, model, [camera]),
+            "bytes_by_part": bytes_by_part(model), **against(found),
+            "psnr_db_packing_by_part": psnr_by_part(source.scene, model, seen),
             "cycles": frame_cycles(config, frame).by_name, "model_bytes": read_bytes(frame, packed),
         })  # fmt: skip
     return {"rows": rows}
 
 
-def models(config: Config, scene, camera, targets: list[float]) -> Iterator[tuple[str, Packed]]:
+def models(
+    config: Config, scene: Scene, seen: Views, targets: list[float]
+) -> Iterator[tuple[str, Packed]]:
     """What was asked for, and the model that it gives."""
     for name in QUALITIES:
-        yield name, choose(scene, config, [camera], name)
+        yield name, choose(scene, config, seen, name)
     for target in targets:
-        yield f"{target:g} dB", smallest(scene, config, [camera], target)
-
-
-def errors(found: dict[str, Difference]) -> dict:
-    """PSNR and largest error against each truth."""
-    decibels = {f"psnr_db_{name}": error.psnr_db for name, error in found.items()}
-    return decibels | {f"max_error_{name}": error.max_error for name, error in found.items()}
+        yield f"{target:g} dB", smallest(scene, config, seen, target)
 
 
 def read_bytes(frame: Frame, packed: Packed) -> int:

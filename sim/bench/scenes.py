@@ -1,7 +1,8 @@
 """`splatcore bench scenes`: frames of many scenes through the simulated machine, cycles and error.
 
 Of each view two frames are rendered, so that both halves are at work at once. What came of it is a
-file of its own, which stands until the machine's Verilog, the view or the memory is another.
+file of its own, which stands until the machine's Verilog, what packs the scene, the view or the
+memory is another.
 """
 
 import time
@@ -16,13 +17,14 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
-from splatcore.sim.common.metric import difference
+from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write, write_json
 from splatcore.sim.common.source import View, scene_files
+from splatcore.sim.common.sources import code_key
 from splatcore.sim.common.table import comma_separated, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
-from splatcore.sim.machine.engines import cycles, golden, reference
+from splatcore.sim.machine.engines import cycles, golden, truths
 from splatcore.sim.machine.machine import Job, Machine, Run, machine_source
 from splatcore.sim.machine.path import build, check_fits, simulate
 from splatcore.sim.machine.script import Timing
@@ -44,13 +46,12 @@ CYCLES = ("preprocessing", "rendering", "frame")
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """A view's model and pictures: the golden model's frame, and the reference's of the model."""
+    """A view's model and pictures: the golden model's frame, and the reference's of `truths`."""
 
     model: PackedModel
     camera: Camera
     golden: pipeline.Frame
-    exact: np.ndarray
-    whole: np.ndarray  # of the scene as it is
+    truths: dict[str, np.ndarray]
 
 
 def views(
@@ -91,7 +92,9 @@ class Simulator:
 
     def row(self, view: View, timing: Timing, path: Path) -> dict:
         """A view's result, simulated unless the file has it already and it was a success."""
-        key = digest([self.source, repr(self.config), view.name, view.size, timing, FRAMES])
+        packs = code_key(packed_model)
+        about = [self.source, packs, repr(self.config), view.name, view.size, timing, FRAMES]
+        key = digest(about)
         row = with_key(path, key)
         if row is None or not row["identical"]:
             expected = expect(self.config, view)
@@ -109,8 +112,7 @@ def expect(config: Config, view: View) -> Expected:
         check_fits(config, camera)
         model = packed_model(source, config, camera, view.quality)
     frame = golden(config, Job(model, camera))
-    exact, whole = (reference(g, camera).pixels for g in (model.gaussians(), source.gaussians))
-    return Expected(model, camera, frame, exact, whole)
+    return Expected(model, camera, frame, truths(source, model, camera))
 
 
 def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
@@ -133,12 +135,10 @@ def measure(machine: Machine, view: View, expected: Expected, timing: Timing) ->
 def judge(config: Config, run: Run, expected: Expected) -> dict:
     """Cycles, error and traffic of a run that came to its end."""
     wrong = [diagnose(config, run, k, expected.golden) for k in range(len(run.frames))]
-    metrics = difference(run.frames[-1].pixels, expected.exact)
     return {
         "identical": not any(wrong),
         "difference": str(next((text for text in wrong if text), "")),
-        "psnr_db_scene": difference(run.frames[-1].pixels, expected.whole).psnr_db,
-        "psnr_db": metrics.psnr_db, "ssim": metrics.ssim, "max_error": metrics.max_error,
+        **against(differences(run.frames[-1].pixels, expected.truths)),
         "cycles": cycles(run) | {"rendering_alone": run.rendering_cycles[-1]},
         "model_cycles": frame_cycles(config, expected.golden).by_name,
         "traffic_bytes": run.frames[-1].traffic, "counters": run.frames[-1].counters,
@@ -153,9 +153,9 @@ def line(row: dict) -> str:
         return text + row["ended"]
     found = row["cycles"]
     same = "identical" if row["identical"] else f"NOT identical: {row['difference']}"
-    psnr = "exact" if row["psnr_db"] is None else f"{row['psnr_db']:.2f} dB"
     return text + (
-        f"{found['frame']:,} cycles, {found['fps_at_800mhz']:.1f} FPS, {same}, {psnr}, "
+        f"{found['frame']:,} cycles, {found['fps_at_800mhz']:.1f} FPS, {same}, "
+        f"dB: machine {decibels(row, 'machine')}, scene {decibels(row, 'scene')}, "
         f"{row['seconds']:.0f} s"
     )
 
@@ -167,7 +167,8 @@ def cells(row: dict) -> Iterator[tuple[str, object]]:
     yield "identical", "yes" if row["identical"] else "no"
     if "cycles" not in row:
         return
-    yield from ((name, row[name]) for name in ("psnr_db_scene", "psnr_db", "ssim", "max_error"))
+    metrics = ("psnr_db_", "ssim_", "max_error_")
+    yield from ((name, value) for name, value in row.items() if name.startswith(metrics))
     yield from row["cycles"].items()
     yield from ((f"model_{name}", value) for name, value in row["model_cycles"].items())
     yield from ((f"mb_{cause}", n / MEGABYTE) for cause, n in row["traffic_bytes"].items())
@@ -185,17 +186,17 @@ def markdown(rows: list[dict]) -> str:
         {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
         | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
         | {"identical": "yes" if row["identical"] else "no"}
-        | {"dB, scene": shown(row["psnr_db_scene"], ".2f", none="exact")}
-        | {"dB, machine": shown(row["psnr_db"], ".2f", none="exact")}
-        | {"SSIM": shown(row["ssim"], ".5f")}
-        | {"max error": f"{row['max_error']:.4f}"}
+        | {"dB, scene": decibels(row, "scene"), "dB, machine": decibels(row, "machine")}
+        | {"SSIM, machine": shown(row["ssim_machine"], ".5f")}
+        | {"max error, machine": f"{row['max_error_machine']:.4f}"}
         | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
         for row in done
     ]  # fmt: skip
     model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
     traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
     tables = {
-        "Thousands of cycles of a frame in RTL, and its picture against the reference's:": frames,
+        "Thousands of cycles of a frame in RTL, and its picture against the reference's of the "
+        "scene as it is (scene) and of the same packed model (machine):": frames,
         "The cycle model's thousands of cycles:": model,
         "Megabytes by cause:": traffic,
     }

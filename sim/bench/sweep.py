@@ -1,7 +1,8 @@
 """Cycles and errors of many machines on one view: the tasks of campaigns.
 
 A machine's picture is the golden model's, measured against the float64 reference on the same packed
-model; its cycles are the cycle model's. Machines that differ in speed alone share a picture.
+model and on the scene as it is; its cycles are the cycle model's. Machines that differ in speed
+alone share a picture.
 """
 
 from dataclasses import replace
@@ -12,10 +13,10 @@ import numpy as np
 
 from splatcore.golden.pipeline import render
 from splatcore.sim.bench.campaign import Task
-from splatcore.sim.common.metric import LEVELS, channel_error, psnr
+from splatcore.sim.common.metric import against, differences
 from splatcore.sim.common.source import Source, View, open_source
 from splatcore.sim.cycles.frame import frame_cycles
-from splatcore.sim.machine.engines import reference
+from splatcore.sim.machine.engines import truths
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
 from splatcore.spec.packed import PackedModel
@@ -53,10 +54,7 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
     camera = view.camera_of(source)
     model = packed_model(source, first, camera)
     frame = render(first, model, camera)
-    truth = exact(view, model)
-    facts = {
-        "psnr_db": psnr(frame.pixels / LEVELS, truth / LEVELS),
-        "max_error": float(channel_error(frame.pixels, truth).max() / LEVELS),
+    facts = against(differences(frame.pixels, exact(view, model))) | {
         "counts": frame.counts | {"front": len(frame.points.front)},
     }
     about, rows = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}, []
@@ -74,6 +72,7 @@ def opened(scene: str) -> Source:
 
 
 @lru_cache(maxsize=8)
-def exact(view: View, model: PackedModel) -> np.ndarray:
-    """The reference's 8-bit picture of a model."""
-    return reference(model.gaussians(), view.camera_of(opened(view.scene))).pixels
+def exact(view: View, model: PackedModel) -> dict[str, np.ndarray]:
+    """The reference's 8-bit pictures of a model and of its scene."""
+    source = opened(view.scene)
+    return truths(source, model, view.camera_of(source))

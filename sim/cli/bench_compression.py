@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
-from splatcore.sim.cli.compress import RateOption
+from splatcore.sim.cli.compress import DegreeOption, QualityOption, RateOption
 from splatcore.sim.cli.options import PresetOption, argument, option
 from splatcore.sim.common.output import console, make_folder
 from splatcore.sim.common.source import check_known, parse_size
@@ -59,6 +59,8 @@ def compression_command(
     scale: ScaleOption = DEFAULTS.scale,
     rate: RateOption = DEFAULTS.rate,
     order: OrderOption = DEFAULTS.order,
+    degree: DegreeOption = DEFAULTS.degree,
+    quality: QualityOption = DEFAULTS.quality,
     seed: SeedOption = DEFAULTS.seed,
     preset: PresetOption = "DEFAULT",
 ):
@@ -78,7 +80,7 @@ def compression_command(
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
         at_least("--views", views), parse_size(view_size), parse_size(size), scale, seed, rate,
-        order,
+        order, degree, quality,
     )  # fmt: skip
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")

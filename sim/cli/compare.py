@@ -1,5 +1,6 @@
 """The command `compare`: errors of images, or of engines' images, against the first."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ from rich.table import Table
 
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
-from splatcore.sim.common.metric import Result, difference
+from splatcore.sim.common.metric import Compared, difference
 from splatcore.sim.common.output import check_writable, console, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
 from splatcore.sim.common.source import (
@@ -41,7 +42,7 @@ def compare_command(
     """PSNR, SSIM and maximum error of images against the first one, and an error map.
 
     Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
-    or rtl the reference renders the same packed model.
+    or rtl the reference renders the same packed model (dB of the machine).
     """
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
@@ -49,8 +50,11 @@ def compare_command(
     config = find_preset(preset)
     packed = bool({"golden", "rtl"} & set(images))
     pictures = [picture(text, scene, camera, size, config, packed) for text in images]
+    first = images[0]
+    if first == "reference" and packed:
+        first += " on the packed model"
     results = []
-    table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {images[0]}")
+    table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {first}")
     for text, pixels in zip(images[1:], pictures[1:], strict=True):
         metrics = difference(pixels, pictures[0], text)
         table.add_row(
@@ -60,12 +64,12 @@ def compare_command(
             f"{metrics.max_error:.4f} ({round(metrics.max_error * 255)} of 255)",
         )
         shape = (pixels.shape[1], pixels.shape[0])
-        result = Result(text, config.name, scene, camera, shape).with_difference(metrics)
-        results.append(result)
+        about = text, config.name, scene, camera, shape, first
+        results.append(Compared(*about, **asdict(metrics), identical=metrics.identical))
     console.print(table)
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
-        title = f"{images[1]} against {images[0]}: {psnr}"
+        title = f"{images[1]} against {first}: {psnr}"
         write_error_map(output, pictures[1], pictures[0], title)
     write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
 

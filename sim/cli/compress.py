@@ -9,7 +9,7 @@ from rich.table import Table
 from splatcore.golden.reference import render
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
-from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.recipe import STEPPED, Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
@@ -52,7 +52,15 @@ QuantizeOption = option(int, None, "Steps under the packed model's numbers.", mi
 RateOption = option(float, "S", "Learning rates, as a share of those that suit most scenes.")
 OrderOption = option(str, "ORDER", "distill-first: harmonics go first; or prune-first.")
 DegreeOption = option(
-    int | None, None, "Of the model. Default: 0 where 1 is not worth its bytes.", min=0, max=1
+    int | None,
+    None,
+    "Of the model's harmonics; from 2 on it is packed in steps. Default: 1, or 0 where 1 is not "
+    "worth its bytes.",
+    min=0,
+    max=3,
+)
+QualityOption = option(
+    str | None, None, f"Of a model of degree 2 or 3: {' or '.join(STEPPED)}. Default: {STEPPED[0]}."
 )
 SeedOption = option(int, None, "Same seed, same result on one machine.", min=0)
 WorkOption = option(
@@ -87,7 +95,8 @@ def train_command(
     found = _decibels(scene.gaussians(), aside)
     facts = {
         "scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree, "steps": steps,
-        "photographs": len(learn), "held_out": len(aside), "psnr_db": found,
+        "photographs": len(learn), "held_out": len(aside), "against": "photographs",
+        "psnr_db": found,
     }  # fmt: skip
     shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
     console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
@@ -108,7 +117,8 @@ def compress_command(
     quantize_steps: QuantizeOption = Recipe.quantize_steps,
     rate: RateOption = Recipe.rate,
     order: OrderOption = Recipe.order,
-    sh_degree: DegreeOption = None,
+    degree: DegreeOption = None,
+    quality: QualityOption = None,
     views: ViewsOption = 96,
     size: SizeOption = "1920x1080",
     scale: ScaleOption = 1.0,
@@ -130,30 +140,37 @@ def compress_command(
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
     recipe = Recipe(
-        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, sh_degree,
-        target_ratio, max_drop, seed,
+        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, degree,
+        quality, target_ratio, max_drop, seed,
     )  # fmt: skip
     config, pixels = find_preset(preset), parse_size(size)
-    with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
-    if source.scene is None:
-        raise InputError(f"{scene}: is a packed model already, not a scene")
+    original = _opened(scene)
+    recipe.check(original, config)
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
     if not images:
         path = read_cameras(cameras) if cameras else ()
-        learn = run.teacher(source.scene, views, pixels, seed, scene, path)
-        learn += run.pictures_at(source.scene, path, pixels, scene) if path else ()
-    arrays = [getattr(source.scene, name) for name in ARRAYS]
+        learn = run.teacher(original, views, pixels, seed, scene, path)
+        learn += run.pictures_at(original, path, pixels, scene) if path else ()
+    arrays = [getattr(original, name) for name in ARRAYS]
     key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
-    model = run.compressed(source.scene, learn, recipe, checkpoints, config, scene)
+    model = run.compressed(original, learn, recipe, checkpoints, config, scene)
     files.write(output, model.image.tobytes())
-    facts = {"scene": scene, "model": str(output)} | facts_of(source.scene, model, checkpoints)
+    facts = {"scene": scene, "model": str(output)} | facts_of(original, model, checkpoints)
     console.print(table_of(checkpoints, facts["original_bytes"]))
-    facts |= _loss(source.scene, model.gaussians(), aside, pixels, seed)
+    facts |= _loss(original, model.gaussians(), aside, pixels, seed)
     says = f"{facts['ratio']:.1f} times smaller; {facts.pop('says')}"
     console.print(f"{output}: {says}", soft_wrap=True)
     write_json(json, facts)
+
+
+def _opened(path: str) -> Scene:
+    """The scene of a file; InputError for a packed model."""
+    with progress_bar(f"reading {path}"):
+        source = open_source(path)
+    if source.scene is None:
+        raise InputError(f"{path}: is a packed model already, not a scene")
+    return source.scene
 
 
 def parse_schedule(text: str) -> tuple[float, ...]:
@@ -201,13 +218,14 @@ def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: i
     if aside:
         before, after = (_decibels(each, aside) for each in (original, packed))
         says = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
-        return {"psnr_db": after, "psnr_db_before": before, "says": says}
+        found = {"against": "photographs", "psnr_db": after, "psnr_db_before": before}
+        return found | {"says": says}
     views = surrounding_views(original, LOOKED_AT, *size, seed + 1)
     own = [Target(view, render(original, view).pixels, view.name) for view in views]
     after = _decibels(packed, own)
     says = "no difference" if after is None else f"{after:.2f} dB against the scene"
     says += f" on {len(views)} other views"
-    return {"psnr_db": after, "psnr_db_before": None, "says": says}
+    return {"against": "original", "psnr_db": after, "psnr_db_before": None, "says": says}
 
 
 def table_of(checkpoints: Checkpoints, original: int) -> Table:

@@ -3,19 +3,19 @@
 from pathlib import Path
 
 from splatcore.golden.pipeline import render
-from splatcore.golden.reference import render as render_reference
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
-from splatcore.sim.common.metric import psnr
+from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.source import View, check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.machine.engines import truths
 from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.preset import find_preset
 
-LABELS = {"fps": "frames a second", "psnr_db": "dB, machine"}  # of rows that are not cycles
+TRUTHS = ("machine", "scene")
 
 SceneArgument = options.argument(list[str], "SCENE|MODEL …", "What to render.")
 
@@ -29,7 +29,8 @@ def cycles_command(
     quality: options.QualityOption = None,
     json: options.JsonOption = None,
 ):
-    """Cycles of a frame by stage, from the golden model's counts, and the error of its picture.
+    """Cycles of a frame by stage, from the golden model's counts, and the error of its picture,
+    against the reference on the same packed model (machine) and on the scene as it is (scene).
 
     The cycle model agrees with the RTL within 3 % for each stage by itself; its halves have
     LPDDR4's latency in them, its bandwidth is left out.
@@ -45,20 +46,17 @@ def cycles_command(
             model = packed_model(source, config, view, quality)
         with progress_bar(f"rendering {text}"):
             frame = render(config, model, view)
-            reference = render_reference(model.gaussians(), view).image
+            metrics = against(differences(frame.pixels, truths(source, model, view)))
         found = frame_cycles(config, frame)
-        facts[text] = found.by_name | {
-            "fps": round(CLOCK_HZ / found.frame, 1),
-            "psnr_db": psnr(frame.pixels / 255, reference.clip(0, 1)),
-        }  # fmt: skip
+        facts[text] = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)} | metrics
         if source.packed:
             console.print(f"{text}: {packing_line(source)}", soft_wrap=True)
             facts[text]["packing"] = packing(source)
     table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
-    for name in (name for name in next(iter(facts.values())) if name != "packing"):
-        values = [row[name] for row in facts.values()]
-        form = (".1f",) if name in LABELS else (",.0f", 1000)
-        cells = (shown(value, *form, none="exact") for value in values)
-        table.add_row(LABELS.get(name, name), *cells)
+    for name in found.by_name:
+        table.add_row(name, *(shown(row[name], ",.0f", 1000) for row in facts.values()))
+    table.add_row("frames a second", *(f"{row['fps']:.1f}" for row in facts.values()))
+    for name in TRUTHS:
+        table.add_row(f"dB, {name}", *(decibels(row, name) for row in facts.values()))
     print_whole(table)
     write_json(json, {"preset": config.name, "scenes": facts})

@@ -1,18 +1,21 @@
 """The command `error` and its tables."""
 
 import time
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 
 from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
+from splatcore.model.pack.pack import QUALITIES
+from splatcore.sim.accuracy.budget import budget_line, budget_table, budgets, write_budget_plot
 from splatcore.sim.accuracy.plot import write_error_plot
 from splatcore.sim.accuracy.points import MACHINES, heading, width_of, with_width
 from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
 from splatcore.sim.accuracy.run import everything, measured, named
 from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
-from splatcore.sim.cli.options import JsonOption, app, argument, option
+from splatcore.sim.cli.options import JsonOption, QualityOption, app, argument, option
 from splatcore.sim.common.output import check_writable, console, messages, write_json
 from splatcore.sim.common.source import View, check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
@@ -23,7 +26,9 @@ from splatcore.spec.preset import find_preset
 Scenes = argument(
     list[str] | None, "SCENE|MODEL", "Default: all scenes of --scenes and the hard cases."
 )
-StageOption = option(str, None, "Which stage's errors: project, sort, raster.")
+StageOption = option(
+    str, None, "Which stage's errors: project, sort, raster; or all: the budget of a picture."
+)
 ScenesOption = option(
     str | None, "DIR", "Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes."
 )
@@ -74,6 +79,14 @@ SWEEPS = {
 }
 """Stages of `--stage` beside project: functions that measure views, make a table, write a plot."""
 
+EVERYTHING = "all"
+"""The stage of `--stage` that is the budget of all errors."""
+
+BUDGET = (
+    "Pictures are not rounded to 8 bits but where that is the part: those of packing against the\n"
+    "scene as it is, those of the machine against the packed model; share: of everything's square"
+)
+
 
 @app.command("error")
 def error_command(
@@ -84,6 +97,7 @@ def error_command(
     machine: MachineOption = None,
     camera: ViewOption = None,
     size: SizeOption = None,
+    quality: QualityOption = None,
     output: OutputOption = None,
     json: JsonOption = None,
 ):
@@ -99,31 +113,65 @@ def error_command(
     "and packing" in the table, what its packing and its numbers lose together.
 
     With --stage sort: order by depth keys of fewer bits, on exact inputs: PSNR and largest error of
-    the pictures, and how many entries changed places.
+    the pictures against float64, and how many entries changed places.
 
     With --stage raster: the formats of stage 3, one changed at a time, on exact inputs: PSNR and
-    largest error of the pictures against the gates of a lane from synthesis.
+    largest error of the pictures against float64, over the gates of a lane from synthesis.
+
+    With --stage all: where the error of the 8-bit picture against the scene as it is comes from, by
+    part: positions, shape, opacity and colours as they are packed, arithmetic of stages 0 and 1,
+    order by depth keys, stage 3, 8 bits; each alone, their sum, and all together. Of one machine.
 
     Exponents of 5 bits or less come with FP16's infinities. Splats with a field that is not finite
     are counted, not drawn, and left out of the fields' errors.
     """
     check_writable(output, json)
-    check_known("--stage", ("project", *SWEEPS), stage)
-    if stage in SWEEPS and (width or machine):
-        raise InputError(f"--stage {stage}: has formats of its own, without --width, --preset")
     chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
+    check_stage(stage, quality, len(chosen))
     if scene and scenes:
         raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
     views = named(scene, camera, size) if scene else everything(scenes, camera, size)
+    own = {name: view for name, view in views.items() if scene or name not in HARD}
+    if stage == EVERYTHING:
+        own = {name: replace(view, quality=quality) for name, view in own.items()}
+        return error_budget(own, (chosen or [DEFAULT])[0], output, json)
     if stage in SWEEPS:
         measure, table, plot = SWEEPS[stage]
-        found = measure({name: view for name, view in views.items() if scene or name not in HARD})
+        found = measure(own)
         print_whole(table(found))
         if output:
             plot(output, found)
         return write_json(json, {"stage": stage, "machines": found})
     machines = tuple({config.name: config for config in chosen or MACHINES}.values())
     error_of_points(views, machines, bool(scene), output, json)
+
+
+def check_stage(stage: str, quality: str | None, machines: int):
+    """InputError for a stage that there is not, and for what does not go with it."""
+    check_known("--stage", ("project", *SWEEPS, EVERYTHING), stage)
+    if quality is not None:
+        check_known("--quality", QUALITIES, quality)
+        if stage != EVERYTHING:
+            raise InputError(f"--quality: goes with --stage {EVERYTHING}")
+    if stage in SWEEPS and machines:
+        raise InputError(f"--stage {stage}: has formats of its own, without --width, --preset")
+    if stage == EVERYTHING and machines > 1:
+        raise InputError(f"--stage {EVERYTHING}: is of one machine; name one --preset or --width")
+
+
+def error_budget(views: dict[str, View], config: Config, output: Path | None, json: Path | None):
+    """Errors of all parts of packing and machine."""
+    rows = budgets(config, views)
+    for found in rows:
+        print_whole(budget_table(found))
+        console.print(f"{budget_line(found)}\n", soft_wrap=True)
+    console.print(BUDGET, soft_wrap=True)
+    if output:
+        write_budget_plot(output, rows)
+    sizes = {"x".join(map(str, found["size"])) for found in rows}
+    size = sizes.pop() if len(sizes) == 1 else None
+    facts = {"stage": EVERYTHING, "preset": config.name, "size": size, "rows": rows}
+    write_json(json, facts)
 
 
 def error_of_points(
@@ -171,14 +219,15 @@ def largest_errors(results: dict[str, dict]) -> dict[str, dict]:
     return largest
 
 
-def decibels(result: dict, key: str = "psnr_db") -> str:
+def decibels(result: dict, key: str = "psnr_db_machine") -> str:
     """A picture's PSNR."""
     return shown(result[key], ".1f", none="exact")
 
 
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
     """Print all tables: pictures and counts by scene, errors by field."""
-    tables = {"PSNR of the pictures, dB": picture_table(results, machines)}
+    title = "PSNR of the pictures, dB, machine: against the reference on the same packed model"
+    tables = {title: picture_table(results, machines)}
     for kind, name in (("scenes", "scenes"), ("hard", "hard cases")):
         if kind in largest:
             title = f"Errors over the {name}: largest RMS, largest of all; relative but for units"

@@ -33,7 +33,9 @@ PSNR_MAX = 200.0  # more than 8 bits can show is impossible, more than this a sl
 
 OutputOption = option(Path, "PRESET.toml", "What to write.", "-o")
 FpsOption = option(float, "F", "Frames a second at 800 MHz.")
-PsnrOption = option(float | None, "P", "dB against the reference. Default: DEFAULT's formats.")
+PsnrOption = option(
+    float | None, "P", "dB against the reference on the packed model. Default: DEFAULT's formats."
+)
 GatesOption = option(bool, None, "Synthesise all parts, this machine's and DEFAULT's.", "--gates")
 ConfirmOption = option(bool, None, "Simulate the slowest view in RTL: takes minutes.", "--confirm")
 
@@ -74,7 +76,7 @@ def fit_command(
     rows = knobs(chosen)
     reasons = {row.name: row.reason for row in rows}
     reasons |= {"pe_arrays": reasons["pes"], "depth": "as arithmetic"}
-    target = f"{fps:g} frames a second" + ("" if psnr is None else f", {psnr:g} dB")
+    target = f"{fps:g} frames a second" + ("" if psnr is None else f", {psnr:g} dB of the machine")
     about = f"splatcore fit {Path(scene).name}, {len(views)} views: {target}"
     write_preset(output, chosen.config, DEFAULT, reasons, about)
     sizes = _gates(chosen.config) if gates else {}
@@ -84,7 +86,7 @@ def fit_command(
     console.print(f"{output}: {facts['seconds']:.0f} s", soft_wrap=True)
     if confirm:
         facts["confirmed"] = _confirm(chosen, views, fps)
-    write_json(json, {"scene": scene, "fps": fps, "psnr_db": psnr} | facts)
+    write_json(json, {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | facts)
     if confirm and not facts["confirmed"]["reached"]:
         raise typer.Exit(1)
 
@@ -135,7 +137,7 @@ def _show(found: Fit, rows: list[Knob], sizes: dict, title: str):
     for row in rows:
         table.add_row(row.name.replace("_", " "), str(row.before), str(row.value), row.reason)
     print_whole(table)
-    headings = ("preprocessing", "rendering", "frame", "FPS", "PSNR, dB", "max error")
+    headings = ("preprocessing", "rendering", "frame", "FPS", "dB, machine", "max error, machine")
     table = new_table("view", headings)
     for view, (square, largest) in found.errors.items():
         cycles = found.cycles(view)
@@ -160,7 +162,7 @@ def _facts(found: Fit, rows: list[Knob], sizes: dict) -> dict:
         psnr = decibels(square)
         views[view] = found.cycles(view).by_name | {
             "fps": round(found.fps(view), 1),
-            "psnr_db": psnr if math.isfinite(psnr) else None, "max_error": largest,
+            "psnr_db_machine": psnr if math.isfinite(psnr) else None, "max_error_machine": largest,
         }  # fmt: skip
     return {
         "preset": found.config.name,
@@ -186,7 +188,7 @@ def _confirm(found: Fit, views: list[View], fps: float) -> dict:
         console.print(f"{name}: the machine failed: {run.why}", soft_wrap=True)
         return {"view": name, "reached": False, "ended": run.why}
     exact = np.rint(view.exact * LEVELS).astype(np.uint8)
-    facts = judge(found.config, run, Expected(view.model, view.camera, golden, exact))
+    facts = judge(found.config, run, Expected(view.model, view.camera, golden, {"machine": exact}))
     cycles = facts["cycles"]
     reached = facts["identical"] and cycles["fps_at_800mhz"] >= fps
     same = "identical to the golden model's" if facts["identical"] else facts["difference"]

@@ -1,15 +1,25 @@
 """The command `pack`: a scene as the model that the machine reads."""
 
 from dataclasses import replace
+from functools import partial
+
+from rich.table import Table
 
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
-from splatcore.sim.common.output import check_writable, console, progress_bar, write, write_json
+from splatcore.sim.common.output import (
+    check_writable,
+    console,
+    messages,
+    progress_bar,
+    write,
+    write_json,
+)
 from splatcore.sim.common.source import check_known, open_cameras, open_source
 from splatcore.sim.common.table import new_table
-from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
-from splatcore.sim.packing.choose import LEAST_DB, choose, smallest
+from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
+from splatcore.sim.packing.choose import LEAST_DB, Views, choose, smallest
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -22,7 +32,7 @@ QualityOption = options.option(
     f"{LEAST_DB:g} dB.",
 )
 PsnrOption = options.option(
-    float | None, "DB", "The smallest model that reaches so many dB, chosen chunk by chunk."
+    float | None, "DB", "The smallest model with so many dB against the scene, chunk by chunk."
 )
 ShDegreeOption = options.option(int | None, None, "Keep harmonics up to this degree.", min=0, max=3)
 
@@ -42,9 +52,9 @@ def pack_command(
 ):
     """Pack a scene into the model that the machine reads, and say what that loses.
 
-    All dB are of the reference renderer's 8-bit pictures against those of the scene as it is, with
-    all its harmonics, the worst of the views: of the model, and of the scene with one part at a
-    time as it is packed.
+    All dB are those of packing: the reference renderer's 8-bit pictures against those of the scene
+    as it is, with all its harmonics, the worst of the views: of the model, and of the scene with
+    one part at a time as it is packed.
     """
     check_writable(output, json)
     config = find_preset(preset)
@@ -62,29 +72,34 @@ def pack_command(
     original = source.scene
     if sh_degree is not None:
         config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
-    with progress_bar("packing") as advance:
-
-        def tell(step: str):
-            advance(0, None, step)
-
+    with progress_bar("rendering the scene") as advance:
+        tell = partial(advance, 0, None)
+        seen = Views.of(original, views)
         if psnr is not None:
-            packed = smallest(original, config, views, psnr, tell)
+            packed = smallest(original, config, seen, psnr, tell)
         else:
-            packed = choose(original, config, views, quality, tell=tell)
-        losses = psnr_by_part(original, packed.model, views, tell)
+            packed = choose(original, config, seen, quality, tell=tell)
+        losses = psnr_by_part(original, packed.model, seen, tell)
     parts = bytes_by_part(packed.model)
     facts = packed.report.as_dict() | {
         "preset": config.name, "quality": packed.quality, "views": len(views),
-        "psnr_db_scene": packed.psnr_db,
+        "psnr_db_packing": packed.psnr_db,
     }  # fmt: skip
     write(output, packed.model.image.tobytes())
     console.print(describe.table({"model": str(output)} | facts))
-    table = new_table("part", ("bytes a Gaussian", "dB against the scene"))
+    console.print(parts_table(parts, losses))
+    if lost := lost_line(packed.report):
+        messages.print(f"{scene}: {lost}", soft_wrap=True, markup=False)
+    if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
+        console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
+    write_json(json, facts | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})
+
+
+def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:
+    """Bytes a Gaussian and dB of each part."""
+    table = new_table("part", ("bytes a Gaussian", "dB, packing"))
     for name in dict.fromkeys((*parts, *losses)):
         db = losses.get(name)
         shown = "equal" if db is None else f"{db:.1f}"
         table.add_row(name, f"{parts.get(name, 0):.2f}", shown if name in losses else "")
-    console.print(table)
-    if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
-        console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
-    write_json(json, facts | {"bytes_by_part": parts, "psnr_db_by_part": losses})
+    return table

@@ -9,12 +9,12 @@ from splatcore.sim.cli import options
 from splatcore.sim.cli import render_rtl as rtl
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
-from splatcore.sim.common.metric import Result
+from splatcore.sim.common.metric import Result, against, differences, told
 from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.picture import write_heat_map, write_png
 from splatcore.sim.common.source import ENGINES, check_known, open_camera, open_source
-from splatcore.sim.machine.engines import golden_of, reference
-from splatcore.sim.packing.choose import packing, packing_line
+from splatcore.sim.machine.engines import golden_of, reference, truths
+from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.convention import ORIGINAL, SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -48,8 +48,9 @@ def render_command(
 ):
     """Render one frame and count the work in it.
 
-    --engine rtl simulates the hardware, compares with the golden model and with the reference on
-    the packed model, and tells cycles; exit status 1 if a pixel is not the golden model's.
+    A machine's picture (golden, rtl) is compared with the reference's of the same packed model
+    ("machine") and of the scene as it is ("scene"). --engine rtl simulates the hardware, compares
+    with the golden model, too, and tells cycles; exit status 1 if a pixel is not that model's.
     """
     check_known("--engine", ENGINES, engine)
     request = rtl.Request(frames, timing, error_map, waves, window, tile)
@@ -70,13 +71,19 @@ def render_command(
         frame = golden_of(source, view, config, convention.background)
     else:
         frame = reference(source.gaussians, view, convention)
+    seconds, found = round(time.perf_counter() - begin, 3), {}
+    write_png(output, frame.pixels)
+    if engine == "golden":
+        model = packed_model(source, config, view)
+        found = differences(frame.pixels, truths(source, model, view, convention))
     result = Result(
-        engine, config.name, source.name, camera or view.name, (view.width, view.height),
-        round(time.perf_counter() - begin, 3), frame.counts, packing=packing(source),
+        engine, config.name, source.name, camera or view.name, (view.width, view.height), seconds,
+        frame.counts, packing=packing(source), **against(found),
     )  # fmt: skip
     if result.packing:
         console.print(packing_line(source), soft_wrap=True)
-    write_png(output, frame.pixels)
+    if found:
+        console.print(f"against the reference: {told(found)}", soft_wrap=True)
     if heat_map and isinstance(frame, Frame):
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
     console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))

@@ -9,7 +9,7 @@ import typer
 from splatcore.golden import pipeline
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
-from splatcore.sim.common.metric import Difference, Result, difference
+from splatcore.sim.common.metric import Difference, Result, against, differences, told
 from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
 from splatcore.sim.common.picture import write_error_map, write_png
 from splatcore.sim.common.source import Source
@@ -75,7 +75,7 @@ def render_rtl(
     """Simulate, write and judge the frames of `--engine rtl`. Exit status 1 if they are not right.
 
     Every frame is compared with the golden model's, and with the float64 reference on the same
-    packed model.
+    packed model and on the scene as it is.
     """
     begin = time.perf_counter()
     check_fits(config, view)
@@ -102,20 +102,19 @@ def render_rtl(
     convention = replace(SPLATCORE, background=background)
     metrics = []
     for k, (frame, view) in enumerate(zip(run.frames, views, strict=True)):
-        exact = engines.reference(model.gaussians(), view, convention).pixels
-        metrics.append(difference(frame.pixels, exact, source.name))
+        exact = engines.truths(source, model, view, convention)
+        metrics.append(differences(frame.pixels, exact))
         if k == 0 and request.error_map:
-            title = f"{source.name}: hardware against the reference"
-            write_error_map(request.error_map, frame.pixels, exact, title)
+            title = f"{source.name}: hardware against the reference on the same packed model"
+            write_error_map(request.error_map, frame.pixels, exact["machine"], title)
     if source.packed:
         console.print(packing_line(source), soft_wrap=True)
     same = report(config, run, expected, metrics, output)
     seconds = round(time.perf_counter() - begin, 3)
     result = Result(
         "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
-        expected[0].counts, packing=packing(source),
-    ).with_difference(metrics[0])  # fmt: skip
-    result.identical = all(same)
+        expected[0].counts, packing=packing(source), identical=all(same), **against(metrics[0]),
+    )  # fmt: skip
     write_json(json, facts(run, result, metrics, same, timing.name))
     if not result.identical:
         raise typer.Exit(1)
@@ -125,7 +124,7 @@ def report(
     config: Config,
     run: Run,
     expected: list[pipeline.Frame],
-    metrics: list[Difference],
+    metrics: list[dict[str, Difference]],
     output: Path,
 ) -> list[bool]:
     """Print what came of each frame, cycles and counters; whether each is the golden model's."""
@@ -133,12 +132,10 @@ def report(
     for k, (frame, metric) in enumerate(zip(expected, metrics, strict=True)):
         found = diagnose(config, run, k, frame)
         same.append(found is None)
-        psnr = "identical" if metric.identical else f"{metric.psnr_db:.2f} dB"
-        ssim = "" if metric.ssim is None else f", SSIM {metric.ssim:.5f}"
         console.print(
             f"{numbered(output, k, count)}: "
             f"{'identical to the golden model' if found is None else found}; "
-            f"against the reference {psnr}{ssim}, max error {metric.max_error:.4f}",
+            f"against the reference: {told(metric)}",
             soft_wrap=True,
         )
     table = {f"cycles, {name}": value for name, value in engines.cycles(run).items()}
@@ -150,14 +147,14 @@ def report(
 
 
 def facts(
-    run: Run, result: Result, metrics: list[Difference], same: list[bool], timing: str
+    run: Run, result: Result, metrics: list[dict[str, Difference]], same: list[bool], timing: str
 ) -> dict:
     """Content of `--json` for a run."""
     found = engines.cycles(run)
     result.cycles, result.fps_at_800mhz = found["frame"], found["fps_at_800mhz"]
     result.traffic_bytes = run.frames[-1].traffic
     frames = [
-        asdict(metric) | {"identical": identical, "counters": frame.counters}
+        against(metric) | {"identical": identical, "counters": frame.counters}
         | {"started": frame.started, "ready": frame.ready, "finished": frame.finished}
         for frame, metric, identical in zip(run.frames, metrics, same, strict=True)
     ]  # fmt: skip

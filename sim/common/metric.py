@@ -1,6 +1,6 @@
 """Differences between two 8-bit images: PSNR, SSIM, maximum error and the metrics of perception."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from skimage.metrics import structural_similarity
 
+from splatcore.sim.common.table import shown
 from splatcore.spec.error import InputError
 from splatcore.spec.metric import psnr_of_square
 
@@ -29,32 +30,76 @@ class Difference:
 
 
 @dataclass
-class Result:
-    """One rendered or compared image as `--json` writes it (docs/json.md); None where a command has
-    nothing to say."""
+class Picture:
+    """An image as `--json` writes it (docs/json.md); None where a command has nothing to say."""
 
     engine: str
     preset: str
     scene: str | None = None
     camera: str | None = None
     size: tuple[int, int] | None = None  # width, height
-    seconds: float | None = None
-    counts: dict[str, int | float] = field(default_factory=dict)
+
+
+@dataclass
+class Compared(Picture):
+    """An image with its metrics against another, whose name is `against`."""
+
+    against: str | None = None
     psnr_db: float | None = None
     ssim: float | None = None
     max_error: float | None = None
+    identical: bool | None = None
+
+
+@dataclass
+class Result(Picture):
+    """A rendered image with its metrics, as `against` names them."""
+
+    seconds: float | None = None
+    counts: dict[str, int | float] = field(default_factory=dict)
+    psnr_db_machine: float | None = None
+    psnr_db_scene: float | None = None
+    ssim_machine: float | None = None
+    ssim_scene: float | None = None
+    max_error_machine: float | None = None
+    max_error_scene: float | None = None
     identical: bool | None = None
     cycles: int | None = None
     fps_at_800mhz: float | None = None
     traffic_bytes: dict[str, int] | None = None
     packing: dict[str, str | float | None] | None = None
 
-    def with_difference(self, difference: Difference) -> "Result":
-        """Fill in the metrics; returns self."""
-        for name, value in asdict(difference).items():
-            setattr(self, name, value)
-        self.identical = difference.identical
-        return self
+
+def against(found: dict[str, Difference]) -> dict[str, float | None]:
+    """Metrics of a picture by what it is compared with: `psnr_db_scene` and so on.
+
+    "machine": a machine's picture against the reference's of the same packed model; "scene": the
+    same picture against the reference's of the scene as it is, all harmonics; "packing": the
+    reference's picture of the packed model against that of the scene.
+    """
+    metrics = list(Difference.__dataclass_fields__)
+    return {f"{key}_{name}": getattr(one, key) for key in metrics for name, one in found.items()}
+
+
+def differences(image: np.ndarray, truths: dict[str, np.ndarray]) -> dict[str, Difference]:
+    """A uint8 image [H, W, 3] against each of some truths."""
+    return {name: difference(image, truth) for name, truth in truths.items()}
+
+
+def decibels(row: dict, name: str) -> str:
+    """The PSNR of a row of `against` in a table; "–" where nothing of the name was compared."""
+    key = f"psnr_db_{name}"
+    return shown(row[key], ".2f", none="exact") if key in row else "–"
+
+
+def told(found: dict[str, Difference]) -> str:
+    """The same as a line for people."""
+    parts = []
+    for name, one in found.items():
+        psnr = "equal" if one.identical else f"{one.psnr_db:.2f} dB"
+        ssim = "" if one.ssim is None else f", SSIM {one.ssim:.5f}"
+        parts.append(f"{name} {psnr}{ssim}, largest error {one.max_error:.4f}")
+    return "; ".join(parts)
 
 
 def _same_size(image: np.ndarray, reference: np.ndarray, name: str):

@@ -130,14 +130,15 @@ class Bench:
         """
 
         def alone():
-            return pack(self.subject.scene, self.config)[0]
+            return pack(self.subject.scene, self.config, **self.recipe.packing)[0]
 
         def sizes() -> dict:
             model = alone()
             facts = {"gaussians": len(model), "sh_degree": model.format.sh_degree}
             return facts | {"bytes": len(model.image)}
 
-        name, about = "packing alone", ["packing alone", self.subject.key, repr(self.config)]
+        name, packing = "packing alone", self.recipe.packing
+        about = [name, self.subject.key, repr(self.config), packing]
         facts = kept(self.folder / "measured", about, sizes)
         step = Step(name, "quantize", **facts, seconds=0.0, loss=None, file="")
         version = Version(name, about, self.config, alone)
@@ -193,6 +194,7 @@ def bench_compression(
             if part == "schedule" and subject.name != schedule_scene:
                 continue
             try:
+                bench.recipe.check(subject.scene, protocol.config)
                 found = bench.facts() | {part: getattr(bench, part)()}
             except Exception as error:
                 facts["scenes"].get(subject.name, {}).pop(part, None)
@@ -215,7 +217,8 @@ def why(error: Exception) -> str:
 
 def before(protocol: Protocol, folder: Path) -> dict:
     """The folder's results: those of scenes and parts that are not asked for now stay."""
-    head = {"preset": protocol.config.name, "size": list(protocol.size), "seed": protocol.seed}
+    head = {"preset": protocol.config.name, "size": list(protocol.size)}
+    head |= {name: getattr(protocol, name) for name in ("degree", "quality", "seed")}
     try:
         found = json.loads((folder / RESULT).read_text())
         same = all(found[name] == value for name, value in head.items())

@@ -54,7 +54,7 @@ class Version:
 
     @cached_property
     def model(self) -> PackedModel:
-        """As the machine has it: a scene is packed."""
+        """As the machine has it: a scene is packed, and `work` is the same in every quality."""
         loaded = self.loaded
         return loaded if isinstance(loaded, PackedModel) else pack(loaded, self.config)[0]
 

@@ -16,7 +16,6 @@ from splatcore.sim.common.output import messages, progress_bar
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import COMPACT_DEGREE
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
@@ -138,7 +137,7 @@ class Run:
     def _begin(self):
         """Begin with distillation before all pruning, which all recipes of that order share: it is
         a run of its own."""
-        goal = min(self.config.sh_degree, COMPACT_DEGREE)
+        goal = min(self.config.sh_degree, self.recipe.highest)
         recipe = replace(self.recipe, schedule=(), target_ratio=None, steps=0)
         shared = Run(self.folder, self.subject, recipe, self.config)
         if (

@@ -52,11 +52,14 @@ class Protocol:
     seed: int = 0
     rate: float = Recipe.rate  # of fine-tuning
     order: str = Recipe.order  # of pruning and distillation
+    degree: int | None = Recipe.degree  # of the models
+    quality: str | None = Recipe.quality
 
     @property
     def recipe(self) -> Recipe:
         """The default recipe with this number of steps; those of its other parts in proportion."""
-        recipe = Recipe(seed=self.seed, rate=self.rate, order=self.order)
+        same = {n: getattr(self, n) for n in ("seed", "rate", "order", "degree", "quality")}
+        recipe = Recipe(**same)
         if self.steps is None:
             return recipe
         other = {

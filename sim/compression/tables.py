@@ -34,7 +34,7 @@ def valued(name: str, form: str) -> Callable[[dict], str]:
 
 SIZES: tuple[Column, ...] = (
     ("Gaussians", number("gaussians", ",.0f")), ("MB", number("bytes", ".2f", MEGABYTE)),
-    ("ratio", number("ratio", ".1f")),
+    ("ratio", number("ratio", ".1f")), ("degree", number("sh_degree", ".0f")),
 )  # fmt: skip
 METRICS: tuple[Column, ...] = (
     ("PSNR, dB", valued("psnr_db", ".2f")), ("SSIM", valued("ssim", ".3f")),
@@ -59,7 +59,8 @@ def tables(name: str, scene: dict) -> Iterator[Table]:
     if "schedule" in scene:
         found = scene["schedule"]
         title = f"{judged}: pruning, all with {found['steps_in_all']} fine-tuning steps in all"
-        first = {"gaussians": scene["gaussians"], "bytes": scene["ply_bytes"], "ratio": 1.0}
+        first = {name: scene[name] for name in ("gaussians", "sh_degree")}
+        first |= {"bytes": scene["ply_bytes"], "ratio": 1.0}
         rows = [first | found["original"], *rows_of(scene, "schedule")]
         columns = (
             ("schedule", schedule_text), ("before the last", number("gaussians_before", ",.0f")),

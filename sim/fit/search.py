@@ -171,7 +171,7 @@ def format_reason(found: Fit, name: str) -> str:
         return "is as narrow as it is built"
     less = found.search.less[name]
     view, now = worst(found.errors)
-    return f"{view} has {now:.2f} of {found.psnr:g} dB; a bit less: {less:.2f} dB"
+    return f"{view} has {now:.2f} of {found.psnr:g} dB, machine; a bit less: {less:.2f} dB"
 
 
 def millions(cycles: int) -> str:

@@ -60,6 +60,22 @@ def reference(
         return render(gaussians, view, convention, advance)
 
 
+def truths(
+    source: Source, model: PackedModel, view: Camera, convention: Convention = SPLATCORE
+) -> dict[str, np.ndarray]:
+    """The reference's 8-bit pictures that a machine's are compared with: "machine", of the model;
+    "scene", of the scene as it is, where the source is one. Those that packing made are taken."""
+    kept = [p for p in source.packed.values() if p.model is model and p.camera is view]
+    if kept and convention == SPLATCORE:
+        return {"machine": kept[0].drawn, "scene": kept[0].exact}
+    shown = {"machine": (model.gaussians(), "rendering the model")}
+    if source.scene is not None:
+        shown["scene"] = source.gaussians, "rendering the scene"
+    return {
+        name: reference(g, view, convention, label).pixels for name, (g, label) in shown.items()
+    }
+
+
 def rtl_pixels(config: Config, model: PackedModel, view: Camera, background) -> np.ndarray:
     """The picture of a single frame; InputError if the machine does not come to its end."""
     check_fits(config, view)

@@ -1,17 +1,17 @@
 """Where a packed model's bytes and its error come from, part by part."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from splatcore.model.pack.pack import stored_order
+from splatcore.model.pack.pack import PackReport, stored_order
 from splatcore.sim.packing.choose import SAME_DB, Tell, Views
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Scene, sh_count
+from splatcore.spec.scene import Gaussians, Scene, sh_count
 
 
 def bytes_by_part(model: PackedModel) -> dict[str, float]:
@@ -43,25 +43,33 @@ def bytes_by_part(model: PackedModel) -> dict[str, float]:
     return found | {"codebooks": format.codebook_bytes / count}
 
 
-def psnr_by_part(
-    scene: Scene, model: PackedModel, cameras: Sequence[Camera], tell: Tell = str
-) -> dict[str, float | None]:
-    """dB of the reference's pictures of the scene with one part at a time as it is packed against
-    those of the scene as it is, the worst of the views; None for no error."""
+def lost_line(report: PackReport) -> str:
+    """The degrees of which a coefficient is off by more than the whole range of brightness, as a
+    line for people; empty if there is none."""
+    errors = enumerate([report.colour_error, *report.sh_error])
+    lost = [f"{error:.3g} of degree {d}" for d, error in errors if error > 1]
+    return f"coefficients beyond what their steps hold, off by up to {', '.join(lost)}" * bool(lost)
+
+
+def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussians]]:
+    """Names of parts, and the scene's Gaussians with that part alone as it is packed."""
     exact, packed = scene[stored_order(scene)[0]].gaussians(), model.gaussians()
-    tell("rendering the scene")
-    views = Views.of(scene, cameras)
-    parts = {
-        "positions": replace(exact, position=packed.position),
-        "shape": replace(exact, factor=packed.factor),
-        "opacity": replace(exact, opacity=packed.opacity),
-    }
+    yield "positions", replace(exact, position=packed.position)
+    yield "shape", replace(exact, factor=packed.factor)
+    yield "opacity", replace(exact, opacity=packed.opacity)
     for degree in range(scene.sh_degree + 1):
         sh, own = exact.sh.copy(), slice(degree**2, sh_count(degree))
         sh[:, own] = packed.sh[:, own] if own.stop <= packed.sh.shape[1] else 0
-        parts[f"degree {degree}" if degree else "colour"] = replace(exact, sh=sh)
-    found = {}
-    for name, gaussians in parts.items():
+        yield f"degree {degree}" if degree else "colour", replace(exact, sh=sh)
+
+
+def psnr_by_part(
+    scene: Scene, model: PackedModel, cameras: Sequence[Camera] | Views, tell: Tell = str
+) -> dict[str, float | None]:
+    """dB of the reference's pictures of the scene with one part at a time as it is packed against
+    those of the scene as it is, the worst of the views; None for no error."""
+    views, found = Views.of(scene, cameras), {}
+    for name, gaussians in part_by_part(scene, model):
         tell(f"error of {name}")
         db = views.psnr_db(gaussians)
         found[name] = None if db == SAME_DB else db

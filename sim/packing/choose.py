@@ -31,13 +31,17 @@ Tell = Callable[[str], None]  # called with the name of the step that begins
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A scene as a model. psnr_db: of the reference's pictures of the model against those of the
-    scene as it is, all harmonics, the worst of the views."""
+    """A scene as a model. psnr_db: "packing", of the reference's pictures of the model against
+    those of the scene as it is, all harmonics, the worst of the views. camera: the first of them;
+    exact, drawn: the reference's pictures of the scene and of the model to it."""
 
     model: PackedModel
     report: PackReport
     quality: str
     psnr_db: float | None
+    camera: Camera
+    exact: np.ndarray
+    drawn: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +52,30 @@ class Views:
     pictures: list[np.ndarray]
 
     @classmethod
-    def of(cls, scene: Scene, cameras: Sequence[Camera]) -> "Views":
+    def of(cls, scene: Scene, cameras: "Sequence[Camera] | Views") -> "Views":
+        """The scene in the eyes of cameras; views of it as they are."""
+        if isinstance(cameras, Views):
+            return cameras
         return cls(cameras, [picture(scene.gaussians(), camera) for camera in cameras])
 
     def psnr_db(self, gaussians: Gaussians) -> float:
         """dB of Gaussians against the scene, the worst of the views; `SAME_DB` for no error."""
-        pairs = zip(self.cameras, self.pictures, strict=True)
-        found = [psnr(picture(gaussians, c) / LEVELS, exact / LEVELS) for c, exact in pairs]
+        return self.least_db([picture(gaussians, camera) for camera in self.cameras])
+
+    def least_db(self, drawn: list[np.ndarray]) -> float:
+        """The same of their pictures."""
+        pairs = zip(drawn, self.pictures, strict=True)
+        found = [psnr(picture / LEVELS, exact / LEVELS) for picture, exact in pairs]
         return min(SAME_DB if db is None else db for db in found)
+
+    def judged(self, model: PackedModel, report: PackReport, quality: str) -> Packed:
+        """A model with its dB and pictures."""
+        drawn = [picture(model.gaussians(), camera) for camera in self.cameras]
+        db = self.least_db(drawn)
+        return Packed(
+            model, report, quality, None if db == SAME_DB else db, self.cameras[0],
+            self.pictures[0], drawn[0],
+        )  # fmt: skip
 
 
 def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
@@ -69,7 +89,7 @@ def packing(source: Source) -> dict | None:
         return None
     *_, last = source.packed.values()
     size = last.model.bytes_per_gaussian
-    return {"quality": last.quality, "bytes_per_gaussian": size, "psnr_db_scene": last.psnr_db}
+    return {"quality": last.quality, "bytes_per_gaussian": size, "psnr_db_packing": last.psnr_db}
 
 
 def packing_line(source: Source) -> str:
@@ -77,9 +97,9 @@ def packing_line(source: Source) -> str:
     found = packing(source)
     if found is None:
         return ""
-    db = "equal" if found["psnr_db_scene"] is None else f"{found['psnr_db_scene']:.2f} dB"
+    db = "equal" if found["psnr_db_packing"] is None else f"{found['psnr_db_packing']:.2f} dB"
     size = f"{found['bytes_per_gaussian']:.2f} bytes a Gaussian"
-    return f"packed as {found['quality']}: {size}, {db} against the scene as it is"
+    return f"packed as {found['quality']}: {size}, packing {db} against the scene as it is"
 
 
 def packed_model(
@@ -115,12 +135,11 @@ def finest(scene: Scene, config: Config) -> str:
 
 
 def choose(
-    scene: Scene, config: Config, cameras: Sequence[Camera], quality: str | None = None,
+    scene: Scene, config: Config, cameras: Sequence[Camera] | Views, quality: str | None = None,
     least: float = LEAST_DB, tell: Tell = str,
 ) -> Packed:  # fmt: skip
     """The smallest of `QUALITIES` with at least `least` dB in all views, or the best; or the one
     that is asked for."""
-    tell("rendering the scene")
     views = Views.of(scene, cameras)
     names = [quality] if quality else list(candidates(scene, config))
     if len(names) > 1 and scene.sh_degree > COMPACT_DEGREE:
@@ -129,26 +148,25 @@ def choose(
             names.remove("compact")
     for name in names:
         tell(f"packing: {name}")
-        model, report = pack(scene, config, quality=name)
-        db = views.psnr_db(model.gaussians())
-        if db >= least:
+        found = views.judged(*pack(scene, config, quality=name), name)
+        if enough(found, least):
             break
-    return Packed(model, report, name, None if db == SAME_DB else db)
+    return found
 
 
 def smallest(
-    scene: Scene, config: Config, cameras: Sequence[Camera], least: float, tell: Tell = str
+    scene: Scene, config: Config, cameras: Sequence[Camera] | Views, least: float, tell: Tell = str
 ) -> Packed:
     """The smallest model with at least `least` dB in all views, or the best that there is.
 
     Beyond the compact one: a model in steps, whose chunks get further beats in the order of what a
     beat takes off their error in these views; of that order the shortest beginning that suffices.
     """
-    first = choose(scene, config, cameras, candidates(scene, config)[0], least, tell)
+    views = Views.of(scene, cameras)
+    first = choose(scene, config, views, candidates(scene, config)[0], least, tell)
     if enough(first, least) or config.colours == "array":
         return first
-    views = Views.of(scene, cameras)
-    steps = upgrades(scene, config, cameras, tell)
+    steps = upgrades(scene, config, views.cameras, tell)
     plain = np.zeros(chunk_count(len(stored_order(scene)[0])), np.int64)
 
     def of(count: int) -> Packed:
@@ -156,9 +174,7 @@ def smallest(
         layouts = plain.copy()
         for chunk, layout in steps[:count]:
             layouts[chunk] = layout
-        model, report = pack(scene, config, quality=layouts)
-        db = views.psnr_db(model.gaussians())
-        return Packed(model, report, f"{least:g} dB", None if db == SAME_DB else db)
+        return views.judged(*pack(scene, config, quality=layouts), f"{least:g} dB")
 
     low, high, best = 0, len(steps), of(len(steps))
     for _ in range(ROUNDS if enough(best, least) else 0):
@@ -211,9 +227,11 @@ def upgrades(
 def seen_error(
     exact: Gaussians, packed: Gaussians, weights: list[np.ndarray], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Σ over the cameras of weight · squared error of the colour, [N]."""
-    index, total = np.arange(len(packed)), np.zeros(len(packed))
+    """Σ over the cameras of weight · squared error of the colour, [N]. What a camera does not see
+    has no colour: at its own place there is no direction."""
+    total = np.zeros(len(packed))
     for weight, camera in zip(weights, cameras, strict=True):
+        index = np.flatnonzero(weight)
         seen = [colours(gaussians, index, camera, SPLATCORE) for gaussians in (exact, packed)]
-        total += weight * ((seen[0] - seen[1]) ** 2).sum(1)
+        total[index] += weight[index] * ((seen[0] - seen[1]) ** 2).sum(1)
     return total

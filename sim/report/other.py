@@ -33,15 +33,16 @@ def cases(results: Results) -> Iterator[Item]:
     for machine, facts in found.items():
         bounds = dict.fromkeys(case["bound"] for case in facts["cases"].values())
         columns += [
-            Column(machine, "PSNR, dB", 2), Column("max error", f"of {LEVELS}", 0),
+            Column(machine, "PSNR, machine, dB", 2),
+            Column("max error, machine", f"of {LEVELS}", 0),
             Column("bound met", "; ".join(bounds)),
         ]  # fmt: skip
     yield Table(
         "hard",
-        "The hard cases, PSNR of the 8-bit picture against the float64 reference on the same "
-        "packed model; none: equal pictures, or a case that the machine does not take. In RTL the "
-        "picture must also be the golden model's, every bit of it. Largest errors are those of "
-        "the 8-bit pictures.",
+        "The hard cases, PSNR (machine) of the 8-bit picture against the float64 reference on the "
+        "same packed model; none: equal pictures, or a case that the machine does not take. In RTL "
+        "the picture must also be the golden model's, every bit of it. Largest errors are those "
+        "of the 8-bit pictures.",
         columns, list(hard_rows(found)), HARD_SOURCES,
     )  # fmt: skip
     for machine, facts in found.items():
@@ -60,9 +61,9 @@ def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
         all = [facts["cases"].get(name) for facts in found.values()]
         row = [name.replace("_", " "), next(filter(None, all))["about"]]
         for case in all:
-            error = case and case["max_error"]
+            error = case and case["max_error_machine"]
             error = None if error is None else error * LEVELS
-            row += [case["psnr_db"], error, case["passed"]] if case else [None] * 3
+            row += [case["psnr_db_machine"], error, case["passed"]] if case else [None] * 3
         yield row
 
 
@@ -190,8 +191,10 @@ def fitted(results: Results) -> Iterator[Item]:
     for path in paths:
         try:
             facts = read(path)
-            psnr = facts["psnr_db"]
-            asked = f"{facts['scene']}, {facts['fps']:g} FPS" + (f", {psnr:g} dB" if psnr else "")
+            psnr = facts["psnr_db_machine"]
+            asked = f"{facts['scene']}, {facts['fps']:g} FPS" + (
+                f", {psnr:g} dB, machine" if psnr else ""
+            )
             words = ["splatcore", "fit", facts["scene"], "--fps", f"{facts['fps']:g}"]
             words += ["--psnr", f"{psnr:g}"] if psnr else []
             words += ["-o", str(path.with_suffix(".toml")), "--json", str(path)]
@@ -200,7 +203,14 @@ def fitted(results: Results) -> Iterator[Item]:
                 for name, field in facts["fields"].items()
             ]
             views += [
-                [path.stem, asked, name, view["frame"] / MILLION, view["fps"], view["psnr_db"]]
+                [
+                    path.stem,
+                    asked,
+                    name,
+                    view["frame"] / MILLION,
+                    view["fps"],
+                    view["psnr_db_machine"],
+                ]
                 for name, view in facts["views"].items()
             ]
             commands.append(shlex.join(words))
@@ -214,7 +224,7 @@ def fitted(results: Results) -> Iterator[Item]:
         "their results tell of; cameras and sizes may have been named besides.",
         [
             Column("machine"), Column("asked for"), Column("view"), Column("frame", "M cycles", 2),
-            Column("FPS", "at 800 MHz", 1), Column("PSNR", "dB", 2, none="exact"),
+            Column("FPS", "at 800 MHz", 1), Column("PSNR, machine", "dB", 2, none="exact"),
         ],
         views, commands=list(commands),
     )  # fmt: skip

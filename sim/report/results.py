@@ -16,6 +16,7 @@ ALL = "SCENES SIZE PRESET"
 
 SOURCES = {
     "scenes": ("scenes/scenes.csv", ALL),
+    "budget": ("budget.json", ALL),
     "sweep": ("sweep/sweep.json", "SCENES SIZE"),
     "programs": ("programs.json", "PRESET"),
     "programs-paper": ("programs-paper.json", ""),

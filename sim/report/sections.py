@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatcore.sim.common.output import write
-from splatcore.sim.report import campaigns, other, paper_tables, scenes, sweep
+from splatcore.sim.report import budget, campaigns, other, paper_tables, scenes, sweep
 from splatcore.sim.report.page import Item, Part, facts, html
 from splatcore.sim.report.results import Results
 from splatcore.spec.error import InputError
@@ -17,8 +17,15 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
         "Real scenes in RTL simulation",
         "The whole machine, from the packed model in memory to the pixels in memory, simulated "
         "cycle by cycle. Every picture is compared with the golden model's bit for bit, and with "
-        "a float64 renderer's of the same packed model after 8-bit output.",
+        "a float64 renderer's of the same packed model (machine) and of the scene as it is "
+        "(scene), 8-bit pictures of all.",
         scenes.BLOCKS,
+    ),
+    "budget": (
+        "Where the error comes from",
+        "The 8-bit picture against the scene as it is, all harmonics, in float64: what packing "
+        "takes, part by part, and what the machine's numbers, its order and its output take.",
+        budget.BUDGET,
     ),
     "sweep": (
         "What each size and each number format buys",

@@ -11,7 +11,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.main import COMMANDS as FILES
 from splatcore.sim.cli.options import app
-from splatcore.sim.common.metric import Result
+from splatcore.sim.common.metric import Compared, Result, against, difference, told
 from splatcore.sim.common.picture import read_png
 from splatcore.spec.packed import read_model
 from tb.helpers.command import KEYS, ROOT, load, run, write_scene
@@ -33,7 +33,7 @@ def test_render(folder, capsys):
     assert result["engine"] == "reference" and result["preset"] == "DEFAULT"
     assert result["size"] == [64, 48] and result["camera"] == "cameras.json:7"
     assert result["counts"]["gaussians"] == 200 and result["seconds"] > 0
-    assert result["psnr_db"] is None and result["cycles"] is None
+    assert result["psnr_db_machine"] is None and result["cycles"] is None
     picture = read_png("a.png")
     assert picture.shape == (48, 64, 3) and picture.std() > 5
     assert read_png("tiles.png").shape[2] == 3
@@ -83,20 +83,55 @@ def test_without_a_camera_there_is_something_to_see(folder):
 def test_pack_render_compare(folder, capsys):
     assert run("pack scene.ply -o scene.splatcore --json pack.json --camera cameras.json") == 0
     report = load(folder / "pack.json")
-    assert report["packed"] + report["transparent"] == 200 and report["psnr_db_scene"] > 30
+    assert report["packed"] + report["transparent"] == 200 and report["psnr_db_packing"] > 30
     assert len(read_model("scene.splatcore")) == report["packed"]
     for name in ("scene.ply", "scene.splatcore"):
         run("render", name, "--camera", "cameras.json", "-o", name + ".png")
     assert run("compare scene.ply.png scene.splatcore.png -o map.png --json c.json") == 0
     result = load(folder / "c.json")
-    assert list(result) == KEYS
-    assert result["psnr_db"] == pytest.approx(report["psnr_db_scene"]) and not result["identical"]
+    assert list(result) == list(vars(Compared("", ""))) and result["against"] == "scene.ply.png"
+    assert result["psnr_db"] == pytest.approx(report["psnr_db_packing"]) and not result["identical"]
     assert read_png("map.png").size > 0
     options = "--scene scene.ply --camera cameras.json --json three.json"
     run(f"compare scene.ply.png reference scene.ply.png {options}")
     images = load(folder / "three.json")["images"]
     assert [image["identical"] for image in images] == [True, True]
     assert "identical" in capsys.readouterr().out
+
+
+def test_against_model_and_scene(folder, capsys):
+    """Of a scene both are told, of a model only the one that it can be compared with."""
+    view = "--camera cameras.json --json"
+    assert run(f"render scene.ply --engine golden -o g.png {view} g.json") == 0
+    assert run(f"render scene.ply -o scene.png {view} r.json") == 0
+    assert run("pack scene.ply -o scene.splatcore --camera cameras.json") == 0
+    assert run(f"render scene.splatcore -o model.png {view} r.json") == 0
+    wanted = {
+        of: difference(read_png("g.png"), read_png(f"{file}.png"))
+        for of, file in (("machine", "model"), ("scene", "scene"))
+    }
+    result = load(folder / "g.json")
+    assert result | against(wanted) == result
+    assert result["psnr_db_machine"] > result["psnr_db_scene"] + 1
+    printed = capsys.readouterr().out
+    assert f"against the reference: {told(wanted)}" in printed
+    assert run(f"render scene.splatcore --engine golden -o g.png {view} m.json") == 0
+    assert load(folder / "m.json")["psnr_db_machine"] == result["psnr_db_machine"]
+    assert load(folder / "m.json")["psnr_db_scene"] is None
+    assert run(f"cycles scene.ply scene.splatcore {view} c.json") == 0
+    of_scene, of_model = load(folder / "c.json")["scenes"].values()
+    assert of_scene | against(wanted) == of_scene
+    assert of_model | against({"machine": wanted["machine"]}) == of_model
+    assert "psnr_db_scene" not in of_model
+    rows = [
+        line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" dB, ")
+    ]
+    db = {of: f"{wanted[of].psnr_db:.2f}" for of in wanted}
+    assert rows == [["dB,", "machine", db["machine"], db["machine"]],
+                    ["dB,", "scene", db["scene"], "–"]]  # fmt: skip
+    background = "--engine golden --background 0,0,1"
+    assert run(f"render scene.ply {background} -o b.png {view} b.json") == 0
+    assert load(folder / "b.json")["psnr_db_machine"] > 45
 
 
 def test_scene_and_info(folder, capsys):
@@ -139,7 +174,7 @@ def test_empty_model(folder, capsys):
     assert run("compare", "reference", "golden", "--scene", "empty.splatcore") == 0
     assert "identical" in capsys.readouterr().out
     assert run("cycles", "empty.splatcore", "--json", "e.json") == 0
-    assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db"] is None
+    assert load(folder / "e.json")["scenes"]["empty.splatcore"]["psnr_db_machine"] is None
 
 
 @pytest.mark.slow
@@ -169,9 +204,10 @@ def test_usage_errors_exit_with_2(capsys):
 
 def test_result_has_the_documented_keys():
     assert list(vars(Result("reference", "DEFAULT"))) == KEYS
-    others = "psnr_db_scene bytes_per_gaussian middle_98_percent pes_busy nand2".split()
+    keys = [*KEYS, *vars(Compared("", ""))]
+    others = "psnr_db_packing bytes_per_gaussian middle_98_percent pes_busy nand2".split()
     documented = (ROOT / "docs" / "json.md").read_text()
-    assert all(f"`{key}`" in documented for key in (*KEYS, *others))
+    assert all(f"`{key}`" in documented for key in (*keys, *others))
 
 
 @pytest.mark.slow

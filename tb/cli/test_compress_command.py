@@ -15,10 +15,11 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate
-from splatcore.spec.colour import SH_C0
+from splatcore.sim.compression import run as compression_run
+from splatcore.spec.colour import FINE, SH_C0
 from splatcore.spec.packed import read_model
 from tb.helpers.command import load, run
-from tb.helpers.compression_scene import nothing
+from tb.helpers.compression_scene import garden_with_harmonics, nothing
 
 pytestmark = pytest.mark.compress
 
@@ -93,6 +94,22 @@ def test_compress(compressed, tmp_path, capsys):
     assert "holds another compression's steps" in capsys.readouterr().err
 
 
+def test_degree(compressed, tmp_path, capsys):
+    """It is that of the model, in steps; another one does not go on from the steps of the first."""
+    scene, model = tmp_path / "third.ply", tmp_path / "third.splatcore"
+    write_ply(scene, garden_with_harmonics(500))
+    command = ["compress", str(scene), "-o", str(model), *QUICK, "--degree", "3"]
+    assert run(*command, "--quality", "faithful") == 0
+    packed = read_model(model)
+    assert packed.format.sh_degree == 3 and not packed.format.codebooks
+    assert set(packed.chunks["harmonics"]) == {FINE}
+    capsys.readouterr()
+    before = model.read_bytes()
+    for other in (command, [*command[:-1], "2"], command[:-2]):
+        assert run(*other) == 2 and model.read_bytes() == before
+        assert "holds another compression's steps" in capsys.readouterr().err
+
+
 def test_cameras_of_a_file(scene_file, compressed, photographs, tmp_path, capsys):
     """They are learned from beside the generated views, so the model is another one."""
     path, options = tmp_path / "b", ["--cameras", str(photographs)]
@@ -127,6 +144,8 @@ def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
         (["--target-ratio", "9999999"], "--target-ratio: 1e+07 leaves"),
         (["--images", "nowhere"], "nowhere"),
         (["--size", "0x5"], "--size 0x5: width 0"),
+        (["--degree", "4"], "--degree"),
+        (["--quality", "faithful"], "--quality: faithful is of models of degree 2 and 3"),
         (["--scale", "2", "--images", "nowhere"], "--scale 2: is not in 0 … 1"),
     ),
 )
@@ -135,6 +154,13 @@ def test_bad_options(scene_file, tmp_path, capsys, options, message):
     assert run("compress", str(scene_file), "-o", str(model), *QUICK, *options) == 2
     error = capsys.readouterr().err
     assert message in " ".join(error.split()) and not model.exists()
+
+
+def test_degree_above_the_scene_s(scene_file, tmp_path, capsys, monkeypatch):
+    """It is refused before a picture is rendered."""
+    monkeypatch.delattr(compression_run, "teacher")
+    assert run("compress", str(scene_file), "-o", str(tmp_path / "m"), "--degree", "2") == 2
+    assert "small.ply: --degree 2 is above its degree 1" in capsys.readouterr().err
 
 
 def test_bad_input(scene_file, tmp_path, capsys):

@@ -132,7 +132,7 @@ BAD = {
     "render degree3.splatcore --engine golden --preset paper -o a.png": "degree 3.*up to 1",
     "render degree1.splatcore --engine golden --preset paper -o a.png": "PAPER.*compact",
     "render scene.splatcore --engine golden --preset paper -o a.png": "'chunk', .*PAPER 'absolute'",
-    "report -o out --section speed": r"--section 'speed': unknown \(there are scenes, sweep, paper",
+    "report -o out --section speed": r"--section 'speed': unknown \(there are scenes, budget",
     "report -o out --size 3": "--size '3': is not WIDTHxHEIGHT",
     "report -o out --preset HUGE": "preset 'HUGE': unknown",
     "report -o out --scene none.ply": r"none\.ply",

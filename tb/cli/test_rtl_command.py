@@ -50,7 +50,7 @@ def test_render(tmp_path, capsys):
     assert run("render", "needles", *RTL, *options, "-o", picture) == 0
     result = load(file)
     assert list(result) == KEYS + MORE_KEYS and result["timing"] == "ideal"
-    assert result["identical"] and result["psnr_db"] > 45 and len(result["frames"]) == 3
+    assert result["identical"] and result["psnr_db_machine"] > 45 and len(result["frames"]) == 3
     slower = max(result["halves"].values())
     assert 0.9 * slower < result["cycles"] < 1.2 * slower + 1000  # other cameras
     assert result["traffic_bytes"]["write_pixels"] >= 64 * 48 * 3
@@ -140,7 +140,8 @@ def test_bench_scenes(golden, tmp_path, monkeypatch, capsys):
         "needles-64x48-ideal.json", "needles-64x48-lpddr4.json",
     ]  # fmt: skip
     ideal, slow = map(load, files)
-    assert ideal["identical"] and ideal["psnr_db"] > 45
+    assert ideal["identical"] and ideal["psnr_db_machine"] > 45
+    assert ideal["psnr_db_scene"] < ideal["psnr_db_machine"] and ideal["ssim_scene"] is not None
     assert ideal["cycles"]["frame"] < slow["cycles"]["frame"]
     assert ideal["model_cycles"]["raster"] == frame_cycles(TINY, golden[1]).raster
     table = (tmp_path / "scenes.md").read_text()

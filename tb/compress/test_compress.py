@@ -22,7 +22,6 @@ from splatcore.model.gradients.trainable import optimizers, rendered, scene_of, 
 from splatcore.sim.common.metric import psnr
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import model_format
 from splatcore.spec.scene import ARRAYS, Scene
 from tb.helpers.compression_scene import RECIPE, SIZE, nothing
 
@@ -105,15 +104,6 @@ def test_target_ratio(scene, targets, checkpoints, tmp_path):
     far, empty = replace(RECIPE, target_ratio=1e6), Checkpoints(tmp_path / "b", "")
     with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves"):
         list(compress(scene, targets, far, empty))
-
-
-def test_room_for_the_larger_codebooks(scene, targets):
-    """A ratio is kept with harmonics and without."""
-    either = Compression(targets, RECIPE, None, DEFAULT, nothing).largest_format(scene)
-    flat = Compression(targets, replace(RECIPE, sh_degree=0), None, DEFAULT, nothing)
-    sizes = [model_format(DEFAULT, degree).layout(0).end for degree in (0, 1)]
-    assert either.layout(0).end == max(sizes) > min(sizes)
-    assert flat.largest_format(scene).sh_degree == 0
 
 
 def test_a_ratio_that_packing_alone_gives(scene, targets, checkpoints):
@@ -232,7 +222,9 @@ def test_rendered_parameters(scene):
     (
         ({"schedule": (0.4, 1.0)}, "--schedule"), ({"steps": -1}, "--steps"),
         ({"target_ratio": 0.5}, "--target-ratio"), ({"max_drop": 0.0}, "--max-drop"),
-        ({"sh_degree": 2}, "--sh-degree"), ({"rate": 0.0}, "--rate"),
+        ({"degree": 4}, "--degree"), ({"quality": "faithful"}, "--quality"),
+        ({"degree": 1, "quality": "balanced"}, "--quality"),
+        ({"degree": 3, "quality": "compact"}, "--quality"), ({"rate": 0.0}, "--rate"),
         ({"order": "both"}, "--order"),
         ({"target_ratio": 5.0, "max_drop": 1.0}, "--target-ratio, --max-drop"),
     ),

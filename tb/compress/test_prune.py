@@ -10,7 +10,7 @@ from splatcore.model.compress.prune import cheapest_pairs, prune, sound
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import ALPHA_MAX
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import model_format
+from splatcore.spec.memory import model_format, step_format
 from splatcore.spec.scene import ARRAYS
 from tb.helpers.scenes import random_scene
 
@@ -111,5 +111,9 @@ def test_count_for_ratio():
     format = model_format(DEFAULT, 1)
     count = pruning.count_for_ratio(10_000_000, 50, format)
     assert format.layout(count).end <= 200_000 < format.layout(count + 3).end
+    steps = step_format(DEFAULT, 3)
+    count = pruning.count_for_ratio(10_000_000, 50, steps, beats=2)
+    sizes = [steps.layout(n, 2 * n).end for n in (count, count + 3)]
+    assert sizes[0] <= 200_000 < sizes[1]
     with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves 10 bytes, and a packed"):
         pruning.count_for_ratio(10_000_000, 1e6, format)

@@ -6,41 +6,69 @@ import numpy as np
 import pytest
 import torch
 
+from splatcore.model.compress.codebooks import in_codebooks
 from splatcore.model.compress.compress import Compression
-from splatcore.model.compress.quantize import quantised, round_fixed, round_float, stored_positions
+from splatcore.model.compress.quantize import round_fixed, round_float
 from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients.finetune import finetune
-from splatcore.model.gradients.trainable import RATES, optimizers
-from splatcore.model.pack.pack import pack
+from splatcore.model.gradients.trainable import RATES, REFINING, optimizers, scene_of, tensors_of
+from splatcore.model.pack.pack import stored_order
+from splatcore.spec.colour import COARSE, FINE
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.memory import FACTOR, OPACITY
 from splatcore.spec.number import Float
 from tb.helpers.compression_scene import nothing
 
 
+def compared(work):
+    """What the last steps render against what the packed model decodes to, Gaussian by Gaussian."""
+    order, _ = stored_order(scene_of(work.tensors))
+    rendered = [tensor.detach().numpy() for tensor in work.rendered(work.tensors)]
+    position, factor, opacity, sh = (array[order] for array in rendered)
+    packed = work.packed("x").gaussians()
+    assert len(packed) == len(order)
+    near = {"rtol": 2e-6, "atol": 1e-6}
+    assert np.allclose(packed.position, position, **near)
+    off = np.abs(packed.factor - factor)
+    axis = np.abs(packed.factor).max(axis=(1, 2))[:, None, None]
+    step = 2.0**-FACTOR.fraction * np.abs(packed.factor)
+    assert (off <= 1.01 * step + 1e-5 * axis).all()  # float32 and float64 may round to neighbours,
+    assert (off <= 1e-6 * axis).mean() > 0.98  # but seldom do
+    assert np.allclose(packed.opacity, opacity, rtol=1e-5)
+    gone = np.setdiff1d(np.arange(len(rendered[2])), order)
+    assert not rendered[2][gone].any()
+    return packed.sh, sh
+
+
 @pytest.mark.parametrize("degree", (0, 1))
 @pytest.mark.parametrize("config", (DEFAULT, TINY), ids=lambda config: config.name)
 def test_quantised_is_what_the_machine_reads(garden, degree, config):
     """The last steps render what the packed model decodes to."""
-    work = quantised(garden.with_sh_degree(degree), np.ones(len(garden)), config, 0)
+    work = in_codebooks(garden.with_sh_degree(degree), np.ones(len(garden)), config, 0)
     with torch.no_grad():  # off the entries that k-means gave
         for entries in work.colour.entries:
             entries += 0.003
-    position, factor, opacity, sh = (t.detach().numpy() for t in work.rendered(work.tensors))
-    final, codebooks = work.finish("x")
-    model, _ = pack(final, config, degree, codebooks=codebooks)
-    packed = model.gaussians()
-    order = np.lexsort(packed.position.T)
-    mine = np.lexsort(stored_positions(final.position).T)
-    near = {"rtol": 2e-6, "atol": 1e-6}
-    assert np.allclose(packed.position[order], position[mine], **near)
-    off = np.abs(packed.factor[order] - factor[mine])
-    axis = np.abs(packed.factor[order]).max(axis=(1, 2))[:, None, None]
-    step = 2.0**-FACTOR.fraction * np.abs(packed.factor[order])
-    assert (off <= 1.01 * step + 1e-5 * axis).all()  # float32 and float64 may round to neighbours,
-    assert (off <= 1e-6 * axis).mean() > 0.98  # but seldom do
-    assert np.allclose(packed.opacity[order], opacity[mine], rtol=1e-5)
-    assert np.allclose(packed.sh[order], sh[mine], rtol=1e-4, atol=1e-5)
+    assert np.allclose(*compared(work), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("quality", ("balanced", "faithful", "layouts"))
+@pytest.mark.parametrize("degree", (0, 1, 2, 3))
+def test_steps_are_what_the_machine_reads(scene, degree, quality):
+    """The same of models in steps, after parameters moved and some Gaussians became transparent."""
+    chosen = np.array([FINE, 0, COARSE]) if quality == "layouts" else quality
+    work = InSteps(tensors_of(scene.with_sh_degree(degree)), DEFAULT, chosen)
+    with torch.no_grad():
+        for tensor in work.tensors.values():
+            tensor *= 1.01
+        work.tensors["opacities"][::50] = -9
+    work.refresh()
+    packed, rendered = compared(work)
+    assert packed.any(axis=(0, 2)).all(), "every coefficient is there"
+    assert np.allclose(packed, rendered, rtol=1e-6, atol=1e-7)
+    moved = scene_of(work.tensors)
+    off = np.abs(packed - moved.sh[stored_order(moved)[0]]).max(axis=(0, 2))
+    assert (off > 1e-4).all(), "and is rounded"
 
 
 @pytest.mark.parametrize("format", (FACTOR, Float(5, 10, signed=True), Float(4, 3)))
@@ -66,7 +94,7 @@ def test_round_fixed_and_straight_through():
 
 def test_codebooks_learn(scene, targets):
     """Fine-tuning moves the entries, on their grid, and the assignment stays."""
-    work = quantised(scene.with_sh_degree(1), np.ones(len(scene)), DEFAULT, 0)
+    work = in_codebooks(scene.with_sh_degree(1), np.ones(len(scene)), DEFAULT, 0)
     before = [entries.copy() for entries in work.colour.codebook().entries]
     loss = Compression(targets, Recipe(), None, DEFAULT, nothing)
     wrong = loss.error(work.rendered(work.tensors), targets)
@@ -79,12 +107,27 @@ def test_codebooks_learn(scene, targets):
     assert loss.error(work.rendered(work.tensors), targets) < 0.95 * wrong
 
 
+def test_harmonics_in_steps_learn(scene, targets):
+    """Gradients pass the rounding: colours that were wrong are mended, and stay in steps."""
+    wrong = replace(scene.with_sh_degree(2), sh=0.9 * scene.with_sh_degree(2).sh)
+    work = InSteps(tensors_of(wrong), DEFAULT, "balanced")
+    loss = Compression(targets, Recipe(), None, DEFAULT, nothing)
+    before = loss.error(work.rendered(work.tensors), targets)
+    leaves, rates = work.leaves()
+    harmonics = {name: leaves[name] for name in ("sh0", "shN")}
+    adams = optimizers(harmonics, 1.0, REFINING | rates)
+    finetune(work.tensors, adams, targets, 30, 0, nothing, "x", work.rendered)
+    assert loss.error(work.rendered(work.tensors), targets) < 0.7 * before
+    work.refresh()
+    assert np.allclose(*compared(work), rtol=1e-6, atol=1e-7)
+
+
 def test_weighted_codebooks(garden):
     """Gaussians that matter more are nearer to their entries."""
     weight = np.where(np.arange(len(garden)) < 100, 1e4, 1.0)
     many = replace(garden, sh=np.random.default_rng(0).normal(0, 1, garden.sh.shape))
-    even = quantised(many.with_sh_degree(1), np.ones(len(garden)), DEFAULT, 0)
-    uneven = quantised(many.with_sh_degree(1), weight, DEFAULT, 0)
+    even = in_codebooks(many.with_sh_degree(1), np.ones(len(garden)), DEFAULT, 0)
+    uneven = in_codebooks(many.with_sh_degree(1), weight, DEFAULT, 0)
     colour = torch.tensor(many.sh[:100, 0] * 0.28209479 + 0.5)
 
     def error(work):

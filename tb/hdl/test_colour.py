@@ -27,8 +27,8 @@ from tb.helpers.colour_rows import any_bytes, few_bits, project_rows, random_mod
 from tb.helpers.runs import check_run
 from tb.helpers.stage_cases import constants
 
-DEGREES = range(4)
-MACHINES = {degree: replace(DEFAULT, sh_degree=degree) for degree in DEGREES}
+MACHINES = {degree: replace(DEFAULT, sh_degree=degree) for degree in range(4)}
+DEGREES = (0, 1, pytest.param(2, marks=pytest.mark.verify), 3)
 OTHERS = {
     "two arrays": replace(DEFAULT, pe_arrays=2),
     "dense": replace(DEFAULT, skip_zeros=False, tile_test="3sigma"),
@@ -37,6 +37,9 @@ OTHERS = {
     "fine colours": replace(DEFAULT, colour_fraction=12, sum_fraction=16),
     "many stages": Config(colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3))),
 }
+
+LONGER = ("dense", "few slots", "fine colours")
+"""Those that are compiled in `make verify` only."""
 
 ALONE = [np.full(3, number) for number in range(len(LAYOUTS))]
 MIXED = np.array([FINE, 0, COARSE, SECOND, SECOND, FINE, COARSE, 0, FINE, FINE, 0])
@@ -113,7 +116,9 @@ def test_stalls(degree):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.verify] * (n in LONGER)) for n in OTHERS]
+)
 def test_other_machines(name):
     config = OTHERS[name]
     for stall in (0, 0.5):

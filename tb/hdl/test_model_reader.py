@@ -117,14 +117,21 @@ EDITS = [
 ]
 """Fields of headers, some of which fit."""
 
+OF_DEGREE = {"sh_degree", "colour_index", "sh_index", "version", "magic"}
+"""Fields that are tried on machines of lower degrees, which take the others alike."""
 
-@pytest.mark.parametrize("name", MACHINES)
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.verify] * (n == "degree 1")) for n in MACHINES],
+)
 def test_headers(name):
     config = MACHINES[name]
     formats = [memory.model_format(config, d) for d in memory.compact_degrees(config)]
     formats += [memory.model_format(PAPER if config is DEFAULT else DEFAULT, 1)]
     formats += [memory.step_format(config, degree) for degree in (0, 3)]
-    headers = [(model(format), edit) for format in formats for edit in ({}, *EDITS)]
+    edits = [edit for edit in EDITS if config in (DEFAULT, PAPER) or OF_DEGREE & edit.keys()]
+    headers = [(model(format), edit) for format in formats for edit in ({}, *edits)]
     seen = [check_header(config, spoiled(m, **e), k) for k, (m, e) in enumerate(headers)]
     wrong = ErrorCode.MAGIC, ErrorCode.VERSION, ErrorCode.FORMAT, ErrorCode.DEGREE
     assert set(seen) == {ErrorCode.NONE, *wrong}

@@ -49,19 +49,22 @@ class StandIn:
         return small(300)
 
     def compress(self, scene, targets, recipe, checkpoints, config, tell, original):
-        """Prunes evenly by the schedule, drops harmonics, packs."""
+        """Prunes evenly by the schedule, drops harmonics, packs as the recipe says."""
         assert len(targets)
         if len(scene) == self.breaks_at:
             raise FloatingPointError("the loss is NaN\nat step 7")
         self.calls.append(f"compress {len(scene)} {recipe.target_ratio}")
         size, rates = original, recipe.schedule
         if recipe.target_ratio:
-            rest = len(pack(scene[:256], config)[0].image) - 256 * 22
-            count = round((size / recipe.target_ratio - rest) / 22)
+            each = 38 if recipe.in_steps else 22
+            packed = pack(scene[:256], config, **recipe.packing)[0]
+            rest = len(packed.image) - 256 * each
+            count = round((size / recipe.target_ratio - rest) / each)
             if count < 20:
                 raise InputError(f"--target-ratio {recipe.target_ratio:g}: cannot be reached")
             rates = (1 - min(count / len(scene), 1.0),)
-        plan = [("original", "original", 1.0), ("distill 1", "distill", 1.0)]
+        degree = recipe.highest
+        plan = [("original", "original", 1.0), (f"distill {degree}", "distill", 1.0)]
         place = 1 if recipe.order == "prune-first" else 2
         plan[place:place] = [("prune", "prune", 1 - rate) for rate in rates]
         for k, (name, kind, share) in enumerate(plan):
@@ -70,7 +73,7 @@ class StandIn:
             name = f"{name} ({k})" if kind == "prune" else name
             if not checkpoints.find(name):
                 scene = scene[np.linspace(0, len(scene) - 1, round(share * len(scene))).astype(int)]
-                scene = scene.with_sh_degree(1) if kind == "distill" else scene
+                scene = scene.with_sh_degree(degree) if kind == "distill" else scene
                 checkpoints.save(name, kind, scene, 0.5, loss)
                 self.calls.append(name)
             yield checkpoints.find(name)
@@ -78,7 +81,9 @@ class StandIn:
             if name == self.stop_after:
                 raise Interrupt
         tell("quantize", 0, 1, None)
-        yield checkpoints.save("quantize", "quantize", pack(scene, config)[0], 0.5, 0.2)
+        yield checkpoints.save(
+            "quantize", "quantize", pack(scene, config, **recipe.packing)[0], 0.5, 0.2
+        )
 
 
 def small(count: int = COUNT) -> Scene:

@@ -23,7 +23,11 @@ from tb.helpers.machines import check, garden, long_needles, machine, view
 
 pytestmark = pytest.mark.slow
 
-NEAR = ("near_plane", "camera_inside")  # hard cases with Gaussians at and behind the near plane
+NEAR = (
+    "near_plane",
+    "camera_inside",
+    "at_the_camera",
+)  # hard cases with Gaussians at and behind the near plane
 
 ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
 """Slow memory that idles at random."""

@@ -1,4 +1,5 @@
-"""The whole machine of `DEFAULT` on the embedded scene and on small real frames."""
+"""The whole machine of `DEFAULT` on the embedded scene, on the hard cases of harmonics and on small
+real frames."""
 
 import pytest
 
@@ -6,11 +7,13 @@ from splatcore.golden.pipeline import render
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.config import DEFAULT
+from tb.helpers.bounds import HARMONICS
 from tb.helpers.machines import check, machine
 from tb.helpers.scenes import needs_scenes, scene_path
 
@@ -37,6 +40,17 @@ def run(model, camera, frames: int = 1):
 def test_garden():
     """Two frames of the embedded scene, both halves at work at once."""
     run(pack(generate("garden"), DEFAULT)[0], generated_camera("garden").resized(*SIZE), 2)
+
+
+def test_hard_harmonics():
+    """One after the other, the finest and the next."""
+    cases = [HARD[name](0) for name in HARMONICS]
+    jobs = [
+        Job(pack(case.scene, quality=quality)[0], case.camera)
+        for case in cases
+        for quality in ("faithful", "balanced")
+    ]
+    check(DEFAULT, machine(DEFAULT).run(jobs), *jobs)
 
 
 @needs_scenes

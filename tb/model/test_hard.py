@@ -8,6 +8,7 @@ import pytest
 from splatcore.golden.reference import Frame, harmonics, project, render
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.model.pack.pack import pack
+from splatcore.sim.common.metric import psnr
 from splatcore.spec.colour import FINE, SECOND
 from splatcore.spec.convention import (
     ALPHA_MAX,
@@ -18,15 +19,22 @@ from splatcore.spec.convention import (
     TRANSMITTANCE_MIN,
 )
 from splatcore.spec.scene import ARRAYS, rotation_matrix
+from tb.helpers.bounds import HARMONICS
 
 NAMES = [
-    *("swinging_harmonics", "clamped_harmonics", "at_the_poles", "outlying_coefficient"),
-    "mixed_degrees",
+    *("swinging_harmonics", "clamped_harmonics", "at_the_poles", "at_the_camera"),
+    *("outlying_coefficient", "mixed_degrees", "zero_bands"),
     *("needles", "flakes", "whole_screen", "sub_pixel", "equal_depths", "long_list"),
     *("depth_range", "near_plane", "camera_inside", "far_from_origin", "opacity_edge"),
     *("transmittance_edge", "saturated_colours", "zero_scales", "unnormalised_quaternions"),
     *("not_finite", "empty", "one", "odd_size", "one_pixel"),
 ]
+
+BALANCED_DB = {
+    "swinging_harmonics": 22, "clamped_harmonics": 28, "at_the_poles": 36, "at_the_camera": 30,
+    "outlying_coefficient": 30, "mixed_degrees": 33, "zero_bands": 35,
+}  # fmt: skip
+"""dB against the scene that at most two beats a Gaussian keep at least."""
 
 
 @pytest.fixture
@@ -258,6 +266,14 @@ def test_at_the_poles(case):
     assert ((x == 0) & (y == 0)).sum() == 100
 
 
+def test_at_the_camera(case):
+    x, y, depth = in_camera(case).T
+    assert np.sum((x == 0) & (y == 0) & (depth == 0)) == 30
+    behind = np.abs(depth) < 1e-5
+    close = (depth > NEAR_PLANE) & (depth <= 2 * NEAR_PLANE)
+    assert behind.sum() == 60 == rendered(case).counts["near_culled"] and close.sum() == 100
+
+
 def test_outlying_coefficient(case):
     sizes = np.sort(np.abs(case.scene.sh[:, 1:]).ravel())
     assert sizes[-1] >= 1000 * sizes[-2]
@@ -265,8 +281,26 @@ def test_outlying_coefficient(case):
 
 def test_mixed_degrees(case):
     model, _ = pack(case.scene, quality="faithful")
-    assert set(model.chunks["harmonics"]) == {SECOND, FINE}
-    assert (case.scene.sh[:, 1:] == 0).all((1, 2)).sum() > 30
+    assert list(model.chunks["harmonics"]) == [FINE, SECOND]
+    degree = (case.scene.sh[:, [1, 4, 9]] != 0).any(2).sum(1)
+    assert np.bincount(degree).min() > 50
+
+
+def test_zero_bands(case):
+    model, _ = pack(case.scene, quality="faithful")
+    assert list(model.chunks["harmonics"]) == [FINE, 0]
+    third = case.scene.sh[:, 9:].any((1, 2))
+    assert third.sum() == 256 and not case.scene.sh[:, 1:9].any()
+
+
+@pytest.mark.parametrize("name", HARMONICS)
+def test_packing_keeps_to_its_bound(name):
+    case = HARD[name](0)
+    whole = rendered(case)
+    for quality, least in (("faithful", case.packing_db), ("balanced", BALANCED_DB[name])):
+        packed = render(pack(case.scene, quality=quality)[0].gaussians(), case.camera)
+        assert psnr(packed.pixels / 255, whole.pixels / 255) >= least, quality
+        assert packed.counts["near_culled"] == whole.counts["near_culled"]
 
 
 def over_the_sphere(case: HardCase) -> np.ndarray:

@@ -6,11 +6,22 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from splatcore.model.pack.pack import pack
-from splatcore.spec.colour import COARSE, FINE, LAYOUTS, SECOND, folded, unfolded
+from splatcore.model.pack.pack import pack, stored_order
+from splatcore.model.pack.steps import exponent_for, quantise
+from splatcore.spec.colour import (
+    COARSE,
+    EXPONENT_MAX,
+    EXPONENT_MIN,
+    FINE,
+    LAYOUTS,
+    SECOND,
+    folded,
+    unfolded,
+)
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER
+from splatcore.spec.number import Fixed
 from splatcore.spec.packed import PackedModel, checksum
 from tb.helpers.clouds import cloud
 
@@ -127,6 +138,9 @@ def test_close_to_the_scene(quality, degree, beats, worst):
     sizes = [np.sqrt((f**2).mean()) for f in folded(scene.sh)]
     assert report.colour_rms < 0.002
     assert all(e <= w * s for e, w, s in zip(report.sh_rms, worst, sizes[1:], strict=True))
+    exact = folded(scene.sh[stored_order(scene)[0]])
+    errors = [np.abs(a - b).max() for a, b in zip(model.factors, exact, strict=True)]
+    assert [report.colour_error, *report.sh_error] == errors
 
 
 def test_chunks_without_harmonics_have_no_beats_for_them():
@@ -140,6 +154,18 @@ def test_chunks_without_harmonics_have_no_beats_for_them():
     assert max(used) == 2 and model.format.sh_degree == 3
     only = scene[first]
     assert (pack(only, quality="faithful")[0].chunk_beats == 1).all()
+    only.sh[9, 12, 1] = 1e-4  # one of one Gaussian is enough
+    assert sorted(pack(only, quality="faithful")[0].chunk_beats) == [1, 3]
+
+
+def test_layouts_side_by_side():
+    """A chunk's codes stand for the same, whatever layouts the others have."""
+    scene, model = mixed(5 * CHUNK + 3, 3)
+    of = np.repeat(model.chunks["harmonics"], CHUNK)[: len(model)]
+    for number in range(len(LAYOUTS)):
+        alone, _ = pack(scene, quality=np.full(len(model.chunk_beats), number))
+        for found, expected in zip(model.factors, alone.factors, strict=True):
+            assert (found[of == number] == expected[of == number]).all(), number
 
 
 def test_a_coefficient_a_thousand_times_the_others():
@@ -153,6 +179,54 @@ def test_a_coefficient_a_thousand_times_the_others():
     assert abs(model.sh[at, 9, 1] - 10) < 0.3
     others = np.delete(model.sh, at, axis=0)
     assert np.abs(others[:, 9:]).max() < 0.06  # half a step, eight times finer
+
+
+def test_steps_are_those_of_the_least_error():
+    """Of all s of a chunk and all shifts of its Gaussians, by trying them one by one."""
+    rng = np.random.default_rng(0)
+    factors = rng.normal(size=(12, 3, 3)) * 2.0 ** rng.uniform(-7, 0, (12, 1, 1))
+    of = np.repeat([0, 1], [7, 5])
+    for width, halves, shifts in ((5, False, 4), (3, True, 4), (9, False, 1)):
+        code = Fixed(width - 1, 0, signed=True)
+        exponent = exponent_for(factors, code)
+        codes, s, own = quantise(factors, of, code, exponent, halves, shifts)
+        ends, half = (-(1 << width - 1), (1 << width - 1) - 1), halves / 2
+        assert codes.min() >= ends[0] and codes.max() <= ends[1]
+
+        def errors(level, ends=ends, half=half, exponent=exponent):
+            """Squared error of each Gaussian in the nearest codes of a step."""
+            size = (0.75 if level & 1 else 1) * 2.0 ** (exponent - level // 2)
+            near = np.clip(np.floor(factors / size - half + 0.5), *ends) + half
+            return ((near * size - factors) ** 2).sum((1, 2))
+
+        tried = np.array([[errors(s + 2 * g) for g in range(shifts)] for s in range(16)])
+        least = np.stack([tried.min(1)[:, of == c].sum(1) for c in (0, 1)])
+        np.testing.assert_allclose(least[[0, 1], s], least.min(1), rtol=1e-9)
+        size = np.where(s & 1, 0.75, 1) * 2.0 ** (exponent - s // 2)
+        made = (codes + half) * (size[of] / 2.0**own)[:, None, None]
+        error = ((made - factors) ** 2).sum((1, 2))
+        np.testing.assert_allclose(error, tried.min(1)[s[of], np.arange(12)], rtol=1e-9)
+
+
+@pytest.mark.parametrize("width", [2, 5, 9])
+def test_exponents_are_the_least_that_hold_the_largest(width):
+    code = Fixed(width - 1, 0, signed=True)
+    top = (1 << width - 1) - 1
+    for size in (top - 0.01, top + 0.01):
+        for exponent in (-12, 0, 3):
+            found = exponent_for(np.full((4, 1, 3), size * 2.0**exponent), code)
+            assert found == exponent + (size > top)
+    assert exponent_for(np.full((1, 1, 3), 1e6), code) == EXPONENT_MAX
+
+
+def test_nothing_has_the_finest_steps():
+    """Halves have no zero: a degree that no Gaussian has is off by next to nothing."""
+    scene = cloud(5, count=CHUNK, degree=3)
+    scene.opacity[:] = 0.5
+    scene.sh[:, 1:9] = 0
+    model, report = pack(scene, quality="balanced")
+    assert model.exponents[1:3] == [EXPONENT_MIN] * 2
+    assert 0 < max(report.sh_error[:2]) < 2.0**-20
 
 
 def test_machines_and_qualities():

@@ -185,6 +185,28 @@ def test_mean():
     assert mean(rows) == wanted and mean([{"model": row} for row in rows]) == {"model": wanted}
 
 
+def test_degree(fake, second, tmp_path):
+    """Packing alone and what is left have it; results of another one do not stay beside them, and
+    a scene that has less is left out."""
+    write_ply("b.ply", small(300).with_sh_degree(1))
+    assert bench("a.ply", "--part", "budget") == 0
+    arguments = ("a.ply", "b.ply", "--degree", "2", "--ratios", "9", "--part", "steps,curve")
+    assert bench(*arguments) == 1
+    facts = load(tmp_path / "out" / "compression.json")
+    assert facts["degree"] == 2 and list(facts["scenes"]) == ["a.ply"]
+    why = [failure["why"] for failure in facts["failed"]]
+    assert why == 2 * ["b.ply: --degree 2 is above its degree 1"]
+    scene = facts["scenes"]["a.ply"]
+    assert set(scene) & {"steps", "curve", "budget"} == {"steps", "curve"}
+    alone, point = scene["curve"]["points"]
+    packing = {"sh_degree": 2, "quality": "balanced"}
+    model = pack(read_scene("a.ply"), DEFAULT, **packing)[0]
+    assert (alone["sh_degree"], alone["bytes"]) == (2, len(model.image))
+    assert point["sh_degree"] == 2 and point["ratio"] == pytest.approx(9, rel=0.03)
+    assert [row["sh_degree"] for row in scene["steps"]["rows"]] == [3, *6 * [2]]
+    assert fake.calls.count("distill 2") == 1, "both parts make use of one distillation"
+
+
 def test_equal_pictures():
     image = np.random.default_rng(0).integers(0, 256, (40, 50, 3), dtype=np.uint8)
     found = compared(image, image)

@@ -8,17 +8,24 @@ import pytest
 from distributed import LocalCluster
 
 from splatcore.golden.pipeline import render
+from splatcore.golden.reference import render as render_reference
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
+from splatcore.sim.bench import scenes
 from splatcore.sim.bench.campaign import Failure, Task, results
 from splatcore.sim.bench.campaigns import ablation_machines, confirmed, front, summary
 from splatcore.sim.bench.sweep import SPEED, picture_of
 from splatcore.sim.bench.sweep_points import Point, points
 from splatcore.sim.bench.workload import every_camera, tile_density, view_work
-from splatcore.sim.common.source import View
+from splatcore.sim.common.source import Source, View
+from splatcore.sim.common.sources import code_key
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.machine import engines
+from splatcore.sim.machine.engines import truths
+from splatcore.sim.machine.script import LPDDR4
+from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import DEFAULT, TINY
-from splatcore.spec.convention import TILE
+from splatcore.spec.convention import SPLATCORE, TILE
 from splatcore.spec.error import InputError
 from tb.helpers.campaign_tasks import die, double
 from tb.helpers.command import load
@@ -99,19 +106,34 @@ def test_front():
     """A point is not on it if another one is as good in everything and better in something."""
     values = {"a": (10, 5, 60), "b": (10, 6, 60), "c": (9, 7, 60), "d": (11, 4, 50)}
     values["e"] = values["a"]
-    names = ("frame_cycles_max", "nand2", "psnr_db_mean")
+    names = ("frame_cycles_max", "nand2", "psnr_db_machine_mean")
     found = {name: dict(zip(names, value, strict=True)) for name, value in values.items()}
     assert front(found) == ["a", "c", "d", "e"]
 
 
 def test_summary_of_a_point():
     rows = [
-        {"point": "p", "cycles": {"frame": c}, "fps_at_800mhz": f, "psnr_db": d, "max_error": e}
+        {
+            "point": "p",
+            "cycles": {"frame": c},
+            "fps_at_800mhz": f,
+            "psnr_db_machine": d,
+            "max_error_machine": e,
+        }
         for c, f, d, e in ((100, 8.0, 50.0, 0.5), (200, 4.0, None, 0.0), (50, 16.0, 60.0, 0.1))
     ]
     point = Point("p", "knob", "1", DEFAULT)
-    found = summary(point, [*rows, rows[0] | {"point": "q", "max_error": 1}], {"nand2": 5.0}, 2.0)
-    names = ("frame_cycles_max", "fps_min", "psnr_db_min", "psnr_db_mean", "max_error_max", "nand2")
+    found = summary(
+        point, [*rows, rows[0] | {"point": "q", "max_error_machine": 1}], {"nand2": 5.0}, 2.0
+    )
+    names = (
+        "frame_cycles_max",
+        "fps_min",
+        "psnr_db_machine_min",
+        "psnr_db_machine_mean",
+        "max_error_machine_max",
+        "nand2",
+    )
     assert [found[name] for name in names] == [200, 4.0, 50.0, 55.0, 0.5, 7.0]
     assert summary(point, rows, {}, 2.0)["nand2"] is None
 
@@ -193,3 +215,36 @@ def test_confirmation_that_fails_is_told(identical, why, monkeypatch, tmp_path):
     found = confirmed(DEFAULT, GARDEN, tmp_path, "point", failed)
     assert found == (None if identical is None else view | {"cycles": 5, "model_cycles": 4})
     assert [failure["why"] for failure in failed] == ([why] if why else [])
+
+
+def test_a_row_stands_until_what_packs_is_another(monkeypatch, tmp_path):
+    """Without another word of Verilog: other code that packs is another model."""
+    monkeypatch.setattr(scenes, "machine_source", lambda config: "verilog")
+    monkeypatch.setattr(scenes, "build", lambda config, source: None)
+    monkeypatch.setattr(scenes, "expect", lambda config, view: None)
+    done = []
+    monkeypatch.setattr(scenes, "measure", lambda *_: done.append(1) or {"identical": True})
+    assert code_key(packed_model) == scenes.code_key(packed_model)
+    for packs, times in ((code_key(packed_model), 1), (code_key(packed_model), 1), ("other", 2)):
+        monkeypatch.setattr(scenes, "code_key", {packed_model: packs}.__getitem__)
+        scenes.Simulator(DEFAULT).row(GARDEN, LPDDR4, tmp_path / "row.json")
+        assert len(done) == times
+
+
+def test_pictures_that_packing_made_are_not_made_again(monkeypatch):
+    """Both truths of a scene come from packing; another view or background has its own."""
+    source, camera = View("garden", "", "64x48").open()
+    model = packed_model(source, DEFAULT, camera, "faithful")
+    blue = replace(SPLATCORE, background=(0, 0, 1))
+    again = truths(source, model, camera, blue)
+    with monkeypatch.context() as patch:
+        patch.delattr(engines, "reference")
+        found = truths(source, model, camera)
+        assert list(found) == ["machine", "scene"]
+        for name, gaussians in (("machine", model.gaussians()), ("scene", source.gaussians)):
+            assert np.array_equal(found[name], render_reference(gaussians, camera).pixels)
+    assert (again["scene"][..., 2] > found["scene"][..., 2]).any()
+    other = truths(source, model, replace(camera, cx=camera.cx + 5))
+    assert not np.array_equal(other["scene"], found["scene"])
+    alone = truths(Source("m", model=model), model, camera)
+    assert list(alone) == ["machine"] and np.array_equal(alone["machine"], found["machine"])

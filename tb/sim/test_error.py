@@ -77,7 +77,7 @@ def test_a_fault_shows_in_its_field_and_the_picture(exact, good, fault, name):
     every_other = slice(None, None, 2)  # so that the order of depths changes
     fault(name, every_other, lambda value: value + amount if shift else value * (1 + amount))
     bad = measure(WIDE, exact, exact)
-    assert bad["psnr_db"] < good["psnr_db"] - 20
+    assert bad["psnr_db_machine"] < good["psnr_db_machine"] - 20
     for field in FIELDS:
         before, after = good["fields"][field], bad["fields"][field]
         assert (after == before) == (field not in reacting), field
@@ -107,10 +107,10 @@ def test_not_finite(exact, good, fault, value):
     bad = measure(WIDE, exact, exact)
     assert (bad["not_finite"], bad["not_positive"]) == (3, 0)
     assert all(np.isfinite(size) for f in bad["fields"].values() for size in f.values())
-    assert bad["psnr_db"] < good["psnr_db"]
+    assert bad["psnr_db_machine"] < good["psnr_db_machine"]
     fault("u", slice(None), lambda _: -value)
     none = measure(WIDE, exact, exact)
-    assert none["not_finite"] == none["projected"] and np.isfinite(none["psnr_db"])
+    assert none["not_finite"] == none["projected"] and np.isfinite(none["psnr_db_machine"])
     assert none["fields"]["u"] == {"rms": None, "max": None}
     json.dumps(none, allow_nan=False)
 
@@ -162,7 +162,7 @@ def test_more_bits_are_better(exact):
     for half, coarse, fine in zip(*(result["fields"].values() for result in results), strict=True):
         assert 16 < coarse["rms"] / fine["rms"] < 256
         assert 0.3 < half["rms"] / coarse["rms"] < 10
-    assert results[1]["psnr_db"] + 25 < results[2]["psnr_db"]
+    assert results[1]["psnr_db_machine"] + 25 < results[2]["psnr_db_machine"]
 
 
 def test_needles_stay_positive_definite():
@@ -173,9 +173,9 @@ def test_needles_stay_positive_definite():
     assert facts["screen_ratio"] > 50 and list(facts["machines"]) == names
     for result in facts["machines"].values():
         assert result["not_positive"] == 0 and result["lost"] == 0
-    assert facts["machines"]["DEFAULT"]["psnr_db"] > 70
+    assert facts["machines"]["DEFAULT"]["psnr_db_machine"] > 70
     paper = facts["machines"]["PAPER"]
-    assert paper["psnr_db"] != paper["psnr_db_default_model"]
+    assert paper["psnr_db_machine"] != paper["psnr_db_default_model"]
 
 
 def test_a_ratio_without_end():
@@ -258,7 +258,9 @@ def test_processes(folder, capsys):
     assert set(result["largest"]) == {"scenes", "hard"}
     alone = measure_view(View("scene.ply", file="scene.cameras.json"), (with_width("7/16"),), print)
     together = result["scenes"]["scene.ply"]["machines"]["7/16"]
-    assert together["psnr_db"] == pytest.approx(alone["machines"]["7/16"]["psnr_db"], abs=1e-6)
+    assert together["psnr_db_machine"] == pytest.approx(
+        alone["machines"]["7/16"]["psnr_db_machine"], abs=1e-6
+    )
     (folder / "bad.ply").write_text("ply\nbad")
     capsys.readouterr()
     assert run("error", "bad.ply", "one", "--width", "7/16") == 2

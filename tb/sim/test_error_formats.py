@@ -67,9 +67,13 @@ def test_command(tmp_path, monkeypatch, capsys):
     changed = [way["changed_places"] for way in bits]
     assert changed == sorted(changed, reverse=True) and changed[0] > 0.1 > 0.01 > changed[-1] > 0
     exact = ways[EXACT_ORDER]
-    assert exact["changed_places"] == 0 and exact["max_error"] < 0.02
-    assert bits[0]["psnr_db"] + 3 < bits[-1]["psnr_db"] <= exact["psnr_db"] + 0.1
-    assert bits[0]["max_error"] > 5 * exact["max_error"]
+    assert exact["changed_places"] == 0 and exact["max_error_float64"] < 0.02
+    assert (
+        bits[0]["psnr_db_float64"] + 3
+        < bits[-1]["psnr_db_float64"]
+        <= exact["psnr_db_float64"] + 0.1
+    )
+    assert bits[0]["max_error_float64"] > 5 * exact["max_error_float64"]
     assert ways["15 bits, by group"]["changed_places"] > ways["18 bits, by group"]["changed_places"]
     assert read_png("keys.png").std() > 5
     printed = capsys.readouterr().out
@@ -90,8 +94,14 @@ def test_fewer_bits_cost_decibels_and_save_gates(monkeypatch, tmp_path):
     found = raster_errors({"garden": View("garden", size="160x90")})
     full, cut = found["DEFAULT"], found["sum_fraction 10"]
     assert full["gates"] > cut["gates"] > 1000
-    assert full["scenes"]["garden"]["psnr_db"] > cut["scenes"]["garden"]["psnr_db"] + 1
-    assert cut["scenes"]["garden"]["max_error"] > full["scenes"]["garden"]["max_error"] > 0
+    assert (
+        full["scenes"]["garden"]["psnr_db_float64"] > cut["scenes"]["garden"]["psnr_db_float64"] + 1
+    )
+    assert (
+        cut["scenes"]["garden"]["max_error_float64"]
+        > full["scenes"]["garden"]["max_error_float64"]
+        > 0
+    )
     assert raster_table(found).row_count == 2
     write_raster_plot(tmp_path / "formats.png", found)
     assert (tmp_path / "formats.png").stat().st_size > 10_000

@@ -196,12 +196,13 @@ def test_the_command(tmp_path, capsys, prices, scene):
     assert config.name == found["preset"] == "my_machine" and config.width_max == 64
     assert config.rasterizers == found["fields"]["rasterizers"]["chosen"]
     (fitted,) = found["views"].values()
-    assert fitted["fps"] >= 9000 and fitted["psnr_db"] >= 40
+    assert fitted["fps"] >= 9000 and fitted["psnr_db_machine"] >= 40
     again = ("--size", "64x48", "--preset", path, "--json", facts)
     assert run("cycles", scene, *again) == 0
     (view,) = json.loads(facts.read_text())["scenes"].values()
     assert view["frame"] == fitted["frame"]
-    assert abs(view["psnr_db"] - fitted["psnr_db"]) < 1e-3
+    rounded = view["psnr_db_machine"]  # cycles has both pictures in 8 bits, fit the machine's
+    assert abs(rounded - fitted["psnr_db_machine"]) < 0.5
 
 
 def test_nothing_is_written_if_it_is_impossible(tmp_path, capsys, prices, scene):

@@ -78,6 +78,16 @@ def test_numbers(whole):
     assert first["frame, M cycles"] == frame / 1e6 and first["FPS, at 800 MHz"] == 160
     assert first["model, off by %"] == pytest.approx(-1) and first["traffic, MB"] == 4
     assert whole.table("scenes", "traffic")[0]["image, MB"] == 3
+    budget = whole.table("budget", "budget")
+    assert [(row["of"], row["part"]) for row in budget[:5]] == [
+        ("packing", part) for part in ("shape", "degree 1", "degree 2", "degree 3",
+                                       "sum of the parts")
+    ]  # fmt: skip
+    assert budget[0]["vase 0, dB"] == 60 and budget[0]["hall roof, dB"] == 62
+    assert budget[3]["vase 0, dB"] is None and budget[3]["hall roof, dB"] == 62
+    largest = whole.table("budget", "budget-largest")
+    assert len(largest) == len(budget) - 3 and largest[0]["hall door"] == pytest.approx(2)
+    assert whole.table("budget", "budget-wholes")[2]["PSNR, scene, dB"] == 48
     assert whole.table("paper", "memories")[0]["size, KB"] == 4
     operations = whole.table("paper", "operations")
     assert [row["saved, % of operations"] for row in operations[1::2]] == [

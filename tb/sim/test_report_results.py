@@ -117,6 +117,7 @@ def test_another_size_or_machine(results, capsys):
 
 COMMANDS = {
     "scenes": "bench scenes --out DIR/scenes SCENES SIZE PRESET",
+    "budget": "error --stage all --json DIR/budget.json SCENES SIZE PRESET",
     "sweep": "bench sweep --out DIR/sweep SCENES SIZE",
     "programs": "programs --json DIR/programs.json PRESET",
     "programs-paper": "programs --preset PAPER --json DIR/programs-paper.json",
@@ -179,7 +180,7 @@ def test_only_what_is_missing_is_measured(results):
     assert commands("results", RESULTS=str(place)) == [hard.split(), memories.split()]
     (results / "new.spz").write_text("scene")
     newer = commands("results", RESULTS=str(place), SCENES=str(results / "new.spz"))
-    assert len(newer) == 2 + 5  # campaigns and power, too
+    assert len(newer) == 2 + 6  # campaigns and power, too
 
 
 def test_a_measurement_that_fails(results):

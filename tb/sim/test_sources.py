@@ -6,18 +6,26 @@ import pytest
 
 from splatcore.sim.bench import campaigns, sweep, workload
 from splatcore.sim.common.sources import ROOT, closure, code_key, files_key
+from splatcore.sim.packing import choose
 
-MEASURES = {"sweep": "sweep.py", "gates and memories": "campaigns.py", "work": "workload.py"}
-"""Files with the functions of the tasks of campaigns, by what they measure."""
+CAMPAIGNS = {
+    "sweep": "bench/sweep.py", "gates and memories": "bench/campaigns.py",
+    "work": "bench/workload.py",
+}  # fmt: skip
+MEASURES = CAMPAIGNS | {"packing": "packing/choose.py"}
+"""Files with the functions of the tasks of campaigns, by what they measure; and with the one that
+packs what is simulated."""
 
 DECIDES = {
     "spec/number.py": MEASURES,
     "spec/__init__.py": MEASURES,
     "model/pack/codebook.py": MEASURES,
-    "golden/raster.py": MEASURES,
-    "sim/cycles/raster.py": MEASURES,
-    "sim/machine/engines.py": MEASURES,
-    "hdl/raster/blend.py": MEASURES,
+    "model/pack/steps.py": MEASURES,
+    "sim/packing/choose.py": MEASURES,
+    "golden/raster.py": CAMPAIGNS,
+    "sim/cycles/raster.py": CAMPAIGNS,
+    "sim/machine/engines.py": CAMPAIGNS,
+    "hdl/raster/blend.py": CAMPAIGNS,
     "sim/eda/synth.py": ["gates and memories"],
     "sim/eda/waivers.vlt": ["gates and memories"],
     "sim/bench/workload.py": ["work"],
@@ -37,8 +45,7 @@ def copy(tmp_path_factory):
 
 
 def keys(root) -> dict[str, str]:
-    folder = root / "sim" / "bench"
-    return {name: files_key(folder / file, root) for name, file in MEASURES.items()}
+    return {name: files_key(root / "sim" / file, root) for name, file in MEASURES.items()}
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +65,7 @@ def test_a_changed_file_changes_the_keys_that_depend_on_it(copy, before, file):
 
 
 def test_keys_are_those_of_the_functions_modules(before):
-    functions = sweep.measure, campaigns.machine_size, workload.view_work
+    functions = sweep.measure, campaigns.machine_size, workload.view_work, choose.packed_model
     assert [code_key(function) for function in functions] == list(before.values())
 
 

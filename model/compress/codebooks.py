@@ -1,0 +1,104 @@
+"""Colours by codebooks in fine-tuning: entries are optimised on their grid, and the gradients reach
+them through the assignment of the Gaussians, which stays."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from splatcore.model.compress.quantize import Quantised, round_fixed
+from splatcore.model.gradients.trainable import RATES, Tensors, scene_of, tensors_of
+from splatcore.model.pack.codebook import Codebook, quantise
+from splatcore.model.pack.pack import appearance, pack
+from splatcore.spec.colour import SH_C0, SH_C1, SH_EXPONENT_MAX
+from splatcore.spec.config import Config
+from splatcore.spec.convention import COLOUR_OFFSET
+from splatcore.spec.memory import COMPONENT, SLOPE, model_format
+from splatcore.spec.number import Fixed
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Scene
+
+CODEBOOK_RATE = RATES["sh0"] * SH_C0
+"""Learning rate of the codebooks' entries, which are colours: that of sh0 in units of colour."""
+
+
+@dataclass(eq=False)
+class Stages:
+    """A codebook whose entries are optimised: one tensor [2^bits, D] a stage, in real units."""
+
+    format: Fixed
+    exponent: int
+    entries: list[torch.Tensor]
+    index: list[torch.Tensor]
+
+    @staticmethod
+    def of(codebook: Codebook, format: Fixed, like: torch.Tensor) -> "Stages":
+        values = [np.ldexp(entries, codebook.exponent) for entries in codebook.entries]
+        entries = [like.new_tensor(each).requires_grad_() for each in values]
+        index = [torch.as_tensor(index, device=like.device) for index in codebook.index]
+        return Stages(format, codebook.exponent, entries, index)
+
+    def rounded(self) -> list[torch.Tensor]:
+        """The entries on their grid, in real units."""
+        unit = 2.0**self.exponent
+        return [round_fixed(values / unit, self.format) * unit for values in self.entries]
+
+    def decode(self) -> torch.Tensor:
+        """The vectors [N, D]."""
+        stages = zip(self.rounded(), self.index, strict=True)
+        return sum(values.index_select(0, index) for values, index in stages)
+
+    def codebook(self) -> Codebook:
+        """The codebook as the model stores it."""
+        unit = 2.0**self.exponent
+        values = [entries.detach().double().cpu().numpy() for entries in self.rounded()]
+        entries = [np.rint(each / unit) for each in values]
+        return Codebook(self.exponent, entries, [index.cpu().numpy() for index in self.index])
+
+
+@dataclass(eq=False)
+class InCodebooks(Quantised):
+    """A scene of degree 0 or 1 under the numbers of a compact model."""
+
+    colour: Stages
+    harmonics: Stages
+
+    def refresh_colours(self, scene: Scene, order: np.ndarray):
+        """Entries and their assignment stay."""
+
+    def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
+        sh = [((self.colour.decode() - COLOUR_OFFSET) / SH_C0)[:, None]]
+        if self.harmonics.entries:
+            x, y, z = self.harmonics.decode().reshape(-1, 3, 3).unbind(2)
+            sh.append(torch.stack([-y, z, -x], dim=1) / SH_C1)
+        return torch.cat(sh, dim=1)
+
+    def leaves(self) -> tuple[Tensors, dict[str, float]]:
+        found = {name: self.tensors[name] for name in ("means", "scales", "quats", "opacities")}
+        entries = {
+            f"{part}{stage}": values
+            for part, stages in (("colour", self.colour), ("harmonics", self.harmonics))
+            for stage, values in enumerate(stages.entries)
+        }
+        return found | entries, dict.fromkeys(entries, CODEBOOK_RATE)
+
+    def packed(self, name: str) -> PackedModel:
+        codebooks = self.colour.codebook(), self.harmonics.codebook()
+        with torch.no_grad():
+            sh = self.harmonics_of(self.tensors)
+        scene = scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, name)
+        return pack(scene, self.config, scene.sh_degree, codebooks=codebooks)[0]
+
+
+def in_codebooks(scene: Scene, weight: np.ndarray, config: Config, seed: int) -> InCodebooks:
+    """A scene of degree 0 or 1 with codebooks by k-means weighted by significance [N]."""
+    format = model_format(config, scene.sh_degree)
+    colours, slopes = appearance(scene)
+    weight = np.maximum(weight, np.finfo(np.float32).tiny)
+    tensors = tensors_of(scene)
+    like = tensors["means"].detach()
+    colour = quantise(colours, format.colour_index, COMPONENT, seed, weight)
+    of_slopes = weight if len(slopes) else None
+    harmonics = quantise(slopes, format.sh_index, SLOPE, seed, of_slopes, SH_EXPONENT_MAX)
+    stages = Stages.of(colour, COMPONENT, like), Stages.of(harmonics, SLOPE, like)
+    return InCodebooks(tensors, config, *stages)

@@ -1,0 +1,90 @@
+"""Colours in steps in fine-tuning: harmonics are optimised, each is rendered as the multiple of its
+chunk's and Gaussian's step that the model holds (`spec.colour`)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from splatcore.model.compress.quantize import Quantised, straight
+from splatcore.model.gradients.trainable import Tensors, scene_of
+from splatcore.model.pack.pack import layouts, pack
+from splatcore.model.pack.steps import Steps, quantise_steps
+from splatcore.spec.colour import BASE, FOLDED, LAYOUTS, folded, step
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Scene, sh_count
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Steps of all coefficients of a degree, and the codes that there are; float64 [N, 1, 1]."""
+
+    size: torch.Tensor
+    least: torch.Tensor
+    most: torch.Tensor
+    half: torch.Tensor  # ½ where codes stand for k + ½ steps
+
+    def round(self, factors: torch.Tensor) -> torch.Tensor:
+        """Factors [N, k, 3] as the model holds them."""
+        steps = factors / self.size
+        codes = torch.where(self.half > 0, torch.floor(steps), torch.round(steps))
+        return (codes.clamp(self.least, self.most) + self.half) * self.size
+
+
+@dataclass(eq=False)
+class InSteps(Quantised):
+    """A scene of any degree under the numbers of a model in steps."""
+
+    quality: str  # of `model.pack.pack.QUALITIES`, or layouts of the chunks
+    grids: list[Grid] = field(init=False)  # of each degree
+
+    def refresh_colours(self, scene: Scene, order: np.ndarray):
+        """Choose the steps as packing will."""
+        factors = folded(scene.sh[order])
+        steps = quantise_steps(factors, layouts(factors, self.quality))
+        device = self.tensors["means"].device
+        self.grids = [
+            Grid(*(torch.tensor(numbers, device=device) for numbers in grid))
+            for grid in grids(steps, len(factors), order, len(scene))
+        ]
+
+    def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
+        """In float64, as packing rounds."""
+        sh = torch.cat([tensors["sh0"], tensors["shN"]], dim=1)
+        found = []
+        for degree, grid in enumerate(self.grids):
+            constants = sh.new_tensor(FOLDED[degree], dtype=torch.float64)[:, None]
+            own = sh[:, degree**2 : sh_count(degree)].double()
+            found.append(straight(own, grid.round(own.detach() * constants) / constants))
+        return torch.cat(found, dim=1).to(sh.dtype)
+
+    def leaves(self) -> tuple[Tensors, dict[str, float]]:
+        return self.tensors, {}
+
+    def packed(self, name: str) -> PackedModel:
+        scene = scene_of(self.tensors, name)
+        return pack(scene, self.config, scene.sh_degree, quality=self.quality)[0]
+
+
+def grids(steps: Steps, degrees: int, order: np.ndarray, count: int) -> list[np.ndarray]:
+    """For each degree sizes, least and most codes and halves [4, N, 1, 1] of N = `count` Gaussians,
+    of which `order` [M] are stored so; the others are 0."""
+    of = np.arange(len(order)) // CHUNK
+    found = []
+    for degree in range(degrees):
+        grid = np.zeros((4, count, 1, 1))
+        grid[0] = 1
+        sizes = step(steps.s[of, degree], steps.exponents[degree])
+        if degree:
+            sizes = np.ldexp(sizes, -steps.shifts[degree - 1])
+        for number in np.unique(steps.harmonics):
+            layout, own = LAYOUTS[number], steps.harmonics[of] == number
+            if degree > layout.degree:
+                continue
+            code = layout.format(degree) if degree else BASE
+            half = layout.halves / 2 if degree else 0
+            values = np.broadcast_arrays(sizes[own], code.min, code.max, half)
+            grid[:, order[own], 0, 0] = values
+        found.append(grid)
+    return found

@@ -1,0 +1,214 @@
+"""Where the error of a picture comes from: part by part of packing and of the machine, and all.
+
+A part's error is that of a picture in which nothing but that part is as it is in the machine.
+Parts of packing are the reference's pictures against its picture of the scene as it is, parts of
+the machine against its picture of the packed model; pictures are not rounded to 8 bits but where
+that is the part:
+
+    positions … degree 3   the scene with that part of its Gaussians as it is packed
+    arithmetic             golden's splats of stages 0 and 1, blended in float64 in exact order
+    depth keys             exact splats in the order of golden's keys
+    raster                 exact splats through golden's stage 3, its sums as they are
+    8 bits                 the exact picture rounded
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from splatcore.golden.bin import keys, splat_codes
+from splatcore.golden.exact import entries_of, features_of
+from splatcore.golden.pipeline import render
+from splatcore.golden.points import Points
+from splatcore.golden.raster import rasterize
+from splatcore.golden.reference import render as render_reference
+from splatcore.sim.accuracy.points import Reference, drawn_splats, fields_of, picture
+from splatcore.sim.accuracy.raster import EXACT
+from splatcore.sim.common.metric import LEVELS, against, difference
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.picture import write_figure
+from splatcore.sim.common.plot import legend_below, side_by_side
+from splatcore.sim.common.source import View
+from splatcore.sim.common.table import new_table, shown
+from splatcore.sim.machine.path import check_fits
+from splatcore.sim.packing.budget import part_by_part
+from splatcore.sim.packing.choose import Tell, packed
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.metric import psnr_of_square
+from splatcore.spec.scene import Gaussians
+
+WHOLES = ("packing", "machine", "scene")
+"""What parts belong to, and what all of them together are."""
+
+SUM = "sum of the parts"
+
+TITLES = {"packing": "all of packing", "machine": "all of the machine", "scene": "everything"}
+
+
+def budgets(config: Config, views: dict[str, View]) -> list[dict]:
+    """`budget` of each view."""
+    rows = []
+    for name, view in views.items():
+        with progress_bar(name) as advance:
+
+            def tell(what: str, name: str = name, advance=advance):
+                advance(0, None, f"{name}: {what}")
+
+            rows.append(budget(config, view, tell))
+    return rows
+
+
+def budget(config: Config, view: View, tell: Tell = str) -> dict:
+    """The view, how its scene is packed, its errors as everywhere (8-bit pictures), and in `parts`
+    rows of `error`; InputError for what is no scene."""
+    source, camera = view.open()
+    if source.scene is None:
+        raise InputError(f"{view.scene}: is a packed model already, not a scene")
+    check_fits(config, camera)
+    tell("packing")
+    found = packed(source, config, camera, view.quality)
+    tell("golden model")
+    frame, model = render(config, found.model, camera), found.model
+    scene, whole = exact_picture(source.gaussians, camera), Reference(model, camera)
+    rows = []
+    for name, gaussians in part_by_part(source.scene, model):
+        tell(name)
+        rows.append(error(name, "packing", exact_picture(gaussians, camera), scene))
+    for name, image in machine_parts(config, whole, frame.points):
+        tell(name)
+        rows.append(error(name, "machine", image, whole.image))
+    sums = [in_sum([row for row in rows if of in (row["of"], "scene")], of) for of in WHOLES]
+    pixels = frame.pixels / LEVELS
+    pairs = {"packing": (whole.image, scene), "machine": (pixels, whole.image)}
+    pairs["scene"] = pixels, scene
+    rows += sums + [error(TITLES[of], of, *pairs[of]) for of in WHOLES]
+    rows.sort(key=lambda row: WHOLES.index(row["of"]))
+    metrics = against({
+        "packing": difference(found.drawn, found.exact),
+        "machine": difference(frame.pixels, found.drawn),
+        "scene": difference(frame.pixels, found.exact),
+    })  # fmt: skip
+    return {
+        "scene": Path(view.scene).name, "camera": view.camera or camera.name,
+        "size": [camera.width, camera.height], "quality": found.quality,
+        "bytes_per_gaussian": model.bytes_per_gaussian, **metrics, "parts": with_shares(rows),
+    }  # fmt: skip
+
+
+def exact_picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
+    """The reference's picture [H, W, 3], 0 … 1, not rounded."""
+    return render_reference(gaussians, camera).image.clip(0, 1)
+
+
+def machine_parts(
+    config: Config, exact: Reference, points: Points
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Names of the machine's parts, and pictures [H, W, 3], 0 … 1, with that part alone."""
+    model, camera = exact.model, exact.camera
+    splats = drawn_splats(fields_of(config, model, points), points, model)[0]
+    order = np.lexsort((splats.index, exact.depth[splats.index]))
+    yield "arithmetic", picture(splats[order], camera)
+    order = np.lexsort((exact.splats.index, keys_of(config, exact, points)))
+    yield "depth keys", picture(exact.splats[order], camera)
+    yield "raster", raster_picture(config, exact)
+    yield "8 bits", np.rint(exact.image * LEVELS) / LEVELS
+
+
+def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
+    """Golden's depth keys [M] of the exact splats; for one that golden does not project a key
+    between those of its neighbours in depth."""
+    if not len(points.index):
+        return exact.splats.depth
+    near = int(config.arithmetic.encode(points.frame.near_plane))
+    found = keys(config, near, splat_codes(config, points.projected)).astype(np.float64)
+    depth = exact.depth[points.index]
+    order = np.argsort(depth, kind="stable")
+    return np.interp(exact.splats.depth, depth[order], found[order])
+
+
+def raster_picture(config: Config, exact: Reference) -> np.ndarray:
+    """Stage 3's sums of exact splats, 0 … 1."""
+    config, size = replace(config, arithmetic=EXACT), (exact.camera.width, exact.camera.height)
+    entries = entries_of(config, exact.splats, exact.camera)
+    features = features_of(config, exact.splats)
+    sums = rasterize(config, features, entries, size, rounded=False).pixels
+    return sums / (LEVELS << config.sum_fraction - 8)
+
+
+def error(part: str, of: str, image: np.ndarray, truth: np.ndarray) -> dict:
+    """A part's squared error, dB and largest error of a channel. of: one of `WHOLES`."""
+    square, largest = float(np.mean((image - truth) ** 2)), float(np.abs(image - truth).max())
+    return row(part, of, square, largest)
+
+
+def row(part: str, of: str, square: float, largest: float | None) -> dict:
+    """A line of the budget."""
+    db = psnr_of_square(square)
+    return {"part": part, "of": of, "square": square, "psnr_db": db, "max_error": largest}
+
+
+def in_sum(rows: list[dict], of: str) -> dict:
+    """The line of some parts together, as if their errors had nothing to do with each other."""
+    return row(SUM, of, sum(each["square"] for each in rows), None)
+
+
+def with_shares(rows: list[dict]) -> list[dict]:
+    """The rows with shares of everything's squared error instead of their own; None without any."""
+    whole = next(each["square"] for each in rows if each["part"] == TITLES["scene"])
+    shares = [{"share": each.pop("square") / whole if whole else None} for each in rows]
+    return [each | share for each, share in zip(rows, shares, strict=True)]
+
+
+def budget_table(found: dict) -> Table:
+    """A view's parts and wholes, those of packing, of the machine and of both apart."""
+    title = f"{found['scene']} {found['camera']}, packed as {found['quality']}"
+    table = new_table("part", ("dB alone", "largest error, of 255", "share, %"), title)
+    of = WHOLES[0]
+    for each in found["parts"]:
+        if each["of"] != of:
+            table.add_section()
+        of = each["of"]
+        table.add_row(
+            each["part"], shown(each["psnr_db"], ".2f", none="equal"),
+            shown(each["max_error"], ".2f", 1 / LEVELS), shown(each["share"], ".2f", 0.01),
+        )  # fmt: skip
+    return table
+
+
+def budget_line(found: dict) -> str:
+    """A view's errors as other commands tell them."""
+    whole = (f"{of} {shown(found[f'psnr_db_{of}'], '.2f', none='∞')}" for of in WHOLES)
+    return f"8-bit pictures of both, dB: {', '.join(whole)}"
+
+
+def write_budget_plot(path: str | Path, rows: list[dict]):
+    """RMS errors of all parts and of the wholes, for each view."""
+    figure = Figure((9, 2 + 0.12 * len(rows) * len(rows[0]["parts"])), 150, layout="constrained")
+    draw_budget(figure, rows)
+    write_figure(path, figure)
+
+
+def draw_budget(figure: Figure, rows: list[dict]):
+    """Bars of RMS errors in steps of 8-bit pictures, on a logarithmic axis."""
+    axes = figure.subplots()
+    labels = dict.fromkeys(each["part"] for found in rows for each in found["parts"])
+    labels = [label for label in labels if label != SUM]
+
+    def rms(found: dict) -> list[float]:
+        known = {each["part"]: each["psnr_db"] for each in found["parts"]}
+        decibels = [known.get(label) for label in labels]
+        return [np.nan if db is None else LEVELS * 10 ** (-db / 20) for db in decibels]
+
+    side_by_side(axes, labels, {f"{r['scene'].split('.')[0]} {r['camera']}": rms(r) for r in rows})
+    axes.set_xscale("log")
+    axes.set_xlabel(
+        "RMS error of pictures, steps of 1/255\n"
+        "(parts of packing against the scene, of the machine against the packed model)"
+    )
+    legend_below(figure, axes, 3)

@@ -1,0 +1,100 @@
+"""The report's section of where the error of a picture comes from, part by part."""
+
+from collections.abc import Iterator
+
+from splatcore.sim.accuracy.budget import SUM, TITLES, WHOLES, draw_budget
+from splatcore.sim.common.metric import LEVELS
+from splatcore.sim.report.page import Card, Column, Item, Table, plotted
+from splatcore.sim.report.results import Facts, Results
+from splatcore.sim.report.scenes import count_of, name, names
+from splatcore.spec.error import InputError
+
+BAR, AROUND = 0.07, 1.6  # inches of a plot for each bar; for its axis and legend
+
+
+def views(results: Results) -> list[Facts]:
+    """All views; InputError if there is none."""
+    facts = results.facts("budget")
+    if not (rows := results.of_scenes(facts["rows"])):
+        raise InputError(f"{facts.file}: holds no row")
+    return rows
+
+
+def lines(rows: list[Facts], key: str, scale: float = 1) -> list[list]:
+    """A line for each part that any view has: what it belongs to, its name, a number a view."""
+    known = [{(each["of"], each["part"]): each[key] for each in row["parts"]} for row in rows]
+    parts = sorted(dict.fromkeys(k for found in known for k in found), key=lambda k: order(*k))
+    numbers = ([found.get(part) for found in known] for part in parts)
+    return [
+        [*part, *(None if n is None else n * scale for n in of_part)]
+        for part, of_part in zip(parts, numbers, strict=True)
+    ]  # fmt: skip
+
+
+def order(of: str, part: str) -> tuple[int, int]:
+    """The place of a line: parts as they come, then their sum, then the whole."""
+    last = (SUM, TITLES[of])
+    return WHOLES.index(of), last.index(part) + 1 if part in last else 0
+
+
+def parts(results: Results) -> Iterator[Item]:
+    """dB and largest errors of all parts."""
+    rows = views(results)
+    decibels = lines(rows, "psnr_db")
+    strong = frozenset(n for n, (of, part, *_) in enumerate(decibels) if part == TITLES[of])
+    head = [Column("of"), Column("part")]
+    worst = min(rows, key=lambda row: row["psnr_db_scene"] or float("inf"))
+    if worst["psnr_db_scene"] is not None:
+        yield Card(
+            "How exact", f"{worst['psnr_db_scene']:.1f} dB",
+            f"the golden model's picture against the scene as it is, all harmonics, the lowest of "
+            f"{count_of(rows)} ({name(worst)}, packed as {worst['quality']})",
+        )  # fmt: skip
+    yield Table(
+        "budget",
+        "PSNR in dB of pictures with one part alone as packing or the machine has it: parts of "
+        "packing by the reference, against its picture of the scene as it is; parts of the machine "
+        "against the reference on the packed model; everything against the scene. Not rounded to "
+        "8 bits but where that is the part. Sum: squared errors added. None: equal pictures, or a "
+        "part that the scene lacks.",
+        [*head, *(Column(text, "dB", 1) for text in names(rows))],
+        decibels, ("budget",), strong,
+    )  # fmt: skip
+    yield Table(
+        "budget-largest",
+        f"The same pictures' largest error of a channel, of {LEVELS}.",
+        [*head, *(Column(text, "", 1) for text in names(rows))],
+        [line for line in lines(rows, "max_error", LEVELS) if line[1] != SUM], ("budget",),
+    )  # fmt: skip
+    yield Table(
+        "budget-wholes",
+        "The same views as other tables have them, 8-bit pictures of both. Packing: the reference "
+        "on the packed model against the scene; machine: the golden model against the reference on "
+        "the packed model; scene: the golden model against the scene.",
+        [
+            Column("scene"), Column("camera"), Column("packed as"),
+            Column("size", "bytes a Gaussian", 2),
+            *(Column(f"PSNR, {of}", "dB", 2, none="exact") for of in WHOLES),
+        ],
+        [
+            [row["scene"], row["camera"], row["quality"], row["bytes_per_gaussian"]]
+            + [row[f"psnr_db_{of}"] for of in WHOLES]
+            for row in rows
+        ],
+        ("budget",),
+    )  # fmt: skip
+
+
+def bars(results: Results) -> Iterator[Item]:
+    """RMS errors of the parts."""
+    rows = views(results)
+    count = sum(len(row["parts"]) for row in rows)
+    yield plotted(
+        "budget-bars",
+        "RMS error of pictures with one part alone, and of all together.",
+        f"Bars of parts for {count_of(rows)}, logarithmic.",
+        AROUND + BAR * count, lambda figure: draw_budget(figure, rows), "budget",
+    )  # fmt: skip
+
+
+BUDGET = (parts, bars)

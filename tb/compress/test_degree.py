@@ -1,0 +1,86 @@
+"""Compression to a degree that is asked for, and to models in steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatcore.golden.pipeline import render as golden_render
+from splatcore.golden.reference import render as reference
+from splatcore.model.compress import compress as compress_module
+from splatcore.model.compress.checkpoint import ply_bytes
+from splatcore.model.compress.compress import Compression, compress
+from splatcore.model.compress.steps import InSteps
+from splatcore.model.gradients.differentiable import render
+from splatcore.sim.common.metric import psnr
+from splatcore.spec.colour import COARSE, FINE, SECOND
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format, step_format
+from splatcore.spec.preset import find_preset
+from tb.helpers.compression_scene import RECIPE, nothing
+
+
+def count(scene, targets, **changes) -> int:
+    """Gaussians at a ratio of 10."""
+    work = Compression(targets, replace(RECIPE, **changes), None, DEFAULT, nothing)
+    return work.count_at_ratio(ply_bytes(len(scene), 3), 10.0, scene)
+
+
+def test_room_for_the_larger_codebooks(scene, targets):
+    """A ratio is kept with harmonics and without."""
+    sizes = [model_format(DEFAULT, degree).layout(0).end for degree in (0, 1)]
+    one, other = (count(scene, targets, degree=degree) for degree in np.argsort(sizes))
+    assert one > other == count(scene, targets)
+
+
+def test_room_for_harmonics_in_steps(scene, targets):
+    """A Gaussian of degree 2 or 3 has a beat more than the base, at degree 3 "faithful" two."""
+    room, format = ply_bytes(len(scene), 3) / 10, step_format(DEFAULT, 3)
+    for degree, quality, beats in (
+        (2, None, 1), (2, "faithful", 1), (3, None, 1), (3, "faithful", 2),
+    ):  # fmt: skip
+        found = count(scene, targets, degree=degree, quality=quality)
+        assert format.layout(found, beats * found).end <= room
+        assert format.layout(found + 4, beats * (found + 4)).end > room
+
+
+@pytest.mark.parametrize(
+    "degree, quality, layout", [(2, None, SECOND), (3, None, COARSE), (3, "faithful", FINE)]
+)
+def test_model_in_steps(scene, targets, checkpoints, monkeypatch, degree, quality, layout):
+    """Distillation ends at the degree; the model keeps the ratio, holds what the last step of
+    fine-tuning renders, and the golden machine draws it."""
+    recipe = replace(RECIPE, degree=degree, quality=quality, target_ratio=6.0)
+    works, right = [], InSteps.rendered
+    monkeypatch.setattr(compress_module, "REFRESH", 1)
+    monkeypatch.setattr(InSteps, "rendered", lambda *a: works.append(a[0]) or right(*a))
+    steps = list(compress(scene, targets, recipe, checkpoints))
+    distilled = [step.sh_degree for step in steps if step.kind == "distill"]
+    assert distilled == list(range(2, degree - 1, -1)) and len(works) == recipe.quantize_steps
+    model = checkpoints.load(steps[-1])
+    assert model.format.sh_degree == degree and not model.format.codebooks
+    assert set(model.chunks["harmonics"]) == {layout}
+    assert 6 <= ply_bytes(len(scene), 3) / steps[-1].bytes < 7
+    camera, held = targets[0].camera, model.gaussians()
+    arrays = (held.position, held.factor, held.opacity, held.sh)
+    with torch.no_grad():
+        found = render(*(torch.tensor(array, dtype=torch.float32) for array in arrays), camera)
+        wanted = render(*right(works[-1], works[-1].tensors), camera)
+    assert (found.image - wanted.image).abs().max() < 5e-4
+    exact = reference(held, camera).pixels.astype(float)
+    machine = golden_render(DEFAULT, model, camera).pixels.astype(float)
+    assert psnr(machine / 255, exact / 255) > 45 and machine.max() > 100
+
+
+def test_degree_above_that_of_the_scene_or_the_machine(scene, targets, checkpoints):
+    """Both are named, before any work."""
+    second = replace(scene.with_sh_degree(2), name="second.ply")
+    for given, degree, config, message in (
+        (second, 3, DEFAULT, "second.ply: --degree 3 is above its degree 2"),
+        (second, 2, find_preset("PAPER"), "preset PAPER: --degree 2 is above its degree 1"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}$"):
+            list(compress(given, targets, replace(RECIPE, degree=degree), checkpoints, config))
+    assert not checkpoints.folder.exists()
