@@ -28,7 +28,7 @@ from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.accuracy.points import Reference, drawn_splats, fields_of, picture
 from splatcore.sim.accuracy.raster import EXACT
-from splatcore.sim.common.metric import LEVELS, against, difference
+from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.plot import legend_below, side_by_side
@@ -39,7 +39,6 @@ from splatcore.sim.packing.budget import part_by_part
 from splatcore.sim.packing.choose import Tell, packed
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.error import InputError
 from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.scene import Gaussians
 
@@ -68,8 +67,7 @@ def budget(config: Config, view: View, tell: Tell = str) -> dict:
     """The view, how its scene is packed, its errors as everywhere (8-bit pictures), and in `parts`
     rows of `error`; InputError for what is no scene."""
     source, camera = view.open()
-    if source.scene is None:
-        raise InputError(f"{view.scene}: is a packed model already, not a scene")
+    original = source.unpacked
     check_fits(config, camera)
     tell("packing")
     found = packed(source, config, camera, view.quality)
@@ -77,7 +75,7 @@ def budget(config: Config, view: View, tell: Tell = str) -> dict:
     frame, model = render(config, found.model, camera), found.model
     scene, whole = exact_picture(source.gaussians, camera), Reference(model, camera)
     rows = []
-    for name, gaussians in part_by_part(source.scene, model):
+    for name, gaussians in part_by_part(original, model):
         tell(name)
         rows.append(error(name, "packing", exact_picture(gaussians, camera), scene))
     for name, image in machine_parts(config, whole, frame.points):
@@ -89,15 +87,11 @@ def budget(config: Config, view: View, tell: Tell = str) -> dict:
     pairs["scene"] = pixels, scene
     rows += sums + [error(TITLES[of], of, *pairs[of]) for of in WHOLES]
     rows.sort(key=lambda row: WHOLES.index(row["of"]))
-    metrics = against({
-        "packing": difference(found.drawn, found.exact),
-        "machine": difference(frame.pixels, found.drawn),
-        "scene": difference(frame.pixels, found.exact),
-    })  # fmt: skip
     return {
         "scene": Path(view.scene).name, "camera": view.camera or camera.name,
         "size": [camera.width, camera.height], "quality": found.quality,
-        "bytes_per_gaussian": model.bytes_per_gaussian, **metrics, "parts": with_shares(rows),
+        "bytes_per_gaussian": model.bytes_per_gaussian, **found.metrics(frame.pixels),
+        "parts": with_shares(rows),
     }  # fmt: skip
 
 

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from splatcore.golden.pipeline import Frame, render
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.bench.campaign import Task, collected
-from splatcore.sim.common.metric import against, difference
 from splatcore.sim.common.picture import write_figure, write_png
 from splatcore.sim.common.plot import COLOURS, MARKERS
 from splatcore.sim.common.source import View
@@ -22,7 +21,6 @@ from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
 from splatcore.sim.packing.choose import Packed, Views, choose, smallest
 from splatcore.spec.config import Config
-from splatcore.spec.error import InputError
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER
 from splatcore.spec.scene import Scene
 
@@ -54,28 +52,22 @@ def quality(
 def measure(config: Config, view: View, targets: list[float], folder: Path) -> dict:
     """{"rows": [a row for each model]} of a view; writes its pictures."""
     source, camera = view.open()
-    if source.scene is None:
-        raise InputError(f"{view.scene}: is a packed model already, not a scene")
-    seen = Views.of(source.scene, [camera])
+    scene = source.unpacked
+    seen = Views.of(scene, [camera])
     stem = f"{Path(view.scene).name.split('.')[0]}{f'-{view.camera}' if view.camera else ''}"
     write_png(folder / f"{stem}-scene.png", seen.pictures[0])
     rows = []
-    for asked, packed in models(config, source.scene, seen, targets):
+    for asked, packed in models(config, scene, seen, targets):
         model = packed.model
         frame = render(config, model, camera)
         if asked in QUALITIES:
             write_png(folder / f"{stem}-{asked}.png", frame.pixels)
-        found = {
-            "scene": difference(frame.pixels, packed.exact),
-            "machine": difference(frame.pixels, packed.drawn),
-            "packing": difference(packed.drawn, packed.exact),
-        }
         rows.append({
             "scene": Path(view.scene).name, "camera": view.camera or camera.name,
             "asked": asked, "gaussians": len(model), "sh_degree": model.format.sh_degree,
             "bytes": len(model.image), "bytes_per_gaussian": model.bytes_per_gaussian,
-            "bytes_by_part": bytes_by_part(model), **against(found),
-            "psnr_db_packing_by_part": psnr_by_part(source.scene, model, seen),
+            "bytes_by_part": bytes_by_part(model), **packed.metrics(frame.pixels),
+            "psnr_db_packing_by_part": psnr_by_part(scene, model, seen),
             "cycles": frame_cycles(config, frame).by_name, "model_bytes": read_bytes(frame, packed),
         })  # fmt: skip
     return {"rows": rows}

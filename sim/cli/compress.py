@@ -167,10 +167,7 @@ def compress_command(
 def _opened(path: str) -> Scene:
     """The scene of a file; InputError for a packed model."""
     with progress_bar(f"reading {path}"):
-        source = open_source(path)
-    if source.scene is None:
-        raise InputError(f"{path}: is a packed model already, not a scene")
-    return source.scene
+        return open_source(path).unpacked
 
 
 def parse_schedule(text: str) -> tuple[float, ...]:

@@ -66,10 +66,8 @@ def pack_command(
         raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
-        if source.scene is None:
-            raise InputError(f"{scene}: is a packed model already, not a scene")
+        original = source.unpacked
         views = open_cameras(camera, cameras, size, source)
-    original = source.scene
     if sh_degree is not None:
         config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
     with progress_bar("rendering the scene") as advance:

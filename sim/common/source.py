@@ -40,6 +40,13 @@ class Source:
     camera: Camera | None = None  # a generated scene's own
     packed: dict = field(default_factory=dict)  # for `sim.packing`
 
+    @property
+    def unpacked(self) -> Scene:
+        """The scene; InputError for a packed model."""
+        if self.scene is None:
+            raise InputError(f"{self.name}: is a packed model already, not a scene")
+        return self.scene
+
     @cached_property
     def gaussians(self) -> Gaussians:
         """The Gaussians that a renderer draws."""

@@ -8,7 +8,7 @@ import numpy as np
 from splatcore.golden.reference import colours, render
 from splatcore.model.gradients.drawn import blending_weights
 from splatcore.model.pack.pack import QUALITIES, PackReport, pack, packable, stored_order
-from splatcore.sim.common.metric import LEVELS, psnr
+from splatcore.sim.common.metric import LEVELS, against, difference, differences, psnr
 from splatcore.sim.common.source import Source
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import COARSE, FINE, SECOND
@@ -42,6 +42,11 @@ class Packed:
     camera: Camera
     exact: np.ndarray
     drawn: np.ndarray
+
+    def metrics(self, pixels: np.ndarray) -> dict[str, float | None]:
+        """Of the machine's picture to that camera: `against` machine, scene and packing."""
+        found = differences(pixels, {"machine": self.drawn, "scene": self.exact})
+        return against(found | {"packing": difference(self.drawn, self.exact)})
 
 
 @dataclass(frozen=True, eq=False)
