@@ -8,7 +8,7 @@ from splatcore.golden.sort import sort
 from splatcore.spec.config import Config
 from splatcore.spec.group import SPLAT_BITS, entry_record, sorted_record
 from splatcore.spec.record import Codes
-from splatcore.spec.sort import count_record, spill_record, wanted_record
+from splatcore.spec.sort import job_record
 
 Rows = dict[str, np.ndarray]
 
