@@ -120,7 +120,7 @@ def lines(config: Config, found: Round) -> Iterator[tuple[int, np.ndarray]]:
     yield from rest
 
 
-def sort(config: Config, counts: np.ndarray, last: np.ndarray, entries: Codes) -> Codes:
+def sort(counts: np.ndarray, last: np.ndarray, entries: Codes) -> Codes:
     """Codes of `sorted_record`: jobs of `counts` [J] entries, whose codes [N] follow each other in
     `entries`; `last` [J]: a group ends with it.
     """

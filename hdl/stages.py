@@ -32,8 +32,8 @@ from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.hdl.registers import Registers
+from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.merge import Merge
-from splatcore.hdl.sorting.scratch import Scratch
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.spec import microprogram, raster, schedule, stages
@@ -61,7 +61,7 @@ CONTROL: dict[str, Build] = {
     "binned": Binned,
     "groups": Groups,
     "lists": ListReader,
-    "scratch": Scratch,
+    "deal": Deal,
     "features": Features,
     "pixels": Pixels,
 }

@@ -8,15 +8,14 @@ from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Queue
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import unpacked
-from splatcore.spec import convention, sort, work
+from splatcore.spec import convention, work
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
-from splatcore.spec.group import COUNT_BITS
 from splatcore.spec.raster import position_record, written_record
 from splatcore.spec.record import Record
 
-TAKERS = {"counts": 2, "lists": 2, "positions": 8, "pixels": 8}
+TAKERS = {"lists": 2, "positions": 8, "pixels": 8}
 """Streams of groups → depth of each one's queue: sorting runs ahead of rasterizing and writing."""
 
 
@@ -25,11 +24,10 @@ class Groups(wiring.Component):
 
     Members
         start: a frame begins. width, height: of its image, pixels; groups_at: address of its
-            table, in beats; scratch_entries: the longest list that may be sorted off chip.
-        counts: stream of `count_record` for sorting. lists: stream of `group_record` for reading
-            the entries. positions: stream of `position_record` for rasterizing. These three have
-            only the groups with entries. pixels: stream of `written_record` for writing.
-        too_long: there is a list that is too long; its group does not come.
+            table, in beats.
+        lists: stream of `group_record` for sorting. positions: stream of `position_record` for
+            rasterizing. These two have only the groups with entries. pixels: stream of
+            `written_record` for writing.
         reads, data: to and from memory.
 
     **Timing**: a group a cycle.
@@ -42,12 +40,9 @@ class Groups(wiring.Component):
             "width": In(range(config.width_max + 1)),
             "height": In(range(config.height_max + 1)),
             "groups_at": In(BEAT_ADDRESS_BITS),
-            "scratch_entries": In(COUNT_BITS),
-            "counts": Out(stream.Signature(layout(sort.count_record()))),
             "lists": Out(stream.Signature(layout(group_record()))),
             "positions": Out(stream.Signature(layout(position_record(config)))),
             "pixels": Out(stream.Signature(layout(written_record(config)))),
-            "too_long": Out(1),
             "reads": Out(stream.Signature(layout(read_record()))),
             "data": In(stream.Signature(read_beat())),
         }
@@ -65,13 +60,8 @@ class Groups(wiring.Component):
             group.eq(slots.payload),
             fork.i.payload.position.row.eq(row),
             fork.i.payload.position.column.eq(column),
-            self.too_long.eq(
-                slots.valid
-                & (group.count > sort.half_entries(self.config))
-                & (group.count > self.scratch_entries)
-            ),
-            fork.i.valid.eq(slots.valid & ~self.too_long),
-            slots.ready.eq(fork.i.ready & ~self.too_long),
+            fork.i.valid.eq(slots.valid),
+            slots.ready.eq(fork.i.ready),
         ]
         last = column + 1 == columns
         with m.If(fork.i.valid & fork.i.ready):
@@ -125,7 +115,6 @@ class Groups(wiring.Component):
                 known.ready.eq(queue.i.ready | skipped),
                 queue.i.payload.eq(
                     {
-                        "counts": group.count,
                         "lists": group.as_value(),
                         "positions": position.as_value(),
                         "pixels": Cat(position, empty),

@@ -57,18 +57,14 @@ class SortRows:
         return {name: len(rows) for name, rows in self.expected.items()}
 
 
-def sort_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:
-    """Rows for groups of `counts` [G] entries."""
-    found, entry = sort(config, counts, entries), entry_record(config)
+def sort_rows(config: Config, counts: np.ndarray, entries: Codes, last=1) -> SortRows:
+    """Rows for jobs of `counts` [J] entries; last [J]: those with which a group ends."""
+    counts = np.asarray(counts)
+    last = np.broadcast_to(last, len(counts))
     return SortRows(
         {
-            "groups": count_record().pack({"count": np.asarray(counts)}),
-            "entries": entry.pack(entries),
-            "back": entry.pack(found.back),
+            "jobs": job_record(config).pack({"count": counts, "last": last}),
+            "entries": entry_record(config).pack(entries),
         },
-        {
-            "o": sorted_record(config).pack(found.o),
-            "spill": spill_record(config).pack(found.spill),
-            "wanted": wanted_record(config).pack(found.wanted),
-        },
+        {"o": sorted_record(config).pack(sort(counts, last, entries))},
     )

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from splatcore.spec.config import Config
-from splatcore.spec.sort import half_entries, phases, read_entries
+from splatcore.spec.sort import half_entries, phases
 
 # Cycles between events, as the machine's registers and states make them.
 OPENED = 1  # from a job's half being free to its first entry
@@ -69,20 +69,6 @@ class Timeline:
         self.load += 1
         first = max(first, max(self.load, self.merge) + BEGUN + len(batches))
         return give(first, entries)
-
-    def _levels(self, last: float, count: int) -> float:
-        """Merges from scratch memory until one run is left; returns when its last entry is."""
-        ways, length = self.config.merge_ways, half_entries(self.config)
-        while length < count:
-            for start in range(0, count, length * ways):
-                entries = min(length * ways, count - start)
-                runs = -(-entries // length)
-                asked = 3 * ways + BEGUN + runs
-                back = read_entries(self.config) * (runs - 1) + READ_TO_MERGE
-                give = self.give if entries == count else at_once
-                last = give(last + TURNED + max(asked, back), entries)
-            length *= ways
-        return last
 
 
 def cycles(config: Config, counts: Sequence[int]) -> int:

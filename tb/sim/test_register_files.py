@@ -148,7 +148,7 @@ def test_example_writes_what_the_spec_says(files):
         area = work(config, 7, 100)
         assert got["LISTS"] - got["GROUPS"] == area.lists and got["WORK_AREA"] == area.size
         assert got["FEATURES"] - got["GROUPS"] == area.features
-        assert got["SCRATCH_AREA"] * 2 == scratch_bytes(50)
+        assert defines(folder)["SCRATCH_BYTES"] == scratch_bytes(config)
         assert got["STRIDE"] == stride(64) and got["CONTROL"] == START
         background = [got[f"BACKGROUND_{name}"] for name in ("RED", "GREEN", "BLUE")]
         white = (256 << config.colour_fraction) / 255
