@@ -81,9 +81,7 @@ class ListReader(wiring.Component):
             with m.State("PAGE"):
                 m.d.comb += [
                     unpack.counts.valid.eq(~counted),
-                    fetch.i.valid.eq(
-                        (counted | unpack.counts.ready) & (ahead < 2 * fetch.depth)
-                    ),
+                    fetch.i.valid.eq((counted | unpack.counts.ready) & (ahead < 2 * fetch.depth)),
                     begins.eq(fetch.i.valid & fetch.i.ready),
                 ]
                 m.d.sync += counted.eq((counted | unpack.counts.ready) & ~begins)

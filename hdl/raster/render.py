@@ -14,7 +14,7 @@ from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.spec import group, record, work
+from splatcore.spec import record, work
 from splatcore.spec.axi import (
     BEAT_ADDRESS_BITS,
     BEAT_BITS,
@@ -154,9 +154,8 @@ class Render(wiring.Component):
         with m.FSM():
             with m.State("IDLE"), m.If(self.start):
                 m.next = "GROUPS"
-            with m.State("GROUPS"):
-                with m.If(self.pixels.through):
-                    m.next = "SETTLE"
+            with m.State("GROUPS"), m.If(self.pixels.through):
+                m.next = "SETTLE"
             with m.State("SETTLE"):
                 m.d.comb += self.done.eq(self.settled.all())
                 with m.If(self.done):

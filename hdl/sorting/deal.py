@@ -209,9 +209,8 @@ class Deal(wiring.Component):
                 m.d.sync += [self.low.eq(0), self.skip.eq(0), first.eq(1)]
             with m.Case(State.RANGE):
                 m.d.sync += self.extent.eq(self.greatest - self.least)
-            with m.Case(State.SETTLE):
-                with m.If(first):
-                    m.d.sync += [self.next_base.eq(self.least), self.next_shift.eq(shift)]
+            with m.Case(State.SETTLE), m.If(first):
+                m.d.sync += [self.next_base.eq(self.least), self.next_shift.eq(shift)]
             with m.Case(State.EDGE):
                 low, high = Signal.like(self.low), Signal.like(self.high)
                 before, after = (self.bucket << self.shift), (self.bucket + 1) << self.shift
@@ -265,17 +264,15 @@ class Deal(wiring.Component):
                 m.d.sync += self.bucket.eq(0)
                 with m.If(self.reading.valid & self.reading.ready):
                     m.d.sync += state.eq(State.DEAL)
-            with m.Case(State.DEAL):
-                with m.If(~self.rest.any()):
-                    m.d.sync += state.eq(State.RANGE)
+            with m.Case(State.DEAL), m.If(~self.rest.any()):
+                m.d.sync += state.eq(State.RANGE)
             with m.Case(State.RANGE):
                 m.d.sync += state.eq(State.FLUSH)
             with m.Case(State.FLUSH):
                 m.d.sync += state.eq(State.WRITE)
-            with m.Case(State.WRITE):
-                with m.If(~self.lines.valid | self.lines.ready):
-                    m.d.sync += self.bucket.eq(self.bucket + 1)
-                    m.d.sync += state.eq(Mux(self.bucket.all(), State.SETTLE, State.FLUSH))
+            with m.Case(State.WRITE), m.If(~self.lines.valid | self.lines.ready):
+                m.d.sync += self.bucket.eq(self.bucket + 1)
+                m.d.sync += state.eq(Mux(self.bucket.all(), State.SETTLE, State.FLUSH))
             with m.Case(State.SETTLE), m.If(self.settled):
                 m.d.sync += state.eq(State.LOOK)
             with m.Case(State.LOOK):
@@ -297,9 +294,8 @@ class Deal(wiring.Component):
         count, fits = self.count, self.total + self.count <= self.half
         with m.If(count > self.half):
             m.d.sync += [self.over.eq(1), self.state.eq(State.EDGE)]
-        with m.Elif(~fits):
-            with m.If(self.job_room):
-                self._give_job(m, self.total, 0, 0)
+        with m.Elif(~fits), m.If(self.job_room):
+            self._give_job(m, self.total, 0, 0)
         with m.Elif(~count.any() | self.lists_waiting.i.ready):
             with m.If(count.any()):
                 self._give_list(m, self._place(), count, 1)
@@ -311,14 +307,12 @@ class Deal(wiring.Component):
         """The round's last job; behind it some of a bucket with too many entries, if these have
         equal keys."""
         equal, part = self.over & ~self.extent.any(), Signal()
-        with m.If(self.total.any()):
-            with m.If(self.job_room):
-                self._give_job(m, self.total, ~self.left.any(), ~equal | part)
-        with m.Elif(equal & ~part):
-            with m.If(self.lists_waiting.i.ready):
-                self._give_list(m, self._place(), self.half, 1)
-                m.d.sync += [self.total.eq(self.half), self.left.eq(self.left - self.half)]
-                m.d.sync += [self.skip.eq(self.skip + self.half), part.eq(1)]
+        with m.If(self.total.any()), m.If(self.job_room):
+            self._give_job(m, self.total, ~self.left.any(), ~equal | part)
+        with m.Elif(equal & ~part), m.If(self.lists_waiting.i.ready):
+            self._give_list(m, self._place(), self.half, 1)
+            m.d.sync += [self.total.eq(self.half), self.left.eq(self.left - self.half)]
+            m.d.sync += [self.skip.eq(self.skip + self.half), part.eq(1)]
         with m.Else():
             m.d.sync += [part.eq(0), self.over.eq(0), self.state.eq(State.NEXT)]
 

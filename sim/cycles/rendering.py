@@ -1,13 +1,14 @@
 """Cycles of the whole second half: lists from memory, stage 2, stage 3 and pixels to memory.
 
-Stages wait for each other: a group's entries are all sorted before the first one is given, a list
-that does not fit on chip is merged from scratch memory, stage 3 holds stage 2 back, and a group's
+Stages wait for each other: a job's runs are all formed before its first entry is given, a list that
+does not fit on chip is dealt before its jobs are read, stage 3 holds stage 2 back, and a group's
 pixels are written while the next one's are made.
 """
 
 import numpy as np
 
 from splatcore.golden.pipeline import Frame
+from splatcore.golden.sort import jobs
 from splatcore.sim.cycles.raster import END, Raster
 from splatcore.sim.cycles.sort import Timeline
 from splatcore.spec.axi import BEAT
@@ -31,15 +32,17 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
     stage = Raster(config, frame)
 
     def give(first: float, entries: int) -> float:
-        return stage.group(first, MERGE_PACE, FEATURE_LATENCY + latency)
+        return stage.entries(entries, first, MERGE_PACE, FEATURE_LATENCY + latency)
 
     # A page is asked for when the one before is there.
     beats = page_bytes(config) // BEAT + PAGE_LATENCY + latency
-    timeline = Timeline(config, max(1.0, beats / (config.page - 1)), give)
+    pace = max(1.0, beats / (config.page - 1))
+    timeline = Timeline(config, pace, latency, give)
+    found = jobs(config, [keys for keys in frame.lists if len(keys)])
     written = begun = 0.0  # when a group's pixels were written, and when that began
     for count, cycles in zip(np.diff(frame.start), write_cycles(config, frame), strict=True):
         if count:
-            timeline.group(int(count))
+            timeline.group(next(found))
             stage.drain(begun + (written - begun) * (1 - stage.spare))
             begun = max(written, stage.clock[END] - stage.drained)
         else:  # it passes stages 2 and 3 by

@@ -47,9 +47,7 @@ def deal_rows(config, lists: list[np.ndarray], entries) -> tuple[dict, dict]:
             written += [(at, start[k] + some) for at, some in lines(config, round_)]
             for job in round_.jobs:
                 given.append((len(job.order), job.last))
-                listed += [
-                    (round_.area << BUCKET_BITS | b, n, 1) for b, n in job.buckets
-                ]
+                listed += [(round_.area << BUCKET_BITS | b, n, 1) for b, n in job.buckets]
     read = np.concatenate([np.zeros(0, int), *read])
     packed = entry_record(config).pack(entries)
     slots = np.zeros((len(written), LINE_SLOTS), np.uint64)
