@@ -66,7 +66,7 @@ def work(config: Config, pages: int, features: int) -> Work:
 
 
 def scratch_bytes(config: Config) -> int:
-    """Bytes of scratch memory, in which long lists are dealt into buckets, whatever their length."""
+    """Bytes of scratch memory, in which lists of any length are dealt into buckets."""
     return aligned(AREAS * BUCKETS * half_entries(config) * SLOT)
 
 

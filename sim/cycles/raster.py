@@ -120,9 +120,7 @@ def pass_splats(
 ):
     """A group's entries first … end through the queues; changes clock and all behind it.
 
-    ended: the entry from which on all tiles have ended.
-
-    mask [N]: tiles of each entry; blocks: marked and visited ones of each of these tiles, −1 for
+    ended: the entry from which on all tiles have ended. mask [N]: tiles of each entry; blocks: marked and visited ones of each of these tiles, −1 for
     none (`golden.raster.Raster.blocks`).
     """
     entered, marked, merged = clock[ENTERED], clock[MARKED], clock[MERGED]

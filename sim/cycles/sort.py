@@ -1,4 +1,4 @@
-"""The cycle model of stage 2: times at which rounds, batches, jobs and groups end, whatever the keys."""
+"""The cycle model of stage 2: times at which rounds, jobs and groups end, whatever the keys."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
