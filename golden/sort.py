@@ -71,8 +71,9 @@ class Dealer:
                 found.jobs.append(Job(order, False, some))
                 left = np.setdiff1d(left, order, assume_unique=True)
             if over < BUCKETS:
-                low = base + (over << shift) if over else least
-                high = base + (over + 1 << shift) - 1 if over < BUCKETS - 1 else greatest
+                low = max(base + (over << shift), least) if over else least
+                last = over == BUCKETS - 1
+                high = greatest if last else min(base + (over + 1 << shift) - 1, greatest)
                 base, shift = low, bucket_shift(high - low)
                 if low == high:
                     found.jobs.append(Job(members[over][:half], False, [(over, half)]))

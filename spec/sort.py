@@ -15,8 +15,8 @@ and these are read as jobs: as many neighbouring buckets as fit into one. A roun
 2. The buckets before the first one that has more than `half_entries` are given out.
 3. If there is such a bucket b, the next round is about what follows from there on: keys from
 
-       low = base + (b << shift), for b = 0 the least key of the round; up to
-       high = base + ((b + 1) << shift) − 1, for the last b the greatest key of the round
+       low = base + (b << shift), or the least key of the round if that is greater or b = 0; up to
+       high = base + ((b + 1) << shift) − 1, or the greatest key if that is less or b is the last
 
    with base = low and the smallest shift ≥ 0 with (high − low) >> shift < BUCKETS. If low = high
    all keys of the bucket are equal: the `half_entries` that are kept are a job, and the next round

@@ -213,9 +213,14 @@ class Deal(wiring.Component):
                 m.d.sync += [self.next_base.eq(self.least), self.next_shift.eq(shift)]
             with m.Case(State.EDGE):
                 low, high = Signal.like(self.low), Signal.like(self.high)
-                before, after = (self.bucket << self.shift), (self.bucket + 1) << self.shift
-                m.d.comb += low.eq(Mux(self.bucket.any(), self.base + before, self.least))
-                m.d.comb += high.eq(Mux(self.bucket.all(), self.greatest, self.base + after - 1))
+                begin = self.base + (self.bucket << self.shift)
+                end = self.base + ((self.bucket + 1) << self.shift) - 1
+                m.d.comb += low.eq(self.least)
+                m.d.comb += high.eq(self.greatest)
+                with m.If(self.bucket.any() & (begin > self.least)):
+                    m.d.comb += low.eq(begin)
+                with m.If(~self.bucket.all() & (end < self.greatest)):
+                    m.d.comb += high.eq(end)
                 m.d.sync += [self.low.eq(low), self.high.eq(high), first.eq(0)]
                 with m.If(low != self.low):
                     m.d.sync += self.skip.eq(0)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.sort import sort
+from splatcore.golden.sort import Job, Round, jobs, sort
+from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import SPLAT_BITS, entry_record, sorted_record
 from splatcore.spec.record import Codes
@@ -68,3 +69,27 @@ def sort_rows(config: Config, counts: np.ndarray, entries: Codes, last=1) -> Sor
         },
         {"o": sorted_record(config).pack(sort(counts, last, entries))},
     )
+
+
+def stage_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:
+    """Rows of `SortStage` for lists of `counts` [G] entries, in the order in which they arrive."""
+    packed, ends = entry_record(config).pack(entries), np.cumsum(counts).astype(int)
+    lists = np.split(np.arange(len(packed)), ends[:-1])
+    found = list(jobs(config, [entries["key"][indices] for indices in lists]))
+    short = [indices for indices, f in zip(lists, found, strict=True) if isinstance(f, Job)]
+    long = [indices for indices, f in zip(lists, found, strict=True) for _ in rounds_of(f)]
+    none = np.zeros(0, int)
+    groups = group_record().pack({"page": np.arange(len(lists)), "count": np.asarray(counts)})
+    return SortRows(
+        {
+            "groups": groups,
+            "short": packed[np.concatenate([none, *short])],
+            "long": packed[np.concatenate([none, *long])],
+        },
+        {"o": sorted_record(config).pack(sort(counts, np.ones(len(counts)), entries))},
+    )
+
+
+def rounds_of(found: Job | list[Round]) -> list[Round]:
+    """The rounds of a list; none for one that fits on chip."""
+    return [] if isinstance(found, Job) else found

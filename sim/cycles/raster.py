@@ -120,8 +120,8 @@ def pass_splats(
 ):
     """A group's entries first … end through the queues; changes clock and all behind it.
 
-    ended: the entry from which on all tiles have ended. mask [N]: tiles of each entry; blocks: marked and visited ones of each of these tiles, −1 for
-    none (`golden.raster.Raster.blocks`).
+    ended: the entry from which on all tiles have ended. mask [N]: tiles of each entry; blocks:
+    marked and visited ones of each of these tiles, −1 for none (`golden.raster.Raster.blocks`).
     """
     entered, marked, merged = clock[ENTERED], clock[MARKED], clock[MERGED]
     pair, splats = int(clock[PAIRS]), int(clock[SPLATS])

@@ -3,7 +3,9 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from splatcore.golden.sort import Job, Round
+import numpy as np
+
+from splatcore.golden.sort import Job, Round, jobs
 from splatcore.hdl.sorting.deal import JOBS_WAITING
 from splatcore.spec.config import Config
 from splatcore.spec.sort import AREAS, BUCKETS, phases
@@ -48,12 +50,13 @@ class Timeline:
             self.deal += 1
             last = self._job(len(found.order), self.pace * len(found.order))
         else:
+            count = sum(len(job.order) for part in found for job in part.jobs)
             for part in found:
-                last = self._round(part, sum(map(len, part.kept)))
+                last = self._round(part, count)
         self.given = last + MARKED
 
     def _round(self, part: Round, count: int) -> float:
-        """Deals so many entries, and merges the round's jobs."""
+        """Deals a list of so many entries, and merges the round's jobs."""
         begin = max(self.deal, self.areas.popleft())
         self.deal = begin + max(self.pace, DEALT) * count + ROUND + 2 * self.latency
         last = begin
@@ -94,5 +97,13 @@ def cycles(config: Config, counts: Sequence[int]) -> int:
     """
     timeline = Timeline(config)
     for count in counts:
-        timeline.group(Job(range(int(count)), True))
+        timeline.group(Job(np.arange(count), True))
+    return int(timeline.given)
+
+
+def stage_cycles(config: Config, lists: Sequence[np.ndarray]) -> int:
+    """The same for lists with these keys, long ones dealt, with memory that answers at once."""
+    timeline = Timeline(config)
+    for found in jobs(config, lists):
+        timeline.group(found)
     return int(timeline.given)
