@@ -91,6 +91,7 @@ class Render(wiring.Component):
             (groups.lists, self.lists.i),
             (groups.positions, raster.positions),
             (groups.pixels, self.pixels.positions),
+            (groups.empty, self.pixels.empty),
             (self.lists.o, sort.entries),
             (sort.spill, self.scratch.spill),
             (sort.wanted, self.scratch.wanted),
@@ -120,6 +121,7 @@ class Render(wiring.Component):
             self.scratch.settled.eq(self.settled[WRITING.index("scratch")]),
             self.raster.background.eq(job.background),
             self.pixels.background.eq(job.background),
+            self.pixels.groups.eq(self.groups.groups),
             self.pixels.pixels_at.eq(job.pixels),
             self.pixels.stride_beats.eq(job.stride),
             self.counters.sort.eq(self.sort.counters),
@@ -143,7 +145,7 @@ class Render(wiring.Component):
                 with m.Elif(self.pixels.through):
                     m.next = "SETTLE"
             with m.State("SETTLE"):
-                m.d.comb += self.done.eq(self.settled.all())
+                m.d.comb += self.done.eq(self.settled.all() & ~self.groups.busy)
                 with m.If(self.done):
                     m.next = "IDLE"
             with m.State("FAILED"):
