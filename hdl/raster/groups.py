@@ -135,20 +135,14 @@ class Groups(wiring.Component):
         connect(m, fetch.reads, share.i[0])
         connect(m, share.o[0], fetch.data)
         connect(m, fetch.o, unpack.beats)
-        asks, counts = Signal(), Signal()
         a_beat = DATA_BITS // 8 // work.SLOT
-        m.d.comb += [
-            fetch.i.valid.eq(asks),
+        m.d.comb += [  # both are free, as the last frame has ended
+            fetch.i.valid.eq(known),
             fetch.i.payload.beat.eq(self.groups_at),
             fetch.i.payload.count.eq((self.groups + a_beat - 1) // a_beat),
-            unpack.counts.valid.eq(counts),
+            unpack.counts.valid.eq(known),
             unpack.counts.payload.eq(self.groups),
         ]
-        for wish, taken in ((asks, fetch.i.ready), (counts, unpack.counts.ready)):
-            with m.If(known):
-                m.d.sync += wish.eq(1)
-            with m.Elif(taken):
-                m.d.sync += wish.eq(0)
         return unpack.o
 
     def _give(self, m: Module, slots: stream.Interface):

@@ -10,6 +10,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.groups import EMPTY_WAITING, TAKERS, Groups
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec import axi, sort
@@ -26,6 +27,7 @@ from tb.helpers.runs import check_run, compiled
 pytestmark = pytest.mark.slow
 
 BEATS = 1 << 12  # of the memory
+UNDER_WAY = 4  # bursts that it takes before it answers the first one
 MACHINES = {"DEFAULT": DEFAULT, "TINY": TINY}
 OUTPUTS = (*TAKERS, "empty")
 
@@ -85,10 +87,11 @@ class Table(wiring.Component):
         return m
 
     def _memory(self, m: Module):
-        """A burst at a time, a beat when the next item of `pace` has come."""
+        """Takes some bursts before the first one's end; a beat when the next of `pace` has come."""
         m.submodules.memory = memory = Memory(shape=axi.DATA_BITS, depth=BEATS, init=[])
         write, read = memory.write_port(), memory.read_port(domain="comb")
         stored, reads, data = self.stored.payload, self.inner.reads, self.inner.data
+        m.submodules.queue = queue = Queue(reads.payload.shape(), UNDER_WAY)
         burst, left = Signal(reads.payload.shape()), Signal(axi.LENGTH_BITS + 1)
         m.d.comb += [
             self.stored.ready.eq(1),
@@ -97,15 +100,18 @@ class Table(wiring.Component):
             write.data.eq(stored.as_value()[-axi.DATA_BITS :]),
             read.addr.eq(burst.beat),
             self.bursts.payload.eq(reads.payload),
-            self.bursts.valid.eq(reads.valid & ~left.any()),
-            reads.ready.eq(self.bursts.ready & ~left.any()),
+            queue.i.payload.eq(reads.payload),
+            self.bursts.valid.eq(reads.valid & queue.i.ready),
+            queue.i.valid.eq(reads.valid & self.bursts.ready),
+            reads.ready.eq(self.bursts.ready & queue.i.ready),
+            queue.o.ready.eq(~left.any()),
             data.valid.eq(left.any() & self.pace.valid),
             data.payload.beat.eq(read.data),
             data.payload.last.eq(left == 1),
             self.pace.ready.eq(left.any() & data.ready),
         ]
-        with m.If(reads.valid & reads.ready):
-            m.d.sync += [burst.eq(reads.payload), left.eq(reads.payload.length + 1)]
+        with m.If(queue.o.valid & queue.o.ready):
+            m.d.sync += [burst.eq(queue.o.payload), left.eq(queue.o.payload.length + 1)]
         with m.Elif(data.valid & data.ready):
             m.d.sync += [burst.beat.eq(burst.beat + 1), left.eq(left - 1)]
 
