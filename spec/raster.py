@@ -181,13 +181,6 @@ def _place(config: Config, side: int) -> dict[str, Bits]:
     return {name: Bits(max(((size - 1) // side).bit_length(), 1)) for name, size in sizes.items()}
 
 
-def written_record(config: Config) -> Record:
-    """A group to be written to memory. empty: no splat touches it, so that stages 2 and 3 know
-    nothing of it: all its pixels are `background_code`.
-    """
-    return Record("written", {"position": position_record(config), "empty": Bits(1)})
-
-
 def background_code(config: Config, colour):
     """8 bits of a pixel of which a colour's code is all there is; of integers or hardware values.
 

@@ -16,7 +16,7 @@ from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 
-PAIRS_WAITING = 32
+PAIRS_WAITING = 20
 """Pairs that may wait before a rasterizer: others may have more to do with the same splats."""
 
 OUTPUT_SPARE = 16  # blocks on their way when the queue of finished ones may no longer be added to

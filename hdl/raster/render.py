@@ -97,6 +97,7 @@ class Render(wiring.Component):
             (deal.lists, self.lists.i),
             (groups.positions, raster.positions),
             (groups.pixels, self.pixels.positions),
+            (groups.empty, self.pixels.empty),
             (self.lists.o, sort.entries),
             (sort.o, self.features.i),
             (self.features.o, raster.i),
@@ -139,6 +140,7 @@ class Render(wiring.Component):
             self.features.features_at.eq(job.area.features),
             self.raster.background.eq(job.background),
             self.pixels.background.eq(job.background),
+            self.pixels.groups.eq(self.groups.groups),
             self.pixels.pixels_at.eq(job.pixels),
             self.pixels.stride_beats.eq(job.stride),
             self.counters.sort.eq(self.sort.counters),
@@ -157,6 +159,6 @@ class Render(wiring.Component):
             with m.State("GROUPS"), m.If(self.pixels.through):
                 m.next = "SETTLE"
             with m.State("SETTLE"):
-                m.d.comb += self.done.eq(self.settled.all())
+                m.d.comb += self.done.eq(self.settled.all() & ~self.groups.busy)
                 with m.If(self.done):
                     m.next = "IDLE"

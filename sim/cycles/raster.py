@@ -80,7 +80,7 @@ class Raster:
         self.clock[END] = ends.max()
         self.free = ends + TURN
         for r, count in enumerate(self.count):
-            self.begun[r, count % PAIRS_HELD] = self.free[r]
+            self.begun[r, count % self.begun.shape[1]] = self.free[r]
         self.count += 1
         self.number += 1
 
@@ -172,7 +172,7 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
             r = owners[block]
-            marked = max(marked, begun[r, count[r] % PAIRS_HELD])
+            marked = max(marked, begun[r, count[r] % begun.shape[1]])
     for r in range(len(free)):
         time, some = max(marked + QUEUE_LATENCY, free[r]), False
         for block in range(BLOCKS_A_TILE):
@@ -191,6 +191,6 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
             time += 1
         if some:
             free[r] = time
-            begun[r, count[r] % PAIRS_HELD] = time
+            begun[r, count[r] % begun.shape[1]] = time
             count[r] += 1
     return marked

@@ -2,7 +2,8 @@
 
 Stages wait for each other: a job's runs are all formed before its first entry is given, a list that
 does not fit on chip is dealt before its jobs are read, stage 3 holds stage 2 back, and a group's
-pixels are written while the next one's are made.
+pixels are written while the next one's are made. Groups without a splat are written whenever no
+others can be.
 """
 
 import numpy as np
@@ -23,7 +24,7 @@ MERGE_PACE = 2  # cycles from a merged entry to the next one
 # Cycles as memory's side makes them, besides its latency.
 FEATURE_LATENCY = 12  # from a merged entry to its splat's coming to stage 3
 PAGE_LATENCY = 6  # from a page's last beat to the next one's request and back
-SPAN_TURN = 1  # from a row of blocks to the next one, in writing
+GROUP_TURN = 1  # from a group to the next one, in writing
 BEGIN = 40  # from a frame's start to its first entry, and from its last pixel to its end
 
 
@@ -36,19 +37,21 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
 
     # A page is asked for when the one before is there.
     beats = page_bytes(config) // BEAT + PAGE_LATENCY + latency
-    pace = max(1.0, beats / (config.page - 1))
-    timeline = Timeline(config, pace, latency, give)
+    timeline = Timeline(config, max(1.0, beats / (config.page - 1)), latency, give)
     found = jobs(config, [keys for keys in frame.lists if len(keys)])
+    counts, cycles = np.diff(frame.start), write_cycles(config, frame)
+    empty = cycles[counts == 0].sum()  # cycles of groups without a splat that are yet to be written
     written = begun = 0.0  # when a group's pixels were written, and when that began
-    for count, cycles in zip(np.diff(frame.start), write_cycles(config, frame), strict=True):
-        if count:
-            timeline.group(next(found))
-            stage.drain(begun + (written - begun) * (1 - stage.spare))
-            begun = max(written, stage.clock[END] - stage.drained)
-        else:  # it passes stages 2 and 3 by
+    for count, spans in zip(counts, cycles, strict=True):
+        if not count:  # it passes stages 2 and 3 by
             stage.number += 1
-            begun = written
-        written = begun + cycles
+            continue
+        timeline.group(next(found))
+        stage.drain(begun + (written - begun) * (1 - stage.spare))
+        begun = max(written, stage.clock[END] - stage.drained)
+        empty -= min(empty, begun - written)
+        written = begun + spans
+    written += empty
     return int(written) + BEGIN + 2 * latency
 
 
@@ -61,4 +64,4 @@ def write_cycles(config: Config, frame: Frame) -> np.ndarray:
     wide = np.minimum(width - np.arange(columns) * side, side)
     turns = -(-high[:, None] // BLOCK) * -(-wide[None] // (span * BLOCK))
     beats = -(-span * BLOCK * PIXEL // BEAT)
-    return (turns * (BLOCK * beats + SPAN_TURN)).ravel()
+    return (turns * BLOCK * beats + GROUP_TURN).ravel()

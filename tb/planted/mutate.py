@@ -51,6 +51,7 @@ JUDGES = {
     "memory/axi": "tb/hdl/test_axi.py",
     "memory/bus": "tb/hdl/test_axi.py",
     "memory/fetch": "tb/hdl/test_fetch.py",
+    "memory/share": "tb/hdl/test_groups.py",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points/array": "tb/hdl/test_array.py -k stalls",
     "points/codebook": "tb/hdl/test_codebook.py -k equals",
@@ -66,6 +67,8 @@ JUDGES = {
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
     "sorting/scratch": MACHINE,
     "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
+    "raster/groups": "tb/hdl/test_groups.py",
+    "raster/pixels": "tb/hdl/test_pixels.py -k 'not eight and not one'",
     "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
     **{f"raster/{name}": BLENDED for name in RASTER},
 }
