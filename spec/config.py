@@ -95,7 +95,7 @@ class Config:
     add_latency: int = 3
     unary_latency: int = 4  # reciprocal and reciprocal root
     # Points that wait for their attributes or are being projected.
-    projection_slots: int = size(32, 8, power=True)
+    projection_slots: int = size(64, 8, power=True)
 
     # Binning: tiles of a splat, entries of groups of tiles, lists in memory.
     tile_test: Literal["exact", "3sigma"] = "exact"
@@ -208,6 +208,7 @@ PAPER = Config(
     depth=Float(5, 10, signed=False, overflow="infinity"),
     screen_exponent=5,
     pes=6,
+    projection_slots=32,
     tile_test="3sigma",
     faint=(),
     sub_sorters=4,

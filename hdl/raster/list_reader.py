@@ -15,11 +15,15 @@ from splatcore.spec.sort import half_entries, listed_record
 from splatcore.spec.work import SLOT, page_bytes
 
 PAGES_WAITING = 2
-"""Pages of entries that may wait: the next one is asked for as soon as its number has come."""
+"""Pages of entries that may wait to be sorted: the next one is asked for as soon as its number has
+come."""
 
 
 class ListReader(wiring.Component):
     """Reads lists: those of groups from page to page, dealt ones (`spec.sort`) in one go.
+
+    Parameters
+        pages: of entries that may wait.
 
     Members
         lists_at, scratch_at: addresses of the pages and of the buckets, in beats.
@@ -32,8 +36,8 @@ class ListReader(wiring.Component):
     entries are read.
     """
 
-    def __init__(self, config: Config):
-        self.config = config
+    def __init__(self, config: Config, pages: int = PAGES_WAITING):
+        self.config, self.pages = config, pages
         ports = {
             "lists_at": In(BEAT_ADDRESS_BITS),
             "scratch_at": In(BEAT_ADDRESS_BITS),
@@ -47,7 +51,7 @@ class ListReader(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         beats, bucket = page_bytes(self.config) // BEAT, half_entries(self.config)
-        depth = max(PAGES_WAITING * beats, 2 * BURST_BEATS)
+        depth = max(self.pages * beats, 2 * BURST_BEATS)
         count_bits = max(self.config.page, bucket).bit_length()
         beat_bits = max(beats, bucket * SLOT // BEAT).bit_length()
         fetch, unpack = unpacked(m, self, depth, beat_bits, count_bits)

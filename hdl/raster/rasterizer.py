@@ -16,10 +16,10 @@ from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 
-PAIRS_WAITING = 20
+PAIRS_WAITING = 16
 """Pairs that may wait before a rasterizer: others may have more to do with the same splats."""
 
-OUTPUT_SPARE = 16  # blocks on their way when the queue of finished ones may no longer be added to
+OUTPUT_SPARE = 10  # blocks on their way when the queue of finished ones may no longer be added to
 
 
 class Rasterizer(wiring.Component):

@@ -61,7 +61,7 @@ class Render(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
-        self.long_lists, self.lists = ListReader(config), ListReader(config)
+        self.long_lists, self.lists = ListReader(config, pages=1), ListReader(config)
         self.buckets, self.features = Store(LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
