@@ -168,14 +168,12 @@ class Raster(wiring.Component):
         for part in self.rasterizers:
             o = part.i.payload
             own = [Cat(level[block] for block in part.own) for level in mark.o.blocks]
-            there = self._at(part, self.arrived).replicate(len(part.own))
-            blocks = own[0] & (part.live[mark.o.tile] | ~there)
-            for level, reached in zip(part.level, own[1:], strict=True):
-                blocks &= reached | ~(level[mark.o.tile] & there)
+            there = self._at(part, self.arrived)
+            blocks = Mux(there, part.wanted(own, mark.o.tile), own[0])
             m.d.comb += [
                 o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
             ]
-            m.d.comb += o.blocks.eq(blocks)
+            m.d.comb += o.blocks.as_value().eq(Cat(own))
             takers.append((part, blocks.any() | mark.o.end))
         m.d.comb += pipe.o.ready.eq(Cat(part.i.ready | ~wants for part, wants in takers).all())
         m.d.comb += self.reached.eq(Cat(wants for _, wants in takers))
