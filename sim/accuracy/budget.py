@@ -8,7 +8,9 @@ that is the part:
     positions … degree 3   the scene with that part of its Gaussians as it is packed
     arithmetic             golden's splats of stages 0 and 1, blended in float64 in exact order
     depth keys             exact splats in the order of golden's keys
-    raster                 exact splats through golden's stage 3, its sums as they are
+    too faint              exact splats blended in float64 by the machine's rule (`Config.faint`)
+    raster                 exact splats through golden's stage 3 without that rule, its sums as
+                           they are
     8 bits                 the exact picture rounded
 """
 
@@ -39,7 +41,9 @@ from splatcore.sim.packing.budget import part_by_part
 from splatcore.sim.packing.choose import Tell, packed
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
+from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.metric import psnr_of_square
+from splatcore.spec.raster import faint_rule
 from splatcore.spec.scene import Gaussians
 
 WHOLES = ("packing", "machine", "scene")
@@ -110,7 +114,9 @@ def machine_parts(
     yield "arithmetic", picture(splats[order], camera)
     order = np.lexsort((exact.splats.index, keys_of(config, exact, points)))
     yield "depth keys", picture(exact.splats[order], camera)
-    yield "raster", raster_picture(config, exact)
+    rule = replace(SPLATCORE, faint=faint_rule(config))
+    yield "too faint", picture(exact.splats, camera, rule)
+    yield "raster", raster_picture(replace(config, faint=()), exact)
     yield "8 bits", np.rint(exact.image * LEVELS) / LEVELS
 
 

@@ -22,7 +22,7 @@ from tb.helpers.command import ROOT, load, run
 VIEW = View("garden", size="128x72", quality="faithful")
 
 PACKING = ["positions", "shape", "opacity", "colour", "degree 1"]
-MACHINE = ["arithmetic", "depth keys", "raster", "8 bits"]
+MACHINE = ["arithmetic", "depth keys", "too faint", "raster", "8 bits"]
 
 
 def decibels(found: dict) -> dict[tuple[str, str], float]:
@@ -125,6 +125,12 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
         codes = features | {"opacity": features["opacity"] + 1}
         return rasterize(config, codes, *arguments, **options)
 
+    monkeypatch.setattr(budgets, "faint_rule", lambda config: (0.5, 2.0**-6, 2.0**-4))
+    rule = squares(exact, points)
+    assert [name for name in MACHINE if rule[name] != before[name]] == ["too faint"]
+    assert rule["too faint"] > 5 * before["too faint"] > 0
+    monkeypatch.undo()
+
     monkeypatch.setattr(budgets, "rasterize", dim)
     raster = squares(exact, points)
     assert [name for name in MACHINE if raster[name] != before[name]] == ["raster"]
@@ -156,7 +162,7 @@ def test_keys_are_golden_s(exact):
 
 def test_sums_of_stage_3_round_to_its_pixels(exact):
     camera = exact.camera
-    for config in (DEFAULT, replace(DEFAULT, sum_fraction=12, early_termination=False)):
+    for config in (DEFAULT, replace(DEFAULT, sum_fraction=12, early_termination=False, faint=())):
         frame = render(config, exact.model, camera)
         size = camera.width, camera.height
         sums = rasterize(config, frame.binned.features, frame.sorted, size, rounded=False).pixels
