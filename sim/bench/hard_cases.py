@@ -1,6 +1,6 @@
 """The hard cases through an engine: picture, error, cycles, what is left out, and the bound."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from splatcore.sim.machine.script import Timing
 from splatcore.sim.packing.choose import finest
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
+from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.raster import faint_rule
 
 SEED = 0  # of all cases
 
@@ -34,7 +36,8 @@ BOUNDS = {
     "rtl": f"golden's, machine ≥ {PSNR_MIN:.0f} dB",
 }
 """The bound of a case by engine; machines leave out all NaN and Inf, too. Some cases bound what
-packing loses, besides."""
+packing loses, besides. Where 3DGS's picture is further off, the reference's by the machine's own
+rule for what is too faint (`Config.faint`) counts, and the bound says so."""
 
 
 @dataclass(eq=False)
@@ -158,7 +161,7 @@ def of_golden(outcome: Outcome, camera: Camera, config: Config):
     points = frame.points
     leave_out(outcome, len(points.points) - len(points.front), len(frame.binned.kept))
     outcome.cycles = frame_cycles(config, frame).frame
-    compare(outcome, frame.pixels)
+    compare(outcome, frame.pixels, camera, config)
 
 
 def of_hardware(outcome: Outcome, job: Job, machine: Machine, timing: Timing):
@@ -172,7 +175,7 @@ def of_hardware(outcome: Outcome, job: Job, machine: Machine, timing: Timing):
     behind = counters["points_points"] - counters["points_front"]
     leave_out(outcome, behind, counters["bin_kept"])
     outcome.cycles = cycles(run)["frame"]
-    compare(outcome, run.frames[0].pixels)
+    compare(outcome, run.frames[0].pixels, job.camera, machine.config)
     found = diagnose(machine.config, run, 0, pipeline.render(machine.config, *job))
     outcome.identical = found is None
     if found:
@@ -190,7 +193,7 @@ def leave_out(outcome: Outcome, behind: int, drawn: int):
     }
 
 
-def compare(outcome: Outcome, pixels: np.ndarray):
+def compare(outcome: Outcome, pixels: np.ndarray, camera: Camera, config: Config):
     """A machine's picture against the reference on the same packed model."""
     outcome.pixels, outcome.reference = pixels, outcome.exact.pixels
     outcome.error = difference(pixels, outcome.exact.pixels)
@@ -199,9 +202,15 @@ def compare(outcome: Outcome, pixels: np.ndarray):
         empty = "an empty scene: " if not outcome.gaussians else ""
         outcome.reason = f"{empty}identical pictures"
     elif outcome.psnr_db < PSNR_MIN:
-        outcome.failures.append(
-            f"{outcome.psnr_db:.2f} dB against the reference, below {PSNR_MIN:.0f} dB"
-        )
+        rule = replace(SPLATCORE, faint=faint_rule(config))
+        own = render(outcome.model.gaussians(), camera, rule).image
+        found = psnr(pixels / LEVELS, own.clip(0, 1))
+        if found is None or found >= PSNR_MIN:
+            outcome.bound += ", by its own rule for what is too faint"
+        else:
+            outcome.failures.append(
+                f"{found:.2f} dB against the reference, below {PSNR_MIN:.0f} dB"
+            )
 
 
 def check_left_out(outcome: Outcome, case: HardCase):
