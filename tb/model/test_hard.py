@@ -94,28 +94,6 @@ def test_renders_and_repeats(name):
         assert not all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
 
-def test_fog(case):
-    """Behind T of just below 1/32 nothing but what is just visible, and that in every pixel."""
-    frame, alpha = rendered(case), case.scene.opacity
-    assert (alpha[2:] == 1.2 * ALPHA_MIN).all() and len(alpha) == 5_002
-    front = render(case.scene[:2].gaussians(), case.camera)
-    assert 0.9 / 32 < front.transmittance.min() < front.transmittance.max() < 1 / 32
-    assert np.quantile(frame.transmittance / front.transmittance, 0.9) < 0.8
-    assert np.abs(frame.image - front.image).max() > 0.01
-
-
-def test_alternating_layers(case):
-    """At T of just below 1/32 black layers would take just less than 2^−11, white ones just more,
-    if T stays as it is at black ones."""
-    assert (np.diff(in_camera(case)[:, 2]) > 0).all()
-    alpha, left = case.scene.opacity[2:], np.prod(1 - case.scene.opacity[:2])
-    black, white = alpha[::2], alpha[1::2]
-    before = left * np.concatenate([[1], np.cumprod(1 - white)[:-1]])
-    assert left < 1 / 32 and len(white) == len(black) == 53
-    assert ((0.9 < 2**11 * before * black) & (2**11 * before * black < 1)).all()
-    assert ((1 < 2**11 * before * white) & (2**11 * before * white < 1.1)).all()
-
-
 def test_needles(case):
     assert np.allclose(ratio(case, 1), 1e5) and np.allclose(ratio(case, 2), 1e5)
     assert rendered(case).counts["visible"] == len(case.scene)
