@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.golden.exact import as_packed, entries_of, features_of
 from splatcore.golden.pipeline import render
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import project
@@ -77,17 +76,12 @@ def test_alternating_layers():
 
 def test_all_of_t_is_given():
     """Weights of a pixel sum to 1 whatever is left out: one colour everywhere, the background's."""
-    case = HARD["fog"](0)
-    splats, _ = project(as_packed(case.scene.gaussians()), case.camera)
-    features = features_of(DEFAULT, splats)
+    model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
+    frame, size = render(DEFAULT, model, camera), (camera.width, camera.height)
     one = 1 << DEFAULT.colour_fraction
-    for name in COLOURS:
-        features[name][:] = one
-    entries, size = (
-        entries_of(DEFAULT, splats, case.camera),
-        (case.camera.width, case.camera.height),
-    )
-    drawn = rasterize(DEFAULT, features, entries, size, (one,) * 3, rounded=False)
+    ones = np.full_like(frame.binned.features["red"], one)
+    features = frame.binned.features | dict.fromkeys(COLOURS, ones)
+    drawn = rasterize(DEFAULT, features, frame.sorted, size, (one,) * 3, rounded=False)
     assert drawn.counts["ended"] > 100
     full = ((1 << DEFAULT.weight) - 1) << DEFAULT.sum_fraction - DEFAULT.weight
     assert (drawn.pixels == full).all()
