@@ -78,12 +78,12 @@ def test_all_of_t_is_given():
     """Weights of a pixel sum to 1 whatever is left out: one colour everywhere, the background's."""
     model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
     frame, size = render(DEFAULT, model, camera), (camera.width, camera.height)
-    one = 1 << DEFAULT.colour_fraction
-    ones = np.full_like(frame.binned.features["red"], one)
-    features = frame.binned.features | dict.fromkeys(COLOURS, ones)
-    drawn = rasterize(DEFAULT, features, frame.sorted, size, (one,) * 3, rounded=False)
+    half = 1 << DEFAULT.colour_fraction - 1
+    grey = np.full_like(frame.binned.features["red"], half)
+    features = frame.binned.features | dict.fromkeys(COLOURS, grey)
+    drawn = rasterize(DEFAULT, features, frame.sorted, size, (half,) * 3, rounded=False)
     assert drawn.counts["ended"] > 100
-    full = ((1 << DEFAULT.weight) - 1) << DEFAULT.sum_fraction - DEFAULT.weight
+    full = ((1 << DEFAULT.weight) - 1) << DEFAULT.sum_fraction - DEFAULT.weight - 1
     assert (drawn.pixels == full).all()
 
 
