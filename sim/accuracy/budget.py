@@ -8,7 +8,7 @@ that is the part:
     positions … degree 3   the scene with that part of its Gaussians as it is packed
     arithmetic             golden's splats of stages 0 and 1, blended in float64 in exact order
     depth keys             exact splats in the order of golden's keys
-    too faint              exact splats blended in float64 by the machine's rule (`Config.faint`)
+    too faint              exact splats, but for what the machine's rule leaves out
     raster                 exact splats through golden's stage 3 without that rule, its sums as
                            they are
     8 bits                 the exact picture rounded
@@ -116,7 +116,7 @@ def machine_parts(
     yield "depth keys", picture(exact.splats[order], camera)
     rule = replace(SPLATCORE, faint=faint_rule(config))
     yield "too faint", picture(exact.splats, camera, rule)
-    yield "raster", raster_picture(replace(config, faint=()), exact)
+    yield "raster", raster_picture(config, exact)
     yield "8 bits", np.rint(exact.image * LEVELS) / LEVELS
 
 
@@ -133,8 +133,9 @@ def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
 
 
 def raster_picture(config: Config, exact: Reference) -> np.ndarray:
-    """Stage 3's sums of exact splats, 0 … 1."""
-    config, size = replace(config, arithmetic=EXACT), (exact.camera.width, exact.camera.height)
+    """Stage 3's sums of exact splats, 0 … 1, nothing left out as too faint."""
+    config = replace(config, arithmetic=EXACT, faint=())
+    size = exact.camera.width, exact.camera.height
     entries = entries_of(config, exact.splats, exact.camera)
     features = features_of(config, exact.splats)
     sums = rasterize(config, features, entries, size, rounded=False).pixels

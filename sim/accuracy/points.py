@@ -157,10 +157,10 @@ def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
     return splats[np.argsort(splats.depth, kind="stable")]
 
 
-def picture(splats: Splats, camera: Camera, rule: Convention = SPLATCORE) -> np.ndarray:
+def picture(splats: Splats, camera: Camera, convention: Convention = SPLATCORE) -> np.ndarray:
     """The reference rasterizer's image [H, W, 3] of splats in depth order, clipped to 0 … 1."""
-    lists = tile_lists(splats, camera, rule)
-    return np.clip(rasterize(lists, splats, camera.width, camera.height, rule)[0], 0, 1)
+    lists = tile_lists(splats, camera, convention)
+    return np.clip(rasterize(lists, splats, camera.width, camera.height, convention)[0], 0, 1)
 
 
 def field_errors(found: Fields, exact: Fields) -> Fields:

@@ -46,9 +46,6 @@ RASTER_FORMATS = {
 LIMITS, FAINT = (4, 5, 6), (9, 11, 13)
 """2^−these: T from which on, and what a splat takes of it below which, it is too faint."""
 
-TWICE = {"rasterizers": 8, "pe_arrays": 2}
-"""Twice the lanes and the processing elements together: neither half is left behind."""
-
 
 def changed(knob: str, value: object, **changes) -> Point:
     """DEFAULT with something changed."""
@@ -77,8 +74,6 @@ def points() -> Iterator[Point]:
             yield changed("faint", f"T 1/{1 << limit}, below 1/{1 << below}", faint=faint)
     yield changed("faint", "off", faint=())
     yield changed("PEs", 6, pes=6)
-    yield changed("PE arrays", 2, pe_arrays=2)
-    yield changed("PE arrays, lanes", "2, 128", **TWICE)
     for count in (1, 3, 4):
         yield changed("sub-sorters", count, sub_sorters=count)
     yield changed("tile test", "3sigma", tile_test="3sigma")

@@ -15,10 +15,10 @@ from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.convention import ALPHA_MIN, SPLATCORE
 from splatcore.spec.error import InputError
-from splatcore.spec.raster import COLOURS, faint_rule, mark_min
+from splatcore.spec.raster import COLOURS, mark_min
+from tb.helpers.bounds import RULE
 from tb.helpers.machines import garden
 
-RULE = replace(SPLATCORE, faint=faint_rule(DEFAULT))
 OFF = replace(DEFAULT, faint=())
 FROM, BELOW, ENDS = DEFAULT.faint
 

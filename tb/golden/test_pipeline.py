@@ -1,7 +1,5 @@
 """The golden model of the whole machine: its pictures against those of the float64 reference."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -16,12 +14,9 @@ from splatcore.sim.packing.choose import finest
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.metric import psnr_of_square
-from splatcore.spec.raster import faint_rule
-from tb.helpers.bounds import BOUND
+from tb.helpers.bounds import BOUND, RULE
 from tb.helpers.machines import garden
 from tb.helpers.scenes import needs_scenes, scene_path
-
-RULE = replace(SPLATCORE, faint=faint_rule(DEFAULT))
 
 
 def psnr(model, camera, rule=SPLATCORE) -> float:

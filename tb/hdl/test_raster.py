@@ -21,13 +21,14 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.accuracy.points import with_width
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
-from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR, SPLATCORE
+from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import entry_record, extent_format, feature_record, group_grid
-from splatcore.spec.raster import curvature_formats, faint_rule, featured_record, readied_record
+from splatcore.spec.raster import curvature_formats, featured_record, readied_record
 from splatcore.spec.record import Codes
 from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
+from tb.helpers.bounds import RULE
 from tb.helpers.machines import NEEDLES, long_needles
 from tb.helpers.raster_rows import prepared_codes, random_features, run_groups
 from tb.helpers.scene_frames import parameters
@@ -256,8 +257,8 @@ def test_scenes(name):
 
 @pytest.mark.parametrize("name", ["garden", *HARD])
 def test_against_the_reference(name):
-    """The golden picture from the reference's splats, by the machine's rule for what is too faint
-    (of that rule itself: `tb.golden.test_faint`); and marking loses nothing."""
+    """The golden picture from the reference's splats, under the machine's rule; and marking loses
+    nothing."""
     case = HARD[name](0) if name in HARD else None
     scene = case.scene if case else generate("garden", 5_000)
     camera = case.camera if case else generated_camera("garden", 320, 180)
@@ -269,6 +270,5 @@ def test_against_the_reference(name):
     golden, all_blocks = rasterize(*arguments), rasterize(*arguments, mark_all=True)
     assert (golden.pixels == all_blocks.pixels).all()
     assert golden.counts["contributions"] == all_blocks.counts["contributions"]
-    rule = replace(SPLATCORE, faint=faint_rule(DEFAULT))
-    error = golden.pixels / 255 - np.clip(render(gaussians, camera, rule).image, 0, 1)
+    error = golden.pixels / 255 - np.clip(render(gaussians, camera, RULE).image, 0, 1)
     assert np.mean(error**2) < 10**-5.2

@@ -10,12 +10,11 @@ from splatcore.spec.microprogram import Step, operation_counts, parse, program, 
 from splatcore.spec.programs import CONSTANTS, CORNERS, TEXTS
 from splatcore.spec.schedule import Schedule, latencies, pes, schedule
 
-SHADED = replace(
-    DEFAULT, colours="array", sh_degree=1, pes=6
-)  # the array makes colours of degree 1
+# The array makes colours of degree 1, on PAPER's PEs.
+SHADED = replace(DEFAULT, colours="array", sh_degree=1, pes=6)
 CONFIGS = {
     "one array": DEFAULT,
-    "two arrays": replace(DEFAULT, pe_arrays=2, pes=6),
+    "two arrays": replace(DEFAULT, pes=6, pe_arrays=2),
     "slow units": replace(DEFAULT, multiply_latency=4, add_latency=5, unary_latency=9),
     "quick units": replace(DEFAULT, multiply_latency=0, add_latency=1, unary_latency=1),
     "three PEs": replace(DEFAULT, pes=3),
