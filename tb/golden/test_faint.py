@@ -75,16 +75,19 @@ def test_alternating_layers():
 
 
 def test_all_of_t_is_given():
-    """Weights of a pixel sum to 1 whatever is left out: one colour everywhere, the background's."""
+    """Weights of a pixel sum to 1 whatever is left out; where it has ended, without the background."""
     model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
     frame, size = render(DEFAULT, model, camera), (camera.width, camera.height)
     half = 1 << DEFAULT.colour_fraction - 1
     grey = np.full_like(frame.binned.features["red"], half)
     features = frame.binned.features | dict.fromkeys(COLOURS, grey)
-    drawn = rasterize(DEFAULT, features, frame.sorted, size, (half,) * 3, rounded=False)
-    assert drawn.counts["ended"] > 100
+    black, same = (
+        rasterize(DEFAULT, features, frame.sorted, size, (code,) * 3, rounded=False)
+        for code in (0, half)
+    )
     full = ((1 << DEFAULT.weight) - 1) << DEFAULT.sum_fraction - DEFAULT.weight - 1
-    assert (drawn.pixels == full).all()
+    assert (same.pixels == full).all()
+    assert (black.pixels == full).all(2).sum() == black.counts["ended"] > 100
 
 
 @pytest.mark.parametrize("values", VALUES)
