@@ -13,9 +13,9 @@ from splatcore.model.generate.generate import generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT, Config
-from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.convention import ALPHA_MIN, SPLATCORE
 from splatcore.spec.error import InputError
-from splatcore.spec.raster import mark_min
+from splatcore.spec.raster import COLOURS, mark_min
 from tb.helpers.bounds import RULE
 from tb.helpers.machines import garden
 
@@ -48,6 +48,46 @@ def test_cases_are_hard(name):
     assert 2 <= error <= 255 / 2**FROM + 1
     faint, own = (p.raster.counts for p in pictures)
     assert faint["contributions"] < 0.7 * own["contributions"]
+
+
+def test_fog():
+    """Behind T of just below 1/32 nothing but what is just visible; it shows in the picture."""
+    case = HARD["fog"](0)
+    gaussians = case.scene.gaussians()
+    assert (gaussians.opacity[2:] == 1.2 * ALPHA_MIN).all() and len(gaussians) == 5_002
+    frame, front = (render_reference(part, case.camera) for part in (gaussians, gaussians[:2]))
+    assert 0.9 / 32 < front.transmittance.min() < front.transmittance.max() < 1 / 32
+    assert np.quantile(frame.transmittance / front.transmittance, 0.9) < 0.3
+    assert np.abs(frame.image - front.image).max() > 0.02
+
+
+def test_alternating_layers():
+    """At T of just below 1/32 black layers would take just less than 2^−11, white ones just more,
+    if black ones leave T as it is."""
+    case = HARD["alternating_layers"](0)
+    z = (case.scene.position @ case.camera.rotation.T + case.camera.translation)[:, 2]
+    alpha, left = case.scene.opacity[2:], np.prod(1 - case.scene.opacity[:2])
+    black, white = alpha[::2], alpha[1::2]
+    before = left * np.concatenate([[1], np.cumprod(1 - white)[:-1]]) * 2**BELOW
+    assert (np.diff(z) > 0).all() and left < 1 / 32 and len(white) == len(black) == 53
+    assert (before * black > 0.9).all() and (before * black < 1).all()
+    assert (before * white > 1).all() and (before * white < 1.1).all()
+
+
+def test_all_of_t_is_given():
+    """Weights of a pixel sum to 1 whatever is left out; where it has ended, without the background."""
+    model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
+    frame, size = render(DEFAULT, model, camera), (camera.width, camera.height)
+    half = 1 << DEFAULT.colour_fraction - 1
+    grey = np.full_like(frame.binned.features["red"], half)
+    features = frame.binned.features | dict.fromkeys(COLOURS, grey)
+    black, same = (
+        rasterize(DEFAULT, features, frame.sorted, size, (code,) * 3, rounded=False)
+        for code in (0, half)
+    )
+    full = ((1 << DEFAULT.weight) - 1) << DEFAULT.sum_fraction - DEFAULT.weight - 1
+    assert (same.pixels == full).all()
+    assert (black.pixels == full).all(2).sum() == black.counts["ended"] > 100
 
 
 @pytest.mark.parametrize("values", VALUES)

@@ -125,6 +125,12 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
         codes = features | {"opacity": features["opacity"] + 1}
         return rasterize(config, codes, *arguments, **options)
 
+    monkeypatch.setattr(budgets, "faint_rule", lambda config: (0.5, 2.0**-6, 2.0**-4))
+    rule = squares(exact, points)
+    assert [name for name in MACHINE if rule[name] != before[name]] == ["too faint"]
+    assert rule["too faint"] > 5 * before["too faint"] > 0
+    monkeypatch.undo()
+
     monkeypatch.setattr(budgets, "rasterize", dim)
     raster = squares(exact, points)
     assert [name for name in MACHINE if raster[name] != before[name]] == ["raster"]
