@@ -38,7 +38,7 @@ static double larger(double a, double b)
     return a > b ? a : b;
 }
 
-/* Where the parts lie: work area 1 behind work area 0, scratch area 1 behind scratch area 0. */
+/* Where the parts lie: work area 1 behind work area 0. */
 static void write_memory(const struct memory *memory)
 {
     splatcore_write(SPLATCORE_MODEL, memory->model);

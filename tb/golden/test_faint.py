@@ -75,7 +75,7 @@ def test_alternating_layers():
 
 
 def test_all_of_t_is_given():
-    """Weights of a pixel sum to 1 whatever is left out; where it has ended, without the background."""
+    """A pixel's weights sum to 1 whatever is left out; where it has ended, without background."""
     model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
     frame, size = render(DEFAULT, model, camera), (camera.width, camera.height)
     half = 1 << DEFAULT.colour_fraction - 1

@@ -1,4 +1,4 @@
-"""Stage 2 against its golden model: order, what goes through scratch memory, stops, pace."""
+"""Stage 2 against its golden model: order, marks, stops, pace."""
 
 from dataclasses import replace
 from functools import cache
