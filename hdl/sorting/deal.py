@@ -8,21 +8,10 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
+from splatcore.spec import sort
 from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, entry_record
-from splatcore.spec.sort import (
-    AREAS,
-    BUCKET_BITS,
-    BUCKETS,
-    LINE_SLOTS,
-    bucket_shift,
-    half_entries,
-    job_record,
-    line_record,
-    listed_record,
-    shift_max,
-)
 
 JOBS_WAITING = 8
 """Jobs that may wait to be sorted, and lists in front of those of a job that is being made."""
@@ -70,34 +59,34 @@ class Deal(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        self.config, self.half = config, half_entries(config)
+        self.config, self.half = config, sort.half_entries(config)
         entry, group = layout(entry_record(config)), layout(group_record())
-        listed, job = layout(listed_record()), layout(job_record(config))
+        listed, job = layout(sort.listed_record()), layout(sort.job_record(config))
         ports = {
             "start": In(1),
             "groups": In(stream.Signature(group)),
             "reading": Out(stream.Signature(group)),
             "entries": In(stream.Signature(entry)),
-            "lines": Out(stream.Signature(layout(line_record(config)))),
+            "lines": Out(stream.Signature(layout(sort.line_record(config)))),
             "settled": In(1),
             "jobs": Out(stream.Signature(job)),
             "lists": Out(stream.Signature(listed)),
             "released": In(1),
         }
         super().__init__(ports)
-        key, shift = config.sort_key_bits, range(shift_max(config) + 1)
+        key, shift = config.sort_key_bits, range(sort.shift_max(config) + 1)
         self.jobs_waiting = Queue(job, JOBS_WAITING)
-        self.lists_waiting = Queue(listed, BUCKETS + JOBS_WAITING, memory=True)
-        self.state, self.area = Signal(State), Signal(range(AREAS))
+        self.lists_waiting = Queue(listed, sort.BUCKETS + JOBS_WAITING, memory=True)
+        self.state, self.area = Signal(State), Signal(range(sort.AREAS))
         self.base, self.shift = Signal(key), Signal(shift)
         self.next_base = Signal(key)  # for the next list
-        self.next_shift = Signal(shift, init=shift_max(config))
+        self.next_shift = Signal(shift, init=sort.shift_max(config))
         # What has been given out: keys below `low`, and `skip` entries of that key.
         self.low, self.skip = Signal(key), Signal(COUNT_BITS)
         self.least, self.greatest = Signal(key), Signal(key)  # keys of the round
         self.high, self.extent = Signal(key), Signal(key)
         self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be given out
-        self.bucket, self.looked_up = Signal(BUCKET_BITS), Signal(BUCKET_BITS)
+        self.bucket, self.looked_up = Signal(sort.BUCKET_BITS), Signal(sort.BUCKET_BITS)
         self.held, self.full = Signal(entry, reset_less=True), Signal()  # an entry being dealt
         self.count = Signal(range(self.half + 2))  # of the bucket looked up
         self.through, self.keep, self.ignored = Signal(), Signal(), Signal()  # the entry held
@@ -140,14 +129,14 @@ class Deal(wiring.Component):
     def _memories(self, m: Module) -> list[Value]:
         """Counts and the begun line of each bucket; returns the entries of the latter."""
         dealing, key = self.state == State.DEAL, self.entries.payload.key
-        bucket, present = Signal(BUCKET_BITS), Signal(BUCKETS)
+        bucket, present = Signal(sort.BUCKET_BITS), Signal(sort.BUCKETS)
         offset = key - self.base
         steps = offset[:-1] >> self.shift
-        within = Mux(steps[BUCKET_BITS:].any(), BUCKETS - 1, steps[:BUCKET_BITS])
+        within = Mux(steps[sort.BUCKET_BITS :].any(), sort.BUCKETS - 1, steps[: sort.BUCKET_BITS])
         m.d.comb += bucket.eq(Mux(dealing, Mux(offset[-1], 0, within), self.bucket))
         with m.If(~self.full):
             m.d.sync += self.looked_up.eq(bucket)
-        m.submodules.counts = counts = Memory(shape=self.count.shape(), depth=BUCKETS, init=[])
+        m.submodules.counts = counts = Memory(shape=self.count.shape(), depth=sort.BUCKETS, init=[])
         write, read = counts.write_port(), counts.read_port()
         ports, found = [write, read], []
         m.d.comb += [
@@ -155,9 +144,9 @@ class Deal(wiring.Component):
             write.data.eq(self.count + 1),
             write.en.eq(self.through & ~self.ignored & (self.count <= self.half)),
         ]
-        place = self.count[: exact_log2(LINE_SLOTS)]
-        for k in range(LINE_SLOTS - 1):
-            memory = Memory(shape=len(self.held.as_value()), depth=BUCKETS, init=[])
+        place = self.count[: exact_log2(sort.LINE_SLOTS)]
+        for k in range(sort.LINE_SLOTS - 1):
+            memory = Memory(shape=len(self.held.as_value()), depth=sort.BUCKETS, init=[])
             m.submodules[f"slot{k}"] = memory
             write, read = memory.write_port(), memory.read_port()
             m.d.comb += write.data.eq(self.held)
@@ -175,7 +164,7 @@ class Deal(wiring.Component):
 
     def _lines(self, m: Module, slots: list[Value]):
         """A bucket's line is written with its last entry, or when the round ends."""
-        bits = exact_log2(LINE_SLOTS)
+        bits = exact_log2(sort.LINE_SLOTS)
         lines, place, ending = self.lines, self.count[:bits], self.state == State.WRITE
         last = self.full & self.keep & place.all()
         begun = place.any() & (self.count < self.half)
@@ -195,7 +184,7 @@ class Deal(wiring.Component):
         shift = Signal.like(self.shift)
         for bit in range(len(self.extent)):
             with m.If(self.extent[bit]):
-                m.d.comb += shift.eq(bucket_shift(1 << bit))
+                m.d.comb += shift.eq(sort.bucket_shift(1 << bit))
         with m.If(state == State.BEGIN):
             m.d.sync += [self.least.eq(~0), self.greatest.eq(0)]
         with m.Elif(self.through & ~self.ignored):
@@ -229,12 +218,12 @@ class Deal(wiring.Component):
             with m.Case(State.NEXT):
                 m.d.sync += [self.base.eq(self.low), self.shift.eq(shift)]
         with m.If(self.start):
-            m.d.sync += [self.next_base.eq(0), self.next_shift.eq(shift_max(self.config))]
+            m.d.sync += [self.next_base.eq(0), self.next_shift.eq(sort.shift_max(self.config))]
 
     def _areas(self, m: Module):
         """An area is in use from its first job's being given out until its last one is over."""
         m.submodules.inside = self.inside = Queue(1, JOBS_INSIDE)  # jobs: the last of a round?
-        used, begins, ends = Signal(range(AREAS + 1)), Signal(), Signal()
+        used, begins, ends = Signal(range(sort.AREAS + 1)), Signal(), Signal()
         job, inside = self.jobs_waiting.i, self.inside
         m.d.comb += [
             inside.i.valid.eq(job.valid),
@@ -242,14 +231,14 @@ class Deal(wiring.Component):
             inside.o.ready.eq(self.released),
             begins.eq(inside.i.valid & self.ends_round),
             ends.eq(self.released & inside.o.valid & inside.o.payload),
-            self.both_used.eq(used == AREAS),
+            self.both_used.eq(used == sort.AREAS),
             self.job_room.eq(job.ready & inside.i.ready),
         ]
         m.d.sync += used.eq(used + begins - ends)
         with m.If(self.start):
             m.d.sync += self.area.eq(0)
         with m.Elif(begins):
-            m.d.sync += self.area.eq(Mux(self.area == AREAS - 1, 0, self.area + 1))
+            m.d.sync += self.area.eq(Mux(self.area == sort.AREAS - 1, 0, self.area + 1))
 
     def _control(self, m: Module):
         """Lists one after the other; rounds of a long one."""
@@ -271,25 +260,18 @@ class Deal(wiring.Component):
                     m.d.sync += state.eq(State.DEAL)
             with m.Case(State.DEAL), m.If(~self.rest.any()):
                 m.d.sync += state.eq(State.RANGE)
-            with m.Case(State.RANGE):
-                m.d.sync += state.eq(State.FLUSH)
-            with m.Case(State.FLUSH):
-                m.d.sync += state.eq(State.WRITE)
             with m.Case(State.WRITE), m.If(~self.lines.valid | self.lines.ready):
                 m.d.sync += self.bucket.eq(self.bucket + 1)
                 m.d.sync += state.eq(Mux(self.bucket.all(), State.SETTLE, State.FLUSH))
             with m.Case(State.SETTLE), m.If(self.settled):
                 m.d.sync += state.eq(State.LOOK)
-            with m.Case(State.LOOK):
-                m.d.sync += state.eq(State.GIVE)
             with m.Case(State.GIVE):
                 self._give(m)
-            with m.Case(State.EDGE):
-                m.d.sync += state.eq(State.EXTENT)
-            with m.Case(State.EXTENT):
-                m.d.sync += state.eq(State.REST)
             with m.Case(State.REST):
                 self._give_rest(m)
+            for before in (State.RANGE, State.FLUSH, State.LOOK, State.EDGE, State.EXTENT):
+                with m.Case(before):
+                    m.d.sync += state.eq(before.value + 1)
             with m.Case(State.NEXT):
                 m.d.comb += self.groups.ready.eq(~self.left.any())
                 m.d.sync += state.eq(Mux(self.left.any(), State.BEGIN, State.LIST))

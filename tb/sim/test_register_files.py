@@ -43,7 +43,7 @@ int main(void)
     const uint8_t model[] = {@MODEL@};
     const struct camera camera = {@CAMERA@};
     const double background[3] = {0, 0.5, 1};
-    struct memory memory = {0x1000000, 0x2000000, 0x3000000, 0x4000000, 7, 100, 50};
+    struct memory memory = {0x1000000, 0x2000000, 0x3000000, 0x4000000, 7, 100};
     need = @NEED@;
     return (int)splatcore_frame(&camera, &memory, 20, model, background);
 }
