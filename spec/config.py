@@ -101,7 +101,7 @@ class Config:
     tile_test: Literal["exact", "3sigma"] = "exact"
     group: int = size(4, 1, 4, power=True)  # tiles along the side of a group
     burst: int = size(4, 2, 16, power=True)  # list entries written at a time
-    page: int = size(64, 4, power=True)  # list entries for which memory is taken at a time
+    page: int = size(128, 4, power=True)  # list entries for which memory is taken at a time
 
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
     sub_sorters: int = size(2, 1, 16)

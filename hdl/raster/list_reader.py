@@ -7,23 +7,25 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack, unpacked
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, entry_record
 from splatcore.spec.sort import half_entries, listed_record
 from splatcore.spec.work import SLOT, page_bytes
 
-PAGES_WAITING = 2
-"""Pages of entries that may wait to be sorted: the next one is asked for as soon as its number has
-come."""
+BEATS_WAITING = 48
+"""Beats of entries that may wait to be sorted, while others are on their way."""
+
+LONG_BEATS_WAITING = 32
+"""The same of entries that are to be dealt, which are taken more slowly."""
 
 
 class ListReader(wiring.Component):
     """Reads lists: those of groups from page to page, dealt ones (`spec.sort`) in one go.
 
     Parameters
-        pages: of entries that may wait.
+        depth: beats that may wait.
 
     Members
         lists_at, scratch_at: addresses of the pages and of the buckets, in beats.
@@ -36,8 +38,8 @@ class ListReader(wiring.Component):
     entries are read.
     """
 
-    def __init__(self, config: Config, pages: int = PAGES_WAITING):
-        self.config, self.pages = config, pages
+    def __init__(self, config: Config, depth: int = BEATS_WAITING):
+        self.config, self.depth = config, depth
         ports = {
             "lists_at": In(BEAT_ADDRESS_BITS),
             "scratch_at": In(BEAT_ADDRESS_BITS),
@@ -51,10 +53,9 @@ class ListReader(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         beats, bucket = page_bytes(self.config) // BEAT, half_entries(self.config)
-        depth = max(self.pages * beats, 2 * BURST_BEATS)
         count_bits = max(self.config.page, bucket).bit_length()
         beat_bits = max(beats, bucket * SLOT // BEAT).bit_length()
-        fetch, unpack = unpacked(m, self, depth, beat_bits, count_bits)
+        fetch, unpack = unpacked(m, self, self.depth, beat_bits, count_bits)
         m.d.comb += [self.o.valid.eq(unpack.o.valid), self.o.payload.eq(unpack.o.payload)]
         m.d.comb += unpack.o.ready.eq(self.o.ready)
         self._pages(m, fetch, unpack, beats)

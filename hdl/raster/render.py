@@ -5,11 +5,12 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.record import AREA, layout
+from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.store import Store
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
-from splatcore.hdl.raster.list_reader import ListReader
+from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, ListReader
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.deal import Deal
@@ -61,7 +62,8 @@ class Render(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
-        self.long_lists, self.lists = ListReader(config, pages=1), ListReader(config)
+        self.long_lists = ListReader(config, LONG_BEATS_WAITING)
+        self.lists = ListReader(config)
         self.buckets, self.features = Store(LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
@@ -112,19 +114,22 @@ class Render(wiring.Component):
 
     def _deal(self, m: Module):
         """Long lists from memory to dealing, and their buckets to memory."""
-        deal, lists, line = self.deal, self.long_lists, self.deal.lines.payload
+        deal, lists = self.deal, self.long_lists
+        m.submodules.line = waiting = Queue(deal.lines.payload.shape(), 1)  # dealing goes on
+        line = waiting.o.payload
+        connect(m, deal.lines, waiting.i)
         m.d.comb += [
             deal.start.eq(self.start),
             deal.released.eq(self.sort.released),
-            deal.settled.eq(~deal.lines.valid & self.settled[WRITING.index("buckets")]),
+            deal.settled.eq(~waiting.o.valid & self.settled[WRITING.index("buckets")]),
             lists.i.valid.eq(deal.reading.valid),
             lists.i.payload.page.eq(deal.reading.payload.page),
             lists.i.payload.count.eq(deal.reading.payload.count),
             deal.reading.ready.eq(lists.i.ready),
-            self.buckets.i.valid.eq(deal.lines.valid),
+            self.buckets.i.valid.eq(waiting.o.valid),
             self.buckets.i.payload.beat.eq(self.job.scratch + line.address * LINE_BEATS),
             self.buckets.i.payload.data.eq(Cat(line.slots)),
-            deal.lines.ready.eq(self.buckets.i.ready),
+            waiting.o.ready.eq(self.buckets.i.ready),
         ]
 
     def _job(self, m: Module):

@@ -25,6 +25,7 @@ MERGE_PACE = 2  # cycles from a merged entry to the next one
 FEATURE_LATENCY = 12  # from a merged entry to its splat's coming to stage 3
 PAGE_LATENCY = 6  # from a page's last beat to the next one's request and back
 GROUP_TURN = 1  # from a group to the next one, in writing
+DEALT_TO_MEMORY = 2.75  # an entry that is dealt, as measured, with the port between
 BEGIN = 40  # from a frame's start to its first entry, and from its last pixel to its end
 
 
@@ -37,7 +38,8 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
 
     # A page is asked for when the one before is there.
     beats = page_bytes(config) // BEAT + PAGE_LATENCY + latency
-    timeline = Timeline(config, max(1.0, beats / (config.page - 1)), latency, give)
+    pace = max(1.0, beats / (config.page - 1))
+    timeline = Timeline(config, pace, latency, give, DEALT_TO_MEMORY)
     found = jobs(config, [keys for keys in frame.lists if len(keys)])
     counts, cycles = np.diff(frame.start), write_cycles(config, frame)
     empty = cycles[counts == 0].sum()  # cycles of groups without a splat that are yet to be written

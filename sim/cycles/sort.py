@@ -16,8 +16,8 @@ RUN_TO_MERGE = 4  # from a run's first entry leaving its sub-sorter to its being
 BEGUN = 3  # from the beginning of a merge to its first entry, besides one for each run
 MARKED = 4  # from the last entry of a merge to the group's mark being taken
 RELEASED = 5  # from the last entry of a merge to the half and the merge being free
-DEALT = 2  # of an entry in each round
-ROUND = 4 * BUCKETS + 8  # of a round besides, and twice the memory's latency
+DEALT = 2  # of an entry in each round, with memory that takes lines at once
+ROUND = 4 * BUCKETS + 8  # of a round besides, and the memory's latency
 LISTED = 4  # a bucket's, however few entries it has
 
 Give = Callable[[float, int], float]
@@ -33,11 +33,18 @@ class Timeline:
     """Times at which the parts of stage 2 are free, in cycles from the first group's taking.
 
     pace: cycles that an entry of a short list, or of a list to be dealt, takes to come; latency: of
-    memory. give: what becomes of a job's sorted entries.
+    memory. give: what becomes of a job's sorted entries. dealt: cycles of an entry in each round.
     """
 
-    def __init__(self, config: Config, pace: float = 1, latency: int = 0, give: Give = at_once):
-        self.config, self.fill = config, 2 * len(phases(config))
+    def __init__(
+        self,
+        config: Config,
+        pace: float = 1,
+        latency: int = 0,
+        give: Give = at_once,
+        dealt: float = DEALT,
+    ):
+        self.config, self.fill, self.dealt = config, 2 * len(phases(config)), dealt
         self.pace, self.latency, self.give = pace, latency, give
         self.deal = self.load = self.merge = self.given = self.half = self.turn = 0
         self.halves, self.sorters = [0, 0], [0] * config.sub_sorters
@@ -58,7 +65,7 @@ class Timeline:
     def _round(self, part: Round, count: int) -> float:
         """Deals a list of so many entries, and merges the round's jobs."""
         begin = max(self.deal, self.areas.popleft())
-        self.deal = begin + max(self.pace, DEALT) * count + ROUND + 2 * self.latency
+        self.deal = begin + max(self.pace, self.dealt) * count + ROUND + self.latency
         last = begin
         for job in part.jobs:
             last = self._job(len(job.order), max(len(job.order), LISTED * len(job.buckets)))
