@@ -16,7 +16,7 @@ from splatcore.sim.accuracy.points import Reference
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.common.source import View
 from splatcore.sim.packing import choose
-from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from tb.helpers.command import ROOT, load, run
 
 VIEW = View("garden", size="128x72", quality="faithful")
@@ -99,9 +99,9 @@ def test_a_fault_of_packing(good, monkeypatch, name, part):
     assert bad["packing", TITLES["packing"]] < before["packing", TITLES["packing"]] - 1
 
 
-def squares(exact: Reference, points: Points) -> dict[str, float]:
+def squares(exact: Reference, points: Points, config: Config = DEFAULT) -> dict[str, float]:
     """Squared errors of the machine's parts."""
-    parts = budgets.machine_parts(DEFAULT, exact, points)
+    parts = budgets.machine_parts(config, exact, points)
     return {name: float(np.mean((image - exact.image) ** 2)) for name, image in parts}
 
 
@@ -135,6 +135,17 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
     raster = squares(exact, points)
     assert [name for name in MACHINE if raster[name] != before[name]] == ["raster"]
     assert raster["raster"] > 5 * before["raster"]
+
+
+def test_what_is_too_faint_is_a_part_of_its_own(exact):
+    """Another rule shows in its line alone, and without one it is empty."""
+    points = project_points(DEFAULT, exact.model, exact.camera)
+    fine, coarse, off = (
+        squares(exact, points, replace(DEFAULT, faint=faint))
+        for faint in (DEFAULT.faint, (2, 4, 4), ())
+    )
+    assert [name for name in MACHINE if coarse[name] != fine[name]] == ["too faint"]
+    assert coarse["too faint"] > 10 * fine["too faint"] > off["too faint"] == 0
 
 
 def test_keys_are_golden_s(exact):
