@@ -22,10 +22,10 @@ struct camera {
 };
 
 /* Physical addresses, multiples of 4096: a packed model, two work areas, scratch memory, an image;
- * and what there is room for in each area: list pages, features, entries of one list. */
+ * and what there is room for in each area: list pages, features. */
 struct memory {
     uint32_t model, work, scratch, image;
-    uint32_t pages, features, entries;
+    uint32_t pages, features;
 };
 
 static int16_t header_field(const uint8_t *model, uint32_t at)
@@ -38,7 +38,7 @@ static double larger(double a, double b)
     return a > b ? a : b;
 }
 
-/* Where the parts lie: work area 1 behind work area 0, scratch area 1 behind scratch area 0. */
+/* Where the parts lie: work area 1 behind work area 0. */
 static void write_memory(const struct memory *memory)
 {
     splatcore_write(SPLATCORE_MODEL, memory->model);
@@ -49,8 +49,6 @@ static void write_memory(const struct memory *memory)
     splatcore_write(SPLATCORE_LISTS_PAGES, memory->pages);
     splatcore_write(SPLATCORE_FEATURES_MAX, memory->features);
     splatcore_write(SPLATCORE_SCRATCH, memory->scratch);
-    splatcore_write(SPLATCORE_SCRATCH_AREA, SPLATCORE_SCRATCH_AREA_BYTES(memory->entries));
-    splatcore_write(SPLATCORE_SCRATCH_ENTRIES, memory->entries);
     splatcore_write(SPLATCORE_PIXELS, memory->image);
 }
 

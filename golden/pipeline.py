@@ -29,6 +29,12 @@ class Frame:
         return self.sorted.start
 
     @property
+    def lists(self) -> list[np.ndarray]:
+        """The depth keys of each group's entries as they lie in its list."""
+        arrived = np.argsort(self.binned.group, kind="stable")
+        return np.split(self.binned.entries["key"][arrived], self.start[1:-1])
+
+    @property
     def pixels(self) -> np.ndarray:
         """The 8-bit image [H, W, 3]."""
         return self.raster.pixels

@@ -27,6 +27,10 @@ PAIRS = ("entries", "pairs", "far", "empty")
 and a tile with live pixels; those that setup found too far away, those without a marked block."""
 
 
+FAINT, ENDED, BLENDED = range(3)
+"""What a splat does to a pixel."""
+
+
 @dataclass(frozen=True, eq=False)
 class Entries:
     """Sorted entries of groups: group g has those from start[g] to start[g + 1]."""
@@ -86,28 +90,42 @@ def rasterize(
     _rasterize_groups(
         prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
         np.array([columns, config.group]), owners, setup_constants(config),
-        _blend_constants(config, mark_all, rounded), np.array(stage_3.power_table(config)),
+        _blend_constants(config, rounded), _levels(config, mark_all),
+        np.array(stage_3.power_table(config)),
         np.array(background), pixels, work, pairs, tiles, blocks,
     )  # fmt: skip
     return Raster(pixels, work, pairs, blocks)
 
 
-def _blend_constants(config: Config, mark_all: bool, rounded: bool) -> tuple[int, ...]:
+def _levels(config: Config, mark_all: bool) -> np.ndarray:
+    """For each level of a block (`spec.raster.mark_min`): T from which on it is a lower one, and
+    twice the E from which on it is marked [levels, 2]."""
+    least = 2 * np.array(stage_3.mark_min(config))
+    if mark_all:
+        least = np.full(1, -(1 << 62))
+    from_, *_ = config.faint or (0,)
+    above = [1 << config.transmittance - from_ - k for k in range(len(least) - 1)]
+    return np.stack([np.array([*above, 0]), least], axis=1)
+
+
+def _blend_constants(config: Config, rounded: bool) -> tuple[int, ...]:
     """Constants of a machine for the loops below."""
-    pixel = config.pixel_fraction
+    pixel, bits = config.pixel_fraction, config.transmittance
+    from_, below, _ = config.faint or (bits, bits, 0)
     return (
-        -(1 << 62) if mark_all else 2 * stage_3.mark_min(config), stage_3.exponent_min(pixel),
+        1 << bits - from_ if config.faint else 0, stage_3.exponent_min(pixel),
         config.exponent_fraction + 2 - pixel, pixel - config.power_fraction,
         config.power_fraction, config.power_mantissa, config.transmittance,
         stage_3.transmittance_min(config), config.transmittance - config.weight,
         config.weight + config.colour_fraction - config.sum_fraction,
         config.sum_fraction - 8 if rounded else 0, config.sum_fraction - 8,
+        1 << bits - below, int(bool(config.faint)),
     )  # fmt: skip
 
 
 @njit(parallel=True, cache=True)
 def _rasterize_groups(
-    splats, start, splat, mask, grid, owners, setup, blending, table, background,
+    splats, start, splat, mask, grid, owners, setup, blending, levels, table, background,
     pixels, work, pairs, first, blocks,
 ):  # fmt: skip
     columns, tiles = grid
@@ -124,6 +142,7 @@ def _rasterize_groups(
             for x in range(side):
                 live[y // BLOCK, x // BLOCK] += state[y, x, 4]
         left = live.sum()
+        level = np.zeros_like(live)
         coefficients = np.zeros(8, np.int64)
         for k in range(start[group], start[group + 1]):
             if left == 0:
@@ -147,8 +166,9 @@ def _rasterize_groups(
                     continue
                 area = state[y * BLOCK : y * BLOCK + TILE, x * BLOCK : x * BLOCK + TILE]
                 blocks[pair], ended = _blend_tile(
-                    coefficients, prepared, area, alive, blending, table, owners, work[group]
-                )
+                    coefficients, prepared, area, alive, level[y : y + BLOCKS, x : x + BLOCKS],
+                    blending, levels, table, owners, work[group],
+                )  # fmt: skip
                 pairs[group, 3] += blocks[pair] == 0
                 left -= ended
         for y in range(min(side, height - row * TILE)):
@@ -170,14 +190,15 @@ def _near(distance, steps, half):
 
 
 @njit(cache=True)
-def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work):
-    """Blend a splat into a tile: area [16, 16, 5] pixels, alive [4, 4] live pixels of each block.
+def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table, owners, work):
+    """Blend a splat into a tile: area [16, 16, 5] pixels, alive and level [4, 4] live pixels and
+    level of each block.
 
     Returns which blocks were marked and visited, and how many pixels ended.
     """
     e, gx, gy, cxx, cxy, cyy, dx, dy = coefficients
-    mark_min, coarser = blending[0], blending[2]
-    mark_all = mark_min == -(1 << 62)
+    coarser = blending[2]
+    mark_all = levels[0, 1] == -(1 << 62)
     blocks = ended = 0
     for row in range(BLOCKS):
         for column in range(BLOCKS):
@@ -190,7 +211,7 @@ def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work)
             slope_x = gx - 4 * cxx * p + 2 * cxy * q
             slope_y = gy - 4 * cyy * q + 2 * cxy * p
             # E is concave: nowhere in the block is it above the plane that touches it here.
-            if 2 * centre + 3 * (abs(slope_x) + abs(slope_y)) < mark_min:
+            if 2 * centre + 3 * (abs(slope_x) + abs(slope_y)) < levels[level[row, column], 1]:
                 continue
             blocks |= 1 << row * BLOCKS + column
             exponents = (
@@ -198,11 +219,13 @@ def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work)
                 cxx >> coarser, cxy >> coarser, cyy >> coarser,
             )  # fmt: skip
             did = work[owners[row * BLOCKS + column]]
-            visited, gone = _blend_block(
+            visited, gone, most = _blend_block(
                 exponents, splat[18:21],
                 area[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK],
                 blending, table, did,
             )  # fmt: skip
+            while most < levels[level[row, column], 0]:
+                level[row, column] += 1
             blocks |= visited << 16 + row * BLOCKS + column
             alive[row, column] -= gone
             ended += gone
@@ -213,51 +236,55 @@ def _blend_tile(coefficients, splat, area, alive, blending, table, owners, work)
 def _blend_block(exponents, colour, block, blending, table, work):
     """Blend a splat into a block's pixels [4, 4, 5].
 
-    Returns 1 if one of them has alpha ≥ 1/255, and the number of those that ended.
+    Returns 1 if one of them has alpha ≥ 1/255, the number of those that ended, and the largest T
+    of those that have not.
     """
     base, along_x, along_y, xx, xy, yy = exponents
     lowest = blending[1]
     visited = contributing = False
-    ended = 0
+    ended = most = 0
     for j in range(BLOCK):
         for i in range(BLOCK):
             a, b = STEPS[i], STEPS[j]
             exponent = base + along_x * a + along_y * b - xx * a * a + xy * a * b - yy * b * b
-            if exponent < lowest:
-                continue
-            visited = True
-            if not block[j, i, 4]:
-                continue
-            contributing = True
-            if _blend(block[j, i], min(exponent, -1), colour, blending, table):
-                work[3] += 1
-            else:
-                ended += 1
+            if exponent >= lowest:
+                visited = True
+                if block[j, i, 4]:
+                    did = _blend(block[j, i], min(exponent, -1), colour, blending, table)
+                    contributing |= did != FAINT
+                    work[3] += did == BLENDED
+                    ended += not block[j, i, 4]
+            if block[j, i, 4]:
+                most = max(most, block[j, i, 0])
     work[0] += 1
     work[1] += visited
     work[2] += contributing
     work[4] += ended
-    return int(visited), ended
+    return int(visited), ended, most
 
 
 @njit(cache=True)
 def _blend(pixel, exponent, colour, blending, table):
-    """Blend a splat with log2(alpha) < 0 into a pixel; False if that ends the pixel instead."""
+    """Blend a splat with log2(alpha) < 0 into a pixel, or end it: what was done."""
     finer, steps, mantissa, rest_min, narrower, product = (
         blending[3], blending[4], blending[5], blending[7], blending[8], blending[9],
     )  # fmt: skip
     exponent >>= finer
     halvings = -1 - (exponent >> steps)
     taken = pixel[0] * table[exponent & ((1 << steps) - 1)] >> mantissa + halvings
+    if pixel[0] < blending[0] and taken < blending[12]:
+        return FAINT
     rest = pixel[0] - taken
     if rest < rest_min:
         pixel[4] = 0
-        return False
+        if not blending[13]:
+            return ENDED
+        rest = 0
     weight = (pixel[0] >> narrower) - (rest >> narrower)
     pixel[0] = rest
     for channel in range(3):
         pixel[1 + channel] += weight * colour[channel] + (1 << product - 1) >> product
-    return True
+    return BLENDED
 
 
 @njit(cache=True)

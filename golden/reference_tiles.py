@@ -89,12 +89,14 @@ def rasterize(lists, splats, width, height, convention, progress=None):
     columns, rows = -(-width // TILE), -(-height // TILE)
     image, transmittance = np.zeros((height, width, 3)), np.ones((height, width))
     work = np.zeros((columns * rows, 4), np.int64)
-    limits = np.array([convention.alpha_min, convention.alpha_max, convention.transmittance_min])
+    from_, below, ends = convention.faint or (0.0, 0.0, convention.transmittance_min)
+    limits = np.array([convention.alpha_min, convention.alpha_max, from_, below, ends])
+    takes_all = convention.faint is not None
     for row in range(rows):
         _blend_tile_row(
             row, columns, lists.start, lists.splat, splats.centre,
             splats.conic, splats.opacity, splats.reach, splats.extent, splats.colour, limits,
-            image, transmittance, work,
+            takes_all, image, transmittance, work,
         )  # fmt: skip
         if progress:
             progress((row + 1) * columns, rows * columns)
@@ -104,9 +106,9 @@ def rasterize(lists, splats, width, height, convention, progress=None):
 @njit(parallel=True, cache=True)
 def _blend_tile_row(
     row, columns, start, splat, centre, conic, opacity, reach, extent, colour, limits,
-    image, transmittance, work,
+    takes_all, image, transmittance, work,
 ):  # fmt: skip
-    alpha_min, alpha_max, transmittance_min = limits
+    alpha_min, alpha_max, from_, below, ends = limits
     height, width = transmittance.shape
     for column in prange(columns):
         tile = row * columns + column
@@ -137,14 +139,19 @@ def _blend_tile_row(
                     alpha = min(alpha_max, opacity[m] * np.exp(-0.5 * q))
                     if alpha < alpha_min:
                         continue
+                    t = transmittance[y, x]
+                    if t < from_ and t * alpha < below:
+                        continue
                     blocks |= 1 << ((y - top) // BLOCK * (TILE // BLOCK) + (x - left) // BLOCK)
-                    rest = transmittance[y, x] * (1 - alpha)
-                    if rest < transmittance_min:
+                    rest = t * (1 - alpha)
+                    if rest < ends:
                         live[y - top, x - left] = False
                         alive -= 1
                         work[tile, 3] += 1
-                        continue
-                    weight = transmittance[y, x] * alpha
+                        if not takes_all:
+                            continue
+                        rest = 0.0
+                    weight = t * alpha if rest else t
                     image[y, x, 0] += weight * red
                     image[y, x, 1] += weight * green
                     image[y, x, 2] += weight * blue

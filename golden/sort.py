@@ -1,118 +1,143 @@
 """Golden model of stage 2, sorting: the contents of each of its streams, by `spec.sort`."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from splatcore.spec.config import Config
 from splatcore.spec.record import Codes
-from splatcore.spec.sort import address, half_entries, read_entries
+from splatcore.spec.sort import (
+    AREAS,
+    BUCKET_BITS,
+    BUCKETS,
+    LINE_SLOTS,
+    bucket_shift,
+    half_entries,
+    shift_max,
+)
 
 FIELDS = ("key", "splat", "mask")
 
 
 @dataclass(frozen=True, eq=False)
-class Sorted:
-    """Codes of what each stream carries: `sorted_record`, `spill_record`, `wanted_record`, and
-    `entry_record` of what is read back.
+class Job:
+    """Entries that are sorted at once, as indices into their list [n].
+
+    buckets: those that they come from, with how many entries of each; None for a short list.
     """
 
-    o: Codes
-    spill: Codes
-    wanted: Codes
-    back: Codes
-
-
-def sort(config: Config, counts: np.ndarray, entries: Codes) -> Sorted:
-    """Groups of `counts` [G] entries each, whose codes [N] follow each other in `entries`."""
-    ends = np.cumsum(counts)
-    assert (ends[-1] if len(ends) else 0) == len(entries["key"])
-    groups = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-    order = np.concatenate(
-        [np.argsort(entries["key"][group], kind="stable") + group.start for group in groups]
-        or [np.zeros(0, int)]
-    )
-    marks = ends.astype(int)  # a mark is inserted before what follows the group
-    given = {field: np.insert(entries[field][order], marks, 0) for field in ("splat", "mask")}
-    given["end"] = np.insert(np.zeros(len(order), np.uint8), marks, 1)
-    runs, pieces = [], []
-    for group in groups:
-        for merge in _merges(config, entries["key"][group], group.start):
-            runs += merge.written
-            pieces += _pieces(config, merge)
-    spilled = np.concatenate([np.zeros(0, int), *(run.order for run in runs)])
-    addresses = [address(run.area, run.start) + np.arange(len(run.order)) for run in runs]
-    back = np.concatenate([np.zeros(0, int), *(piece.order for piece in pieces)])
-    spill = {"address": np.concatenate([np.zeros(0, np.uint32), *addresses]).astype(np.uint32)}
-    spill["entry"] = {field: entries[field][spilled] for field in FIELDS}
-    wanted = {"address": np.array([address(p.area, p.start) for p in pieces], np.uint32)}
-    wanted["count"] = np.array([len(p.order) for p in pieces], np.uint32)
-    return Sorted(given, spill, wanted, {field: entries[field][back] for field in FIELDS})
+    order: np.ndarray
+    last: bool
+    buckets: list[tuple[int, int]] | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
-    """Entries that lie in order in scratch memory from a position of an area on."""
+class Round:
+    """A round of dealing. kept: the indices that each bucket keeps, in the list's order; jobs: what
+    of it is given out."""
 
     area: int
-    start: int
-    order: np.ndarray  # indices of entries
+    kept: list[np.ndarray]
+    jobs: list[Job] = field(default_factory=list)
 
 
-@dataclass(frozen=True, eq=False)
-class Merged:
-    """A merge of scratch memory's runs `read`; order: of all their entries, as indices into those
-    of the runs one after the other. written: the runs that were spilled on the way to this merge.
+@dataclass
+class Dealer:
+    """Deals the long lists of a frame, one after the other."""
+
+    config: Config
+    base: int = 0
+    shift: int = -1  # none yet: that of the first long list
+    area: int = 0
+
+    def __post_init__(self):
+        self.shift = shift_max(self.config)
+
+    def rounds(self, keys: np.ndarray) -> Iterator[Round]:
+        """The rounds of a list with these keys [n], in the order in which they arrive."""
+        half, keys = half_entries(self.config), keys.astype(np.int64)
+        base, shift, left = self.base, self.shift, np.arange(len(keys))
+        self.base = int(keys.min())
+        self.shift = bucket_shift(int(keys.max()) - self.base)
+        while len(left):
+            least, greatest = int(keys[left].min()), int(keys[left].max())
+            bucket = np.clip(keys[left] - base >> shift, 0, BUCKETS - 1)
+            members = [left[bucket == b] for b in range(BUCKETS)]
+            found = Round(self.area, [indices[:half] for indices in members])
+            over = next((b for b, indices in enumerate(members) if len(indices) > half), BUCKETS)
+            for some in joined([len(indices) for indices in members[:over]], half):
+                order = np.concatenate([members[b] for b, _ in some])
+                found.jobs.append(Job(order, False, some))
+                left = np.setdiff1d(left, order, assume_unique=True)
+            if over < BUCKETS:
+                low = max(base + (over << shift), least) if over else least
+                last = over == BUCKETS - 1
+                high = greatest if last else min(base + (over + 1 << shift) - 1, greatest)
+                base, shift = low, bucket_shift(high - low)
+                if low == high:
+                    found.jobs.append(Job(members[over][:half], False, [(over, half)]))
+                    left = np.setdiff1d(left, members[over][:half], assume_unique=True)
+            if found.jobs:
+                self.area = (self.area + 1) % AREAS
+                if not len(left):
+                    found.jobs[-1] = Job(found.jobs[-1].order, True, found.jobs[-1].buckets)
+            yield found
+
+
+def joined(counts: Sequence[int], most: int) -> Iterator[list[tuple[int, int]]]:
+    """Neighbouring buckets with entries, as many together as fit: their numbers and counts."""
+    some: list[tuple[int, int]] = []
+    for bucket, count in enumerate(counts):
+        if count and some and sum(n for _, n in some) + count > most:
+            yield some
+            some = []
+        if count:
+            some.append((bucket, count))
+    if some:
+        yield some
+
+
+def jobs(config: Config, lists: Sequence[np.ndarray]) -> Iterator[list[Round] | Job]:
+    """What becomes of each list, keys [n] in the order in which they arrive: rounds, or a job."""
+    dealer = Dealer(config)
+    for keys in lists:
+        if len(keys) > half_entries(config):
+            yield list(dealer.rounds(keys))
+        else:
+            yield Job(np.arange(len(keys)), True)
+
+
+def lines(config: Config, found: Round) -> Iterator[tuple[int, np.ndarray]]:
+    """The lines that a round writes, whole ones as they fill up, then the others bucket by bucket:
+    address and the indices of the entries."""
+    size, full, rest = half_entries(config) // LINE_SLOTS, [], []
+    for bucket, kept in enumerate(found.kept):
+        at = (found.area << BUCKET_BITS | bucket) * size
+        for number, first in enumerate(range(0, len(kept), LINE_SLOTS)):
+            line = kept[first : first + LINE_SLOTS]
+            (full if len(line) == LINE_SLOTS else rest).append((at + number, line))
+    yield from sorted(full, key=lambda line: line[1][-1])
+    yield from rest
+
+
+def sort(counts: np.ndarray, last: np.ndarray, entries: Codes) -> Codes:
+    """Codes of `sorted_record`: jobs of `counts` [J] entries, whose codes [N] follow each other in
+    `entries`; `last` [J]: a group ends with it.
     """
-
-    written: list[Run]
-    read: list[Run]
-    order: np.ndarray
-
-
-def _merges(config: Config, keys: np.ndarray, first: int) -> Iterator[Merged]:
-    """The merges from scratch memory for a list of keys [n], whose entries begin at `first`."""
-    step, ways = half_entries(config), config.merge_ways
-    if len(keys) <= step:
-        return
-    runs = []
-    for start in range(0, len(keys), step):
-        order = start + np.argsort(keys[start : start + step], kind="stable")
-        runs.append(Run(0, start, first + order))
-    written = runs
-    while runs:
-        done = len(runs) <= ways
-        merged = []
-        for k in range(0, len(runs), ways):
-            read = runs[k : k + ways]
-            joined = np.concatenate([run.order for run in read])
-            order = np.argsort(keys[joined - first], kind="stable")
-            yield Merged(written, read, order)
-            written = [] if done else [Run(1 - read[0].area, read[0].start, joined[order])]
-            merged += written
-        runs = merged
-
-
-def _pieces(config: Config, merge: Merged) -> list[Run]:
-    """The pieces of runs that a merge reads, in the order of its requests."""
-    size, room = read_entries(config), config.sub_sorter_entries // read_entries(config)
-    pieces = [
-        [
-            Run(run.area, run.start + k, run.order[k : k + size])
-            for k in range(0, len(run.order), size)
+    ends = np.cumsum(counts).astype(int)
+    assert (ends[-1] if len(ends) else 0) == len(entries["key"])
+    order = np.concatenate(
+        [np.zeros(0, int)]
+        + [
+            np.argsort(entries["key"][end - count : end], kind="stable") + end - count
+            for end, count in zip(ends, np.asarray(counts, int), strict=True)
         ]
-        for run in merge.read
-    ]
-    asked = [run[k] for k in range(room) for run in pieces if k < len(run)]
-    lengths = [len(run.order) for run in merge.read]
-    way = np.repeat(np.arange(len(lengths)), lengths)[merge.order]
-    position = np.concatenate([np.arange(length) for length in lengths])[merge.order]
-    for k in np.flatnonzero(position % size == size - 1):
-        following = position[k] // size + room
-        if following < len(pieces[way[k]]):
-            asked.append(pieces[way[k]][following])
-    return asked
+    )
+    marks = ends[np.asarray(last, bool)]  # a mark is inserted before what follows the group
+    given = {name: np.insert(entries[name][order], marks, 0) for name in ("splat", "mask")}
+    given["end"] = np.insert(np.zeros(len(order), np.uint8), marks, 1)
+    return given
 
 
 def sub_sort(batches: Sequence[np.ndarray]) -> Codes:

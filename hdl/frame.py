@@ -50,7 +50,7 @@ class Frame(wiring.Component):
             "begin": Out(halves),
             "done": In(halves),
             "taken": Out(1),
-            "fails": In(ERROR).array(halves),
+            "fails": In(ERROR),
             "area": Out(AREA),
             "job": Out(job_layout(config)),
             "read_error": In(CLIENT_ERROR),
@@ -111,7 +111,7 @@ class Frame(wiring.Component):
 
     def _errors(self, m: Module) -> list[Value]:
         """Reports one error; returns a bit for each half that says that it has one."""
-        faults = [self.abort | self.fails[half].valid for half in HALVES]
+        faults = [self.abort | self.fails.valid, self.abort]
         for error, clients, code in (
             (self.read_error, READERS, ErrorCode.READ),
             (self.write_error, WRITERS, ErrorCode.WRITE),
@@ -126,9 +126,8 @@ class Frame(wiring.Component):
             with m.If(error.valid & reported):
                 m.d.comb += [self.error.valid.eq(1), self.error.code.eq(code)]
                 m.d.comb += self.error.detail.eq(error.client)
-        for half in HALVES:
-            with m.If(self.fails[half].valid & ~self.failing[half]):
-                m.d.comb += self.error.eq(self.fails[half])
+        with m.If(self.fails.valid & ~self.failing[PREPROCESSING]):
+            m.d.comb += self.error.eq(self.fails)
         return faults
 
     def _areas(self, m: Module):
@@ -139,9 +138,9 @@ class Frame(wiring.Component):
             m.d.sync += area[part].eq((frame[part] + behind) >> BEAT_BITS)
         with m.If(self.handing):
             m.d.sync += [second.eq(~second), job.area.eq(area)]
-            for name in ("width", "height", "scratch_entries"):
+            for name in ("width", "height"):
                 m.d.sync += job[name].eq(frame[name])
-            for name in ("scratch", "scratch_area", "pixels", "stride"):
+            for name in ("scratch", "pixels", "stride"):
                 m.d.sync += job[name].eq(frame[name] >> BEAT_BITS)
             for name in COLOURS:
                 m.d.sync += job.background[name].eq(frame[f"background_{name}"])

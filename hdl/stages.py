@@ -11,6 +11,7 @@ from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import Binned
 from splatcore.hdl.frame import Frame
 from splatcore.hdl.memory.axi import Axi
+from splatcore.hdl.memory.store import Store
 from splatcore.hdl.points.array import Array
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.codebook import Codebook
@@ -24,7 +25,7 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
-from splatcore.hdl.raster.list_reader import ListReader
+from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, ListReader
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.prepare import Prepare
@@ -32,11 +33,12 @@ from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.hdl.registers import Registers
+from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.merge import Merge
-from splatcore.hdl.sorting.scratch import Scratch
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.spec import microprogram, raster, schedule, stages
+from splatcore.spec.axi import LINE_BEATS
 from splatcore.spec.config import Config
 
 Build = Callable[[Config], wiring.Component]
@@ -60,8 +62,10 @@ CONTROL: dict[str, Build] = {
     "model": ModelReader,
     "binned": Binned,
     "groups": Groups,
+    "long_lists": lambda config: ListReader(config, LONG_BEATS_WAITING),
     "lists": ListReader,
-    "scratch": Scratch,
+    "buckets": lambda config: Store(LINE_BEATS),
+    "deal": Deal,
     "features": Features,
     "pixels": Pixels,
 }

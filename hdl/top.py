@@ -42,11 +42,11 @@ class Top(wiring.Component):
         for half, (name, part) in enumerate(halves.items()):
             m.submodules[name] = ResetInserter(frame.reset[half])(part)
             m.d.comb += [part.start.eq(frame.begin[half]), frame.done[half].eq(part.done)]
-            m.d.comb += frame.fails[half].eq(part.error)
             self._connect(m, part, half)
             self._count(m, name, half)
         connect(m, flipped(self).s_axi, self.registers.s_axi)
         connect(m, self.axi.m_axi, flipped(self).m_axi)
+        m.d.comb += frame.fails.eq(self.preprocess.error)
         settled = [
             Cat(self.axi.settled[k] for k, of in enumerate(WRITERS.values()) if of == half)
             for half in HALVES

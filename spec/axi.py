@@ -36,12 +36,12 @@ PREPROCESSING, RENDERING = 0, 1
 """The machine's halves."""
 
 READERS = dict.fromkeys(("model", "positions", "attributes"), PREPROCESSING)
-READERS |= dict.fromkeys(("groups", "lists", "scratch", "features"), RENDERING)
+READERS |= dict.fromkeys(("groups", "long_lists", "lists", "features"), RENDERING)
 """Who reads → for which half: a model's header, codebooks and chunk headers, its positions and its
-attributes; the groups' table, their lists, entries being sorted, features in sorted order."""
+attributes; the groups' table, lists to be dealt, lists to be sorted, features in sorted order."""
 
 WRITERS = dict.fromkeys(("features", "lists", "groups"), PREPROCESSING)
-WRITERS |= dict.fromkeys(("scratch", "pixels"), RENDERING)
+WRITERS |= dict.fromkeys(("buckets", "pixels"), RENDERING)
 """Who writes → for which half."""
 
 ID_BITS = (max(len(READERS), len(WRITERS)) - 1).bit_length()

@@ -87,7 +87,7 @@ class Config:
     screen_exponent: int = 0  # stages 0 and 1 measure the screen in units of 2^this pixels
     screen_fraction: int = 5  # bits of a screen coordinate below one pixel
     pe_arrays: int = size(1, 1, 4)
-    pes: int = size(6, 1, 12)
+    pes: int = size(9, 1, 12)
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
     culling: Literal["none", "near", "all"] = "all"  # at the near plane; and at the guard band
     skip_zeros: bool = True  # leave out the products with zeros of the Jacobian
@@ -95,13 +95,13 @@ class Config:
     add_latency: int = 3
     unary_latency: int = 4  # reciprocal and reciprocal root
     # Points that wait for their attributes or are being projected.
-    projection_slots: int = size(32, 8, power=True)
+    projection_slots: int = size(64, 8, power=True)
 
     # Binning: tiles of a splat, entries of groups of tiles, lists in memory.
     tile_test: Literal["exact", "3sigma"] = "exact"
     group: int = size(4, 1, 4, power=True)  # tiles along the side of a group
     burst: int = size(4, 2, 16, power=True)  # list entries written at a time
-    page: int = size(64, 4, power=True)  # list entries for which memory is taken at a time
+    page: int = size(128, 4, power=True)  # list entries for which memory is taken at a time
 
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
     sub_sorters: int = size(2, 1, 16)
@@ -140,6 +140,8 @@ class Config:
         bounds=("colour_fraction", "weight"), beyond=-1,
     )  # fmt: skip
     early_termination: bool = True  # pixels end once too little of T is left
+    # (a, b, c): what is too faint to be seen is left out (`spec.raster`). Nothing for 3DGS's rule.
+    faint: tuple[int, ...] = (5, 11, 9)
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB
@@ -161,6 +163,14 @@ class Config:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
         if self.colours == "array" and self.sh_degree > 1:
             raise self._error("sh_degree", "is above 1, the highest that colours='array' knows")
+        if self.faint:
+            if not self.early_termination:
+                raise self._error("faint", "ends pixels, which early_termination=False does not")
+            if len(self.faint) != 3:
+                raise self._error("faint", "is neither three numbers nor none")
+            from_, below, ends = self.faint
+            if not 1 <= from_ <= ends <= below <= self.transmittance:
+                raise self._error("faint", f"is not 1 ≤ a ≤ c ≤ b ≤ {self.transmittance}")
         for name in ("colour_index", "sh_index"):
             if len(getattr(self, name)) <= min(self.sh_degree, 1):
                 raise self._error(name, f"says nothing about models of degree {self.sh_degree}")
@@ -197,7 +207,10 @@ PAPER = Config(
     arithmetic=FP16,
     depth=Float(5, 10, signed=False, overflow="infinity"),
     screen_exponent=5,
+    pes=6,
+    projection_slots=32,
     tile_test="3sigma",
+    faint=(),
     sub_sorters=4,
     sub_sorter_entries=256,
     sort_digits=(3, 4, 4, 4),

@@ -56,6 +56,9 @@ class Convention:
 
     `footprint` is "exact" (every pixel with alpha ≥ `alpha_min`) or "3sigma" (the original
     renderer's: only the tiles that the square of half-width ⌈3·√λmax⌉ touches).
+    `faint` leaves out what is too faint to be seen, in place of `transmittance_min`: (from, below,
+    ends), where T < from a contribution alpha·T < below is skipped, and the one that brings T below
+    `ends` takes all of T and ends the pixel.
     `background` is linear RGB in [0, 1], seen through the final transmittance.
     """
 
@@ -65,6 +68,7 @@ class Convention:
     alpha_min: float = ALPHA_MIN
     alpha_max: float = ALPHA_MAX
     transmittance_min: float = TRANSMITTANCE_MIN
+    faint: tuple[float, float, float] | None = None
     pixel_centre: float = PIXEL_CENTRE
     principal_point_shift: float = PRINCIPAL_POINT_SHIFT
     colour_offset: float = COLOUR_OFFSET

@@ -17,6 +17,12 @@ alpha ≥ 1/255 somewhere in a tile, E ≥ −413 at its centre, as E's curvatur
 centre is at most 10.7 pixels away; so √413 · √2 < 2^5 bounds a normalised length. Stage 1 sees to
 the curvature: no splat is thinner than the blur, whatever is lost of a needle, but for roundings,
 1 % with FP16's digits; there is room for 10 %.
+
+**What is too faint to be seen** is not computed (`Config.faint`, (a, b, c); 3DGS has no such rule):
+a pixel with T < 2^−a skips a splat that would take less than 2^−b, T unchanged, and a splat that
+would leave less than 2^−c takes all of T and ends the pixel. So what is left out goes to what lies
+behind, or in front: all weights still sum to 1, and only those that come once T < 2^−a differ. The
+colour of a pixel is wrong by 2^−a of the range of its colours at most.
 """
 
 from dataclasses import replace
@@ -30,7 +36,7 @@ from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMI
 from splatcore.spec.group import feature_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
-from splatcore.spec.record import Array, Record
+from splatcore.spec.record import Array, Format, Record
 
 BLOCKS = TILE // BLOCK
 """Blocks along the side of a tile."""
@@ -175,13 +181,6 @@ def _place(config: Config, side: int) -> dict[str, Bits]:
     return {name: Bits(max(((size - 1) // side).bit_length(), 1)) for name, size in sizes.items()}
 
 
-def written_record(config: Config) -> Record:
-    """A group to be written to memory. empty: no splat touches it, so that stages 2 and 3 know
-    nothing of it: all its pixels are `background_code`.
-    """
-    return Record("written", {"position": position_record(config), "empty": Bits(1)})
-
-
 def background_code(config: Config, colour):
     """8 bits of a pixel of which a colour's code is all there is; of integers or hardware values.
 
@@ -208,10 +207,11 @@ def around_record(config: Config) -> Record:
     return Record("around", fields | colours(config) | {"end": Bits(1)})
 
 
-def marked_record(config: Config, blocks: int = BLOCKS**2) -> Record:
-    """A pair with the blocks that it may reach: of the tile, or those that one rasterizer owns."""
+def marked_record(config: Config, blocks: Format) -> Record:
+    """A pair with the blocks that it may reach: those that one rasterizer owns, or those of the
+    tile by their level (`mark_min`)."""
     fields = {"quadratic": quadratic_record(config), "tile": tile_format(config)}
-    fields |= {"blocks": Bits(blocks)}
+    fields |= {"blocks": blocks}
     return Record("marked", fields | colours(config) | {"end": Bits(1)})
 
 
@@ -226,14 +226,27 @@ def exponent_min(fraction: int) -> int:
     return int(np.ceil(np.log2(ALPHA_MIN) * 2.0**fraction))
 
 
-def mark_min(config: Config) -> int:
-    """E from which on a block is marked, in units of 2^−exponent_fraction: lower than
-    `exponent_min` by what the roundings of a pixel's E can raise it.
-    """
+def mark_roundings(config: Config) -> int:
+    """What the roundings of a pixel's E can raise it, in units of 2^−exponent_fraction."""
     most = max(STEPS)
     roundings = 2 * most + 3 * most**2  # of its slopes and its second differences
     finer = config.exponent_fraction - config.pixel_fraction
-    return exponent_min(config.exponent_fraction) - (roundings << max(finer, 0))
+    return roundings << max(finer, 0)
+
+
+def mark_min(config: Config) -> tuple[int, ...]:
+    """E from which on a block is marked, in units of 2^−exponent_fraction, by its level: one is 0
+    as long as a pixel of it has T ≥ 2^−a (`Config.faint`), k from T < 2^−(a + k − 1) on.
+
+    With T < 2^−t a splat takes less than 2^−b where alpha < 2^−(b − t). Alpha 1/255 is taken for
+    2^−8, so that all differ by whole numbers.
+    """
+    least = [-POWER_SHIFTS]
+    if config.faint:
+        from_, below, ends = config.faint
+        least += [max(t - below, -POWER_SHIFTS) for t in range(from_, ends)]
+    fraction = config.exponent_fraction
+    return tuple((e << fraction) - mark_roundings(config) for e in least)
 
 
 @cache
@@ -248,10 +261,20 @@ def power_table(config: Config) -> tuple[int, ...]:
 
 
 def transmittance_min(config: Config) -> int:
-    """T below which a pixel ends; none is below 0."""
+    """T below which a pixel ends, or all of T is taken; none is below 0."""
     if not config.early_termination:
         return 0
+    if config.faint:
+        return 1 << config.transmittance - config.faint[2]
     return int(np.ceil(TRANSMITTANCE_MIN * 2.0**config.transmittance))
+
+
+def faint_rule(config: Config) -> tuple[float, float, float] | None:
+    """The rule for what is too faint as `spec.convention.Convention` has it: 2^−a, 2^−b, 2^−c."""
+    if not config.faint:
+        return None
+    from_, below, ends = (2.0**-places for places in config.faint)
+    return from_, below, ends
 
 
 def owner(config: Config, block: int) -> tuple[int, int]:

@@ -18,7 +18,7 @@ from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.counters import COUNTER_BITS, counters
 from splatcore.spec.frame import CAMERA, FrameConstants, fixed_constants
-from splatcore.spec.group import COUNT_BITS, SPLAT_BITS
+from splatcore.spec.group import SPLAT_BITS
 from splatcore.spec.memory import ALIGNMENT, MAGIC, VERSION
 from splatcore.spec.programs import BASIS_CONSTANTS, CONSTANTS
 from splatcore.spec.raster import COLOURS
@@ -53,7 +53,6 @@ class ErrorCode(IntEnum):
     FORMAT = 6  # the model's positions, colours or exponents do not fit this machine
     FEATURES = 7  # more than FEATURES_MAX splats touch the image
     PAGES = 8  # LISTS_PAGES pages do not hold the lists; NEEDED says how many would
-    SCRATCH = 9  # a list that does not fit on chip is longer than SCRATCH_ENTRIES
     READ = 10  # AXI read error; the detail is the reader
     WRITE = 11  # AXI write error; the detail is the writer
     ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
@@ -70,8 +69,7 @@ the first one of a frame on."""
 
 ALIGNED = {
     "MODEL": ALIGNMENT,
-    **dict.fromkeys(("GROUPS", "LISTS", "FEATURES", "WORK_AREA"), WORK_ALIGNMENT),
-    **dict.fromkeys(("SCRATCH", "SCRATCH_AREA"), WORK_ALIGNMENT),
+    **dict.fromkeys(("GROUPS", "LISTS", "FEATURES", "WORK_AREA", "SCRATCH"), WORK_ALIGNMENT),
     "PIXELS": STRIDE_ALIGNMENT,
 }
 """Registers of a frame whose value must be a multiple of so many bytes."""
@@ -131,8 +129,6 @@ def frame_registers(config: Config) -> list[Register]:
         Register("LISTS_PAGES", PAGE_BITS, "frame", "list pages of a work area"),
         Register("FEATURES_MAX", SPLAT_BITS, "frame", "features of a work area"),
         address("SCRATCH", "address of scratch memory"),
-        address("SCRATCH_AREA", "bytes from its area 0 to its area 1"),
-        Register("SCRATCH_ENTRIES", COUNT_BITS, "frame", "longest list that it holds"),
         address("PIXELS", "address of the image"),
         Register("STRIDE", STRIDE_BITS, "frame", "bytes from a row to the next, a multiple of 16"),
     ]

@@ -96,9 +96,10 @@ def basis_machine(config: Config) -> Config:
 
 
 def colour_terms(config: Config) -> int:
-    """Cycles in which the colour of a Gaussian is summed beside the array: its base, each term."""
+    """Cycles in which the colour of a Gaussian is summed beside the array: its terms; the base is
+    added to the first."""
     terms = sum(term.degree <= config.sh_degree for term in TERMS)
-    return 1 + (max(terms, 2) if config.sh_degree else 0)  # two are G's
+    return max(terms, 2) if config.sh_degree else 1  # two are G's
 
 
 def colour_cycles(config: Config) -> int:

@@ -2,33 +2,48 @@
 
 Batches of `Config.sub_sorter_entries` consecutive entries are sorted into runs. Up to
 `Config.merge_ways` neighbouring runs are merged into one, always the smallest key first, of equal
-keys that of the earliest run. A list of up to `half_entries` is sorted by one such merge, a *job*.
+keys that of the earliest run. So up to `half_entries` are sorted at once, a *job*.
 
-A longer list is cut into jobs of `half_entries` (the last may be shorter). Each is merged into a
-run in area 0 of scratch memory, at the positions that its entries had in the list. Levels follow:
-as long as there are more than `merge_ways` runs, each `merge_ways` neighbours are merged into one
-in the other area, at the same positions; then the rest is merged and given out.
+A longer list is *dealt* into `BUCKETS` buckets of neighbouring keys, which lie in scratch memory,
+and these are read as jobs: as many neighbouring buckets as fit into one. A round goes like this:
 
-A merge from scratch memory reads `read_entries` at a time, aligned, fewer only at the list's end.
-First every way in turn asks for its first piece, then every way for its second, up to the
-`half_entries` / `merge_ways` entries that it has room for; ways without any left are passed over.
-Then, whenever the merge has taken the last entry of a piece from a way, the way asks for the next
-piece that it has not asked for, if there is one.
+1. The whole list is read. An entry that has not been given out goes to the bucket
+
+       b = (key − base) >> shift, held within 0 … BUCKETS − 1.
+
+   The first `half_entries` of each bucket are kept, in the order of the list; all are counted.
+2. The buckets before the first one that has more than `half_entries` are given out.
+3. If there is such a bucket b, the next round is about what follows from there on: keys from
+
+       low = base + (b << shift), or the least key of the round if that is greater or b = 0; up to
+       high = base + ((b + 1) << shift) − 1, or the greatest key if that is less or b is the last
+
+   with base = low and the smallest shift ≥ 0 with (high − low) >> shift < BUCKETS. If low = high
+   all keys of the bucket are equal: the `half_entries` that are kept are a job, and the next round
+   skips as many entries with this key.
+
+The first round of a list takes base and shift from all keys of the long list before: base is the
+least of them, shift as above up to the greatest; neighbouring groups have much the same depths. The
+first long list of a frame takes base 0 and `SHIFT_MAX`. Rounds that have given out a job take the
+two areas of scratch memory in turn, so that one is being dealt while another is being read.
 """
 
+from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
-from splatcore.spec.group import COUNT_BITS, entry_record, key_format
+from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, key_format
 from splatcore.spec.number import Bits
-from splatcore.spec.record import Record
-
-READ_ENTRIES_MAX = 16
-"""Most entries that are read back from scratch memory at a time."""
+from splatcore.spec.record import Array, Record
 
 AREAS = 2
 """Areas of scratch memory: one is read while the other is written."""
 
-ADDRESS_BITS = COUNT_BITS + 1
-"""Width of an address in scratch memory, in entries: the area above the position in the list."""
+BUCKET_BITS = 5
+BUCKETS = 1 << BUCKET_BITS
+"""Buckets of an area: twice as many as it takes, by the least and greatest key of the list before,
+that none has more entries than fit on chip (eleven views of trained scenes)."""
+
+LINE_SLOTS = 4
+"""Entries that are written to a bucket together."""
 
 CYCLE_DEPTH = 39
 """Most gates of a cycle's digits and what follows them, by the estimate of `phases`."""
@@ -49,19 +64,32 @@ def half_entries(config: Config) -> int:
     return 1 << way_bits(config) + index_bits(config)
 
 
-def read_entries(config: Config) -> int:
-    """Entries that are read back at a time: a way has room for two such pieces at least."""
-    return min(READ_ENTRIES_MAX, config.sub_sorter_entries // 2)
+def shift_max(config: Config) -> int:
+    """The largest shift: buckets of all keys that there are."""
+    return max(config.sort_key_bits - BUCKET_BITS, 0)
 
 
-def address(area: int, position: int) -> int:
-    """Address of an entry in scratch memory."""
-    return area << COUNT_BITS | position
+def bucket_shift(extent: int) -> int:
+    """The smallest shift with which keys up to `extent` above the base have a bucket each."""
+    return max(extent.bit_length() - BUCKET_BITS, 0)
 
 
-def count_record() -> Record:
-    """A group of entries to be sorted."""
-    return Record("count", {"count": Bits(COUNT_BITS)})
+def job_record(config: Config) -> Record:
+    """Entries to be sorted at once. last: of their group."""
+    return Record("job", {"count": Bits(half_entries(config).bit_length()), "last": Bits(1)})
+
+
+def listed_record() -> Record:
+    """A list to be read: its first page, or (dealt 1) area and bucket, and how many entries."""
+    fields = {"page": Bits(PAGE_BITS), "count": Bits(COUNT_BITS), "dealt": Bits(1)}
+    return Record("listed", fields)
+
+
+def line_record(config: Config) -> Record:
+    """Entries to be written to a bucket; address: area, bucket and place there, in lines."""
+    lines = (half_entries(config) // LINE_SLOTS - 1).bit_length()
+    address = Bits((AREAS - 1).bit_length() + BUCKET_BITS + lines)
+    return Record("line", {"address": address, "slots": Array(Bits(ENTRY_BITS), LINE_SLOTS)})
 
 
 def batch_record(config: Config) -> Record:
@@ -73,17 +101,6 @@ def ranked_record(config: Config) -> Record:
     """An entry of a run. index: where it was in its batch; last: of its run."""
     index = Bits(index_bits(config))
     return Record("ranked", {"key": key_format(config), "index": index, "last": Bits(1)})
-
-
-def spill_record(config: Config) -> Record:
-    """An entry to be written to scratch memory."""
-    return Record("spill", {"address": Bits(ADDRESS_BITS), "entry": entry_record(config)})
-
-
-def wanted_record(config: Config) -> Record:
-    """Entries to be read back, from an address on."""
-    width = read_entries(config).bit_length()
-    return Record("wanted", {"address": Bits(ADDRESS_BITS), "count": Bits(width)})
 
 
 Digit = tuple[int, int]

@@ -17,7 +17,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, ENTRY_BITS
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from splatcore.spec.sort import AREAS
+from splatcore.spec.sort import AREAS, BUCKETS, half_entries
 
 WORK_ALIGNMENT = BOUNDARY
 
@@ -65,9 +65,9 @@ def work(config: Config, pages: int, features: int) -> Work:
     return Work(0, lists, found, found + aligned(features * FEATURE))
 
 
-def scratch_bytes(entries: int) -> int:
-    """Bytes of scratch memory for lists of that length."""
-    return AREAS * aligned(entries * SLOT)
+def scratch_bytes(config: Config) -> int:
+    """Bytes of scratch memory, in which lists of any length are dealt into buckets."""
+    return aligned(AREAS * BUCKETS * half_entries(config) * SLOT)
 
 
 def aligned(size: int) -> int:

@@ -93,11 +93,13 @@ class Unpack(wiring.Component):
         beats: stream of the ranges' beats.
         o: stream of slots.
 
+    ranges: how many may wait whose beats have not come.
+
     **Timing**: a slot a cycle, latency 0 from a beat. A path from `o.ready` to `beats.ready`.
     """
 
-    def __init__(self, count_bits: int):
-        self.counts_waiting = Queue(count_bits, RANGES_WAITING)
+    def __init__(self, count_bits: int, ranges: int = RANGES_WAITING):
+        self.counts_waiting = Queue(count_bits, ranges)
         ports = {
             "counts": In(stream.Signature(count_bits)),
             "beats": In(stream.Signature(DATA_BITS)),

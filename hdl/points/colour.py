@@ -74,7 +74,7 @@ class Colour(wiring.Component):
             raise ValueError(f"preset {config.name}: colours take longer than {interval} cycles")
         if self.codebook.words < BEATS * config.projection_slots:
             raise ValueError(f"preset {config.name}: codebook is too small for the slots' beats")
-        # Time of the first term: its polynomials are there, and all of G.
+        # Time of the base and the first term: its polynomials are there, and all of G.
         self.begin = self.codebook.latency + 1
         if self.terms:
             self.basis = Array(basis_machine(config), basis(config), stalls=False)
@@ -82,7 +82,7 @@ class Colour(wiring.Component):
             self.begin = self.basis.plan.read_time(first)
             if self.begin <= self.codebook.latency:
                 raise ValueError(f"preset {config.name}: polynomials are made before G is read")
-        self.latency = self.begin + self.turns - 2 + Terms.latency
+        self.latency = self.begin + self.turns - 1 + Terms.latency
         self.last_read = self.begin - 1 + max((first for _, _, first in self._later), default=0)
         slot = rounds.elem_shape["carried"].shape
         reading = data.StructLayout({"slot": slot, "enable": 1})
@@ -121,19 +121,20 @@ class Colour(wiring.Component):
         connect(m, flipped(self).write, codebook.write)
         m.d.comb += codebook.beat.eq(self.beat)
         m.d.comb += [codebook.codebooks.eq(self.codebooks), codebook.index.eq(self.found_index)]
-        # Bit 0 is set when the base is due, and so on.
-        self.turn = Signal(self.turns + Terms.latency)
+        # Bit 0 is set when the first beat of harmonics is read, bit 1 when the base is due, and so
+        # is the first term, and so on.
+        self.turn = Signal(1 + self.turns + Terms.latency)
         m.d.sync += self.turn.eq(Cat(self._at(self.begin - 2), self.turn))
         self._read(m)
         m.submodules.terms = terms = self.sum = Terms(self.config, codebook.colour[0].shape().width)
-        m.d.comb += [terms.first.eq(self.turn[0]), terms.half.eq(~self.codebooks)]
+        m.d.comb += [terms.first.eq(self.turn[1]), terms.half.eq(~self.codebooks)]
         m.d.comb += terms.base.eq(codebook.colour)
         self._shift(m)
         if self.terms:
             m.d.comb += codebook.sh.eq(self.sh)
             self._multiplicands(m)
             self._polynomials(m)
-        m.d.comb += self.o.valid.eq(self.turn[self.turns - 1 + Terms.latency])
+        m.d.comb += self.o.valid.eq(self.turn[self.turns + Terms.latency])
         m.d.comb += [self.o[c].eq(code) for c, code in zip(CHANNELS, terms.o, strict=True)]
         return m
 
@@ -149,7 +150,7 @@ class Colour(wiring.Component):
     def _read(self, m: Module):
         """Parts of the slot, and beats of harmonics, each just before it is wanted."""
         start = self.begin - self.codebook.latency
-        for read, time in ((self.index, start - 1), (self.steps, self.begin - 2)):
+        for read, time in ((self.index, start - 1), (self.steps, self.begin - 1)):
             m.d.comb += [read.slot.eq(self._slot(time)), read.enable.eq(self._at(time))]
         m.d.comb += self.codebook.start.eq(self._at(start))
         slot, beat, enable = self._slot(self.begin - 1), Const(0, 1), self.turn[0]
@@ -163,28 +164,27 @@ class Colour(wiring.Component):
 
     def _shift(self, m: Module):
         """The base's and each term's shift and factor."""
-        exponent, step, finer = self.exponent[0], self.found_steps.step[0], Const(0)
-        own = Const(0)  # of a term's degree, the Gaussian's own
-        if self.terms:
-            word, third = self.codebook.word, Signal(2)
-            with m.If(self.turn[1]):
-                m.d.sync += third.eq(word[4:6])
-            in_steps = ~self.codebooks
-            shifts = (word[0:2], word[2:4], third)[: self.config.sh_degree]
-            for degree, shift in enumerate(shifts, 1):
-                turns = [self.turn[k] for k, t in enumerate(self.terms, 1) if t.degree == degree]
-                chosen = Cat(turns).any()
-                if degree == 1:
-                    chosen |= self.turn[2] & self.codebooks
-                elif degree == 2:
-                    chosen &= in_steps | ~self.turn[2]
-                exponent = Mux(chosen, self.exponent[degree], exponent)
-                step = Mux(chosen, self.found_steps.step[degree], step)
-                own = Mux(chosen, shift, own)
-            finer = Mux(self.turn[1], 1, Mux(self.turn[2], 1 + LOW, 0))
-        change = Mux(self.codebooks, -finer, (step >> 1) + own)
+        steps, in_steps = self.found_steps.step, ~self.codebooks
+        m.d.comb += self.sum.base_shift.eq(
+            GAIN - self.exponent[0] + Mux(in_steps, steps[0] >> 1, 0)
+        )
+        m.d.comb += self.sum.base_three.eq(in_steps & steps[0][0])
+        if not self.terms:
+            return
+        word, third = self.codebook.word, Signal(2)
+        with m.If(self.turn[1]):
+            m.d.sync += third.eq(word[4:6])
+        exponent, step, own = self.exponent[1], steps[1], word[0:2]
+        for degree, shift in ((2, word[2:4]), (3, third)):
+            turns = [self.turn[k] for k, t in enumerate(self.terms, 1) if t.degree == degree]
+            chosen = Cat(turns).any() & in_steps
+            exponent = Mux(chosen, self.exponent[degree], exponent)
+            step = Mux(chosen, steps[degree], step)
+            own = Mux(chosen, shift, own)
+        finer = Mux(self.turn[1], -1, -1 - LOW)
+        change = Mux(in_steps, (step >> 1) + own, finer)
         m.d.comb += self.sum.shift.eq((GAIN - exponent + change)[:SHIFT_BITS])
-        m.d.comb += self.sum.three.eq(~self.codebooks & step[0])
+        m.d.comb += self.sum.three.eq(in_steps & step[0])
 
     def _multiplicands(self, m: Module):
         """Codes of a term from the harmonics' beat, or a part of G."""

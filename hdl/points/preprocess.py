@@ -33,7 +33,7 @@ class Preprocess(wiring.Component):
         error: the frame cannot be made; nothing more happens until reset.
         counters: those of `hdl.points.points` and `hdl.binning.bin`.
 
-    **Timing**: that of its slowest part, a Gaussian in 9 cycles, if memory keeps up.
+    **Timing**: that of its slowest part, a Gaussian in 6 cycles, if memory keeps up.
     """
 
     def __init__(self, config: Config):

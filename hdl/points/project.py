@@ -47,7 +47,7 @@ class Project(wiring.Component):
         entered, starved, blocked: a round of the array begins next with a Gaussian, with none
             because none is complete, with none because splats are not taken.
 
-    **Timing**: a Gaussian every `plan.interval` cycles (`DEFAULT`: 9 on six PEs, 7 on twelve);
+    **Timing**: a Gaussian every `plan.interval` cycles (`DEFAULT`: 6 on nine PEs);
     `plan.length` + 5 cycles from its attributes to its splat.
     """
 

@@ -37,19 +37,20 @@ def sum_of_products(a: list[Value], b: list[Value]) -> Value:
 
 
 class Terms(wiring.Component):
-    """total += (sum · factor · 2^GAIN) >> shift for the base, and then for each term.
+    """total += (sum · factor · 2^GAIN) >> shift for the base and for each term.
 
     Members
-        first: the base is given in this cycle; in those that follow terms are.
-        shift: how far it is shifted; three: the factor is 3, not 4.
-        multiplicands: those of a term by channel and lane, 0 where there is no polynomial.
+        first: a Gaussian's first term is given in this cycle; in those that follow others are.
+        shift: how far a term is shifted; three: the factor is 3, not 4.
+        multiplicands: those of the term by channel and lane, 0 where there is no polynomial.
         polynomials: those of the term of the cycle before.
-        base: half of the base's multiplicands by channel, in the cycle after `first`.
+        base: half of the base's multiplicands by channel, in the cycle after `first`; base_shift,
+            base_three: likewise.
         half: ½ is added to the base; stays for a frame.
         o: colours, codes of `unscaled_colour_format`: with all terms that came until `latency`
             cycles ago.
 
-    A machine without harmonics has neither multiplicands nor polynomials.
+    A machine without harmonics has neither multiplicands nor polynomials, and no term's shift.
 
     **Timing**: a term a cycle, latency 4. Nine multipliers of 7 × 13 bits.
     """
@@ -62,57 +63,72 @@ class Terms(wiring.Component):
         lanes = data.ArrayLayout(MULTIPLICAND, LANES)
         ports = {
             "first": In(1),
-            "shift": In(SHIFT_BITS),
-            "three": In(1),
             "base": In(data.ArrayLayout(signed(base), len(CHANNELS))),
+            "base_shift": In(SHIFT_BITS),
+            "base_three": In(1),
             "half": In(1),
             "o": Out(data.ArrayLayout(unscaled_colour_format(config).width, len(CHANNELS))),
         }
         if config.sh_degree:
+            ports |= {"shift": In(SHIFT_BITS), "three": In(1)}
             ports["multiplicands"] = In(data.ArrayLayout(lanes, len(CHANNELS)))
             ports["polynomials"] = In(data.ArrayLayout(signed(POLYNOMIAL.width), LANES))
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        first, shift, three = self.first, self.shift, self.three
-        firsts = []
-        for k in range(1, self.latency):
-            delayed = [Signal.like(x, name=f"{x.name}_{k}") for x in (first, shift, three)]
-            m.d.sync += [b.eq(a) for a, b in zip((first, shift, three), delayed, strict=True)]
-            first, shift, three = delayed
-            firsts.append(first)
-            if k == self.latency - 2:
-                at_shift = shift, three
+        (first,) = self._delayed(m, self.latency - 1, self.first)
+        if self.config.sh_degree:
+            at_shift = self._delayed(m, self.latency - 2, self.shift, self.three)
+        (base_shift,) = self._delayed(m, 1, self.base_shift)
         format = unscaled_colour_format(self.config)
         rest = max(TOTAL_FRACTION - format.fraction, 0)
         missing = max(format.fraction - TOTAL_FRACTION, 0)
-        offset = (self.half << TOTAL_FRACTION - 1) + (1 << rest >> 1)
         for k in range(len(CHANNELS)):
-            total = self._sum(m, k, firsts[0])
-            addend = self._addend(m, total, *at_shift)
-            total = Signal(signed(len(addend) + 1), name=f"total_{k}", reset_less=True)
-            m.d.sync += total.eq(Mux(firsts[-1], offset, total) + addend)
+            start = self._base(m, k, base_shift, (1 << rest >> 1))
+            addend = start
+            if self.config.sh_degree:
+                addend = self._addend(m, self._sum(m, k), *at_shift)
+            width = max(len(addend), len(start)) + 1
+            total = Signal(signed(width), name=f"total_{k}", reset_less=True)
+            if self.config.sh_degree:
+                m.d.sync += total.eq(Mux(first, start, total) + addend)
+            else:
+                m.d.sync += total.eq(start)
             total = total << missing
             code, above = total[rest:][: format.width], total[rest + format.width : -1].any()
             colour = Mux(total[-1], 0, code | above.replicate(format.width))
             m.d.comb += self.o[k].eq(colour)
         return m
 
-    def _sum(self, m: Module, channel: int, first) -> Signal:
-        """A channel's sum of products, or its base."""
-        total = self.base[channel] << POLYNOMIAL.fraction + 1
-        if self.config.sh_degree:
-            factors = []
-            for lane in range(LANES):
-                factor = Signal(MULTIPLICAND, name=f"factor_{channel}{lane}", reset_less=True)
-                m.d.sync += factor.eq(self.multiplicands[channel][lane])
-                factors.append(factor)
-            products = Signal(PRODUCTS, name=f"products_{channel}")
-            m.d.comb += products.eq(sum_of_products(factors, list(self.polynomials)))
-            total = Mux(first, total, products)
-        kept = Signal(signed(len(total)), name=f"sum_{channel}", reset_less=True)
-        m.d.sync += kept.eq(total)
+    def _delayed(self, m: Module, cycles: int, *values: Value) -> tuple[Value, ...]:
+        """Values so many cycles later."""
+        for k in range(cycles):
+            later = [Signal.like(value, name=f"{value.name}_{k}") for value in values]
+            m.d.sync += [b.eq(a) for a, b in zip(values, later, strict=True)]
+            values = tuple(later)
+        return values
+
+    def _base(self, m: Module, channel: int, shift: Value, offset: int) -> Signal:
+        """A channel's base, scaled and shifted, and what a total begins with besides."""
+        base = self.base[channel]
+        scaled = Signal(signed(len(base) + 2), name=f"base_{channel}", reset_less=True)
+        m.d.sync += scaled.eq((base << 2) - Mux(self.base_three, base, 0))
+        places = 1 + POLYNOMIAL.fraction + GAIN
+        start = Signal(signed(len(scaled) + places + 1), name=f"start_{channel}", reset_less=True)
+        half = self.half << TOTAL_FRACTION - 1
+        m.d.sync += start.eq((scaled << places >> shift) + (half | offset))
+        return start
+
+    def _sum(self, m: Module, channel: int) -> Signal:
+        """A channel's sum of products."""
+        factors = []
+        for lane in range(LANES):
+            factor = Signal(MULTIPLICAND, name=f"factor_{channel}{lane}", reset_less=True)
+            m.d.sync += factor.eq(self.multiplicands[channel][lane])
+            factors.append(factor)
+        kept = Signal(PRODUCTS, name=f"sum_{channel}", reset_less=True)
+        m.d.sync += kept.eq(sum_of_products(factors, list(self.polynomials)))
         return kept
 
     def _addend(self, m: Module, total: Signal, shift: Signal, three: Signal) -> Signal:

@@ -15,6 +15,7 @@ from splatcore.spec.raster import (
     HALVING_BITS,
     SUM_INTEGER,
     colours,
+    mark_min,
     power_table,
     transmittance_min,
 )
@@ -26,8 +27,10 @@ PIXELS = BLOCK**2
 class Blend(wiring.Component):
     """Blends, pixel by pixel: T and the colour in, weights out of T·alpha, T and the colour back.
 
-    A pixel whose T would fall below the least one ends: from then on it stays as it is. A block
-    that is touched for the first time in a group begins with T of almost 1 and no colour. Weights
+    A pixel whose T would fall below the least one ends: from then on it stays as it is. What cannot
+    be seen is left out (`Config.faint`); there a pixel's last splat takes what is left of T. A
+    block that is touched for the first time in a group begins with T of almost 1 and no colour.
+    Weights
     are differences of T cut to few bits: what one weight lacks the next one has, and all together
     are what has been taken from T.
 
@@ -41,7 +44,8 @@ class Blend(wiring.Component):
         rest: instead, all that is left of T is blended with the colour.
         give: instead, the block is given out and forgotten.
         busy: `block` is not to be blended now.
-        ended: all pixels of block `ended_block` have ended, at the moment.
+        blended: of block `blended_block`, at the moment: ended: all pixels have ended; level: for
+            each level of `spec.raster.mark_min` from 1 on, the block is at it, or at a higher one.
         o: 8-bit colours of a block that is given out, when `given` is high.
 
     **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has one
@@ -64,8 +68,10 @@ class Blend(wiring.Component):
             "rest": In(1),
             "give": In(1),
             "busy": Out(1),
+            "blended": Out(1),
+            "blended_block": Out(self.number),
             "ended": Out(1),
-            "ended_block": Out(self.number),
+            "level": Out(len(mark_min(config)) - 1),
             "given": Out(1),
             "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
         }
@@ -137,23 +143,35 @@ class Blend(wiring.Component):
         config = self.config
         taken_valid, stage = self._stage(m, "taken", {"weight": config.weight}, valid, before)
         coarser, ended = config.transmittance - config.weight, Signal(self.pixels)
+        bits, levels = config.transmittance, len(self.level)
+        bright = [0] * levels  # for each level, pixels whose T is too high for it
         for pixel, (lane, to) in enumerate(zip(before.lanes, stage.lanes, strict=True)):
             taken = Signal(config.transmittance, name=f"taken_{pixel}")
             rest = Signal(config.transmittance + 1, name=f"rest_{pixel}")
-            blends, after = Signal(name=f"blends_{pixel}"), Signal.like(lane.rest)
+            acts, ends = Signal(name=f"acts_{pixel}"), Signal(name=f"ends_{pixel}")
+            after = Signal.like(lane.rest)
+            faint, last = Const(0), lane.rest
+            if config.faint:
+                from_, below, _ = config.faint
+                faint = ~lane.rest[bits - from_ :].any() & ~taken[bits - below :].any()
+                last = Const(0)
             m.d.comb += [
                 taken.eq((lane.product >> config.power_mantissa) >> lane.halvings),
                 rest.eq(lane.rest - taken),
-                blends.eq(lane.seen & ~lane.ended & (rest >= transmittance_min(config))),
-                ended[pixel].eq(lane.ended | (lane.seen & ~blends)),
-                after.eq(Mux(blends, rest[:-1], lane.rest)),
+                acts.eq(lane.seen & ~lane.ended & ~faint),
+                ends.eq(acts & (rest < transmittance_min(config))),
+                ended[pixel].eq(lane.ended | ends),
+                after.eq(Mux(ends, last, Mux(acts, rest[:-1], lane.rest))),
                 kept.data[pixel].eq(Cat(after, ended[pixel])),
             ]
             less = Mux(before.rest, 0, after[coarser:])
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
+            for k in range(levels):
+                bright[k] |= after[bits - config.faint[0] - k :].any() & ~ended[pixel]
         blended = valid & ~before.rest & ~before.give
         m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
-        m.d.comb += [self.ended.eq(blended & ended.all()), self.ended_block.eq(before.block)]
+        m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]
+        m.d.comb += [self.ended.eq(ended.all()), self.level.eq(~Cat(bright))]
         return taken_valid, stage
 
     def _add(self, m: Module, entering: Signal, next_: data.View, valid: Signal, taken: data.View):

@@ -11,7 +11,7 @@ from splatcore.spec import group, raster, work
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
 from splatcore.spec.config import Config
 
-FEATURES_WAITING = 32  # features that may be on their way or wait: what hides memory's latency
+FEATURES_WAITING = 48  # features that may be on their way or wait: what hides memory's latency
 ENDS_WAITING = 8  # groups' ends among them
 
 

@@ -1,53 +1,94 @@
 """Reads the table of groups, and hands each group's position and list to the parts behind."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Queue
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.memory.fetch import unpacked
-from splatcore.spec import convention, sort, work
+from splatcore.hdl.memory.fetch import Fetch, Unpack
+from splatcore.hdl.memory.share import Share
+from splatcore.spec import convention, work
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
 from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
-from splatcore.spec.group import COUNT_BITS
-from splatcore.spec.raster import position_record, written_record
+from splatcore.spec.raster import position_record
 from splatcore.spec.record import Record
 
-TAKERS = {"counts": 2, "lists": 2, "positions": 8, "pixels": 8}
+TAKERS = {"lists": 2, "positions": 8, "pixels": 8}
 """Streams of groups → depth of each one's queue: sorting runs ahead of rasterizing and writing."""
+
+EMPTY_WAITING = 2  # groups without entries that are known before they are written
+
+
+class Walk(wiring.Component):
+    """A walk through the groups of an image, row after row.
+
+    Members
+        start: to the first group. rows, columns: of the image, in groups. step: to the next group.
+        position: a `position_record`. active: it is that of a group, the last one is not yet past.
+    """
+
+    def __init__(self, config: Config):
+        side = convention.TILE * config.group
+        ports = {
+            "start": In(1),
+            "rows": In(range(config.height_max // side + 2)),
+            "columns": In(range(config.width_max // side + 2)),
+            "step": In(1),
+            "position": Out(layout(position_record(config))),
+            "active": Out(1),
+        }
+        super().__init__(ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        row, column = self.position.row, self.position.column
+        ends = column + 1 == self.columns
+        with m.If(self.start):
+            m.d.sync += [column.eq(0), row.eq(0), self.active.eq(1)]
+        with m.Elif(self.step):
+            m.d.sync += [column.eq(Mux(ends, 0, column + 1)), row.eq(row + ends)]
+            m.d.sync += self.active.eq(~(ends & (row + 1 == self.rows)))
+        return m
 
 
 class Groups(wiring.Component):
     """Reads the table of groups and gives each group to all parts that handle it.
 
+    Two walks: one gives the groups with entries, as fast as they are taken; the other one finds
+    the groups without, far ahead of the first.
+
     Members
         start: a frame begins. width, height: of its image, pixels; groups_at: address of its
-            table, in beats; scratch_entries: the longest list that may be sorted off chip.
-        counts: stream of `count_record` for sorting. lists: stream of `group_record` for reading
-            the entries. positions: stream of `position_record` for rasterizing. These three have
-            only the groups with entries. pixels: stream of `written_record` for writing.
-        too_long: there is a list that is too long; its group does not come.
+            table, in beats.
+        lists: stream of `group_record` for sorting. positions: stream of `position_record` for
+            rasterizing. pixels: the same for writing. These three have the groups with entries.
+        empty: stream of `position_record`, the groups without entries.
+        groups: how many the image has, from a few cycles after `start` on.
+        busy: groups of the image are still to be looked at, or are on their way.
         reads, data: to and from memory.
 
-    **Timing**: a group a cycle.
+    **Timing**: a group a cycle; a group for `empty`, or a look at one with entries, in memory's
+    latency and 4 cycles. No multiplier but that of `groups`.
     """
 
     def __init__(self, config: Config):
         self.config = config
+        position = Out(stream.Signature(layout(position_record(config))))
         ports = {
             "start": In(1),
             "width": In(range(config.width_max + 1)),
             "height": In(range(config.height_max + 1)),
             "groups_at": In(BEAT_ADDRESS_BITS),
-            "scratch_entries": In(COUNT_BITS),
-            "counts": Out(stream.Signature(layout(sort.count_record()))),
             "lists": Out(stream.Signature(layout(group_record()))),
-            "positions": Out(stream.Signature(layout(position_record(config)))),
-            "pixels": Out(stream.Signature(layout(written_record(config)))),
-            "too_long": Out(1),
+            "positions": position,
+            "pixels": position,
+            "empty": position,
+            "groups": Out(range(groups_max(config) + 1)),
+            "busy": Out(1),
             "reads": Out(stream.Signature(layout(read_record()))),
             "data": In(stream.Signature(read_beat())),
         }
@@ -55,81 +96,94 @@ class Groups(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        rows, columns = self._grid(m)
-        slots = self._table(m, rows * columns)
-        known = Record("known", {"group": group_record(), "position": position_record(self.config)})
-        m.submodules.fork = fork = Fork(layout(known), len(TAKERS))
-        row, column = Signal.like(rows), Signal.like(columns)
-        group = fork.i.payload.group
-        m.d.comb += [
-            group.eq(slots.payload),
-            fork.i.payload.position.row.eq(row),
-            fork.i.payload.position.column.eq(column),
-            self.too_long.eq(
-                slots.valid
-                & (group.count > sort.half_entries(self.config))
-                & (group.count > self.scratch_entries)
-            ),
-            fork.i.valid.eq(slots.valid & ~self.too_long),
-            slots.ready.eq(fork.i.ready & ~self.too_long),
-        ]
-        last = column + 1 == columns
-        with m.If(fork.i.valid & fork.i.ready):
-            m.d.sync += [column.eq(Mux(last, 0, column + 1)), row.eq(row + last)]
-        with m.If(self.start):
-            m.d.sync += [column.eq(0), row.eq(0)]
-        self._give(m, fork)
+        m.submodules.share = share = Share()
+        connect(m, share.reads, flipped(self.reads))
+        connect(m, flipped(self.data), share.data)
+        known = self._grid(m)
+        self._give(m, self._table(m, known, share))
+        self._find_empty(m, known, share)
         return m
 
-    def _grid(self, m: Module) -> tuple[Signal, Signal]:
-        """Rows and columns of groups."""
+    def _grid(self, m: Module) -> Value:
+        """The two walks and the number of groups; returns a bit: this is known now."""
         side = convention.TILE * self.config.group
-        rows = Signal(range(self.config.height_max // side + 2))
-        columns = Signal(range(self.config.width_max // side + 2))
+        self.walk, self.search = Walk(self.config), Walk(self.config)
+        m.submodules.walk, m.submodules.search = self.walk, self.search
+        rows, columns = Signal.like(self.walk.rows), Signal.like(self.walk.columns)
         m.d.sync += rows.eq((self.height + side - 1) // side)
         m.d.sync += columns.eq((self.width + side - 1) // side)
-        return rows, columns
+        m.d.sync += self.groups.eq(rows * columns)
+        waits = Signal(3)
+        m.d.sync += waits.eq(Cat(self.start, waits))
+        known = waits[-1]
+        for walk in (self.walk, self.search):
+            m.d.comb += [walk.start.eq(known), walk.rows.eq(rows), walk.columns.eq(columns)]
+        m.d.comb += self.busy.eq(self.walk.active | self.search.active)
+        return known
 
-    def _table(self, m: Module, count) -> stream.Interface:
+    def _table(self, m: Module, known: Value, share: Share) -> stream.Interface:
         """The table's slots; it is asked for when the number of groups is known."""
-        bits = groups_max(self.config).bit_length()
-        fetch, unpack = unpacked(m, self, BURST_BEATS, bits, bits)
-        groups, waits = Signal(bits), Signal(3)
-        asks, counts = Signal(), Signal()
-        m.d.sync += [groups.eq(count), waits.eq(Cat(self.start, waits))]
+        bits = len(self.groups)
+        m.submodules.fetch = fetch = Fetch(BURST_BEATS, bits)
+        m.submodules.unpack = unpack = Unpack(bits, ranges=1)
+        connect(m, fetch.reads, share.i[0])
+        connect(m, share.o[0], fetch.data)
+        connect(m, fetch.o, unpack.beats)
         a_beat = DATA_BITS // 8 // work.SLOT
-        m.d.comb += [
-            fetch.i.valid.eq(asks),
+        m.d.comb += [  # both are free, as the last frame has ended
+            fetch.i.valid.eq(known),
             fetch.i.payload.beat.eq(self.groups_at),
-            fetch.i.payload.count.eq((groups + a_beat - 1) // a_beat),
-            unpack.counts.valid.eq(counts),
-            unpack.counts.payload.eq(groups),
+            fetch.i.payload.count.eq((self.groups + a_beat - 1) // a_beat),
+            unpack.counts.valid.eq(known),
+            unpack.counts.payload.eq(self.groups),
         ]
-        for wish, taken in ((asks, fetch.i.ready), (counts, unpack.counts.ready)):
-            with m.If(waits[-1]):
-                m.d.sync += wish.eq(1)
-            with m.Elif(taken):
-                m.d.sync += wish.eq(0)
         return unpack.o
 
-    def _give(self, m: Module, fork: Fork):
-        """Each group to each part, at the part's own pace."""
-        for (name, depth), known in zip(TAKERS.items(), fork.o, strict=True):
+    def _give(self, m: Module, slots: stream.Interface):
+        """Each group with entries to each part, at the part's own pace."""
+        known = Record("known", {"group": group_record(), "position": position_record(self.config)})
+        m.submodules.fork = fork = Fork(layout(known), len(TAKERS))
+        i, group = fork.i, fork.i.payload.group
+        given = group.count.any()
+        m.d.comb += [
+            group.eq(slots.payload),
+            i.payload.position.eq(self.walk.position),
+            i.valid.eq(slots.valid & given),
+            slots.ready.eq(i.ready | ~given),
+            self.walk.step.eq(slots.valid & slots.ready),
+        ]
+        for (name, depth), o in zip(TAKERS.items(), fork.o, strict=True):
             target = getattr(self, name)
             m.submodules[name] = queue = Queue(target.payload.shape(), depth)
-            group, position = known.payload.group, known.payload.position
-            empty = ~group.count.any()
-            skipped = empty & (name != "pixels")
-            m.d.comb += [
-                queue.i.valid.eq(known.valid & ~skipped),
-                known.ready.eq(queue.i.ready | skipped),
-                queue.i.payload.eq(
-                    {
-                        "counts": group.count,
-                        "lists": group.as_value(),
-                        "positions": position.as_value(),
-                        "pixels": Cat(position, empty),
-                    }[name]
-                ),
-            ]
+            group, position = o.payload.group, o.payload.position
+            payload = group if name == "lists" else position
+            m.d.comb += [queue.i.valid.eq(o.valid), o.ready.eq(queue.i.ready)]
+            m.d.comb += queue.i.payload.eq(payload)
             connect(m, queue.o, flipped(target))
+
+    def _find_empty(self, m: Module, known: Value, share: Share):
+        """Looks at one group after the other while there is room for one without entries."""
+        walk, asks, beat = self.search, share.i[1], share.o[1]
+        m.submodules.empty = queue = Queue(walk.position.shape(), EMPTY_WAITING)
+        connect(m, queue.o, flipped(self.empty))
+        asked = Signal()  # the present group's beat is on its way
+        number = Signal.like(self.groups)
+        slots = DATA_BITS // 8 // work.SLOT
+        low = exact_log2(slots)
+        group = Signal(layout(group_record()))
+        m.d.comb += [
+            asks.valid.eq(walk.active & ~asked & queue.i.ready),
+            asks.payload.beat.eq(self.groups_at + number[low:]),
+            asks.payload.length.eq(0),
+            beat.ready.eq(1),
+            group.eq(beat.payload.beat.word_select(number[:low], DATA_BITS // slots)),
+            queue.i.valid.eq(beat.valid & ~group.count.any()),
+            queue.i.payload.eq(walk.position),
+            walk.step.eq(beat.valid),
+        ]
+        with m.If(known):
+            m.d.sync += number.eq(0)
+        with m.Elif(beat.valid):
+            m.d.sync += [asked.eq(0), number.eq(number + 1)]
+        with m.Elif(asks.valid & asks.ready):
+            m.d.sync += asked.eq(1)

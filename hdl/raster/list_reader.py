@@ -7,22 +7,29 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack, unpacked
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
-from splatcore.spec.binning import PAGE_BITS, group_record
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
+from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, entry_record
+from splatcore.spec.sort import half_entries, listed_record
 from splatcore.spec.work import SLOT, page_bytes
 
-PAGES_WAITING = 2
-"""Pages of entries that may wait: the next one is asked for as soon as its number has come."""
+BEATS_WAITING = 48
+"""Beats of entries that may wait to be sorted, while others are on their way."""
+
+LONG_BEATS_WAITING = 32
+"""The same of entries that are to be dealt, which are taken more slowly."""
 
 
 class ListReader(wiring.Component):
-    """Follows the lists of groups from page to page.
+    """Reads lists: those of groups from page to page, dealt ones (`spec.sort`) in one go.
+
+    Parameters
+        depth: beats that may wait.
 
     Members
-        lists_at: address of the pages, in beats.
-        i: stream of `group_record`.
+        lists_at, scratch_at: addresses of the pages and of the buckets, in beats.
+        i: stream of `listed_record`.
         o: stream of `entry_record`, those of one group after those of the other.
         reads, data: to and from memory.
 
@@ -31,11 +38,12 @@ class ListReader(wiring.Component):
     entries are read.
     """
 
-    def __init__(self, config: Config):
-        self.config = config
+    def __init__(self, config: Config, depth: int = BEATS_WAITING):
+        self.config, self.depth = config, depth
         ports = {
             "lists_at": In(BEAT_ADDRESS_BITS),
-            "i": In(stream.Signature(layout(group_record()))),
+            "scratch_at": In(BEAT_ADDRESS_BITS),
+            "i": In(stream.Signature(layout(listed_record()))),
             "o": Out(stream.Signature(layout(entry_record(config)))),
             "reads": Out(stream.Signature(layout(read_record()))),
             "data": In(stream.Signature(read_beat())),
@@ -44,10 +52,10 @@ class ListReader(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        beats = page_bytes(self.config) // BEAT
-        depth = max(PAGES_WAITING * beats, 2 * BURST_BEATS)
-        page_bits = self.config.page.bit_length()
-        fetch, unpack = unpacked(m, self, depth, beats.bit_length(), page_bits)
+        beats, bucket = page_bytes(self.config) // BEAT, half_entries(self.config)
+        count_bits = max(self.config.page, bucket).bit_length()
+        beat_bits = max(beats, bucket * SLOT // BEAT).bit_length()
+        fetch, unpack = unpacked(m, self, self.depth, beat_bits, count_bits)
         m.d.comb += [self.o.valid.eq(unpack.o.valid), self.o.payload.eq(unpack.o.payload)]
         m.d.comb += unpack.o.ready.eq(self.o.ready)
         self._pages(m, fetch, unpack, beats)
@@ -55,34 +63,34 @@ class ListReader(wiring.Component):
 
     def _pages(self, m: Module, fetch: Fetch, unpack: Unpack, beats: int):
         """A page after the other; a page's number comes with the last beat of the one before."""
-        left, page = Signal(COUNT_BITS), Signal(PAGE_BITS)
-        goes_on = left >= self.config.page  # then the page's last slot is a link
+        left, page, dealt = Signal(COUNT_BITS), Signal(PAGE_BITS), Signal()
+        goes_on = (left >= self.config.page) & ~dealt  # then the page's last slot is a link
         count = Mux(goes_on, self.config.page - 1, left)
         slots_a_beat = BEAT // SLOT
         wanted = Mux(goes_on, beats, (left + slots_a_beat - 1) // slots_a_beat)
-        asked, counted = Signal(), Signal()  # the page's beats; its count has gone to `unpack`
-        ahead = Signal(range(4 * fetch.depth))  # beats on their way
+        counted = Signal()  # the page's count has gone to `unpack`; only then it is asked for
+        ahead = Signal(range(2 * fetch.depth + (1 << len(fetch.i.payload.count))))  # on their way
         link = self.data.payload.beat[DATA_BITS - ENTRY_BITS :][:PAGE_BITS]
         comes = self.data.valid & self.data.ready
-        through, begins = Signal(), Signal()
-        m.d.comb += fetch.i.payload.beat.eq(self.lists_at + page * beats)
+        begins = Signal()
+        bucket = self.scratch_at + page * (half_entries(self.config) // slots_a_beat)
+        m.d.comb += fetch.i.payload.beat.eq(Mux(dealt, bucket, self.lists_at + page * beats))
         m.d.comb += [fetch.i.payload.count.eq(wanted), unpack.counts.payload.eq(count)]
         with m.FSM():
             with m.State("GROUP"):
                 m.d.comb += self.i.ready.eq(1)
                 m.d.sync += [left.eq(self.i.payload.count), page.eq(self.i.payload.page)]
+                m.d.sync += dealt.eq(self.i.payload.dealt)
                 with m.If(self.i.valid & (self.i.payload.count != 0)):
                     m.next = "PAGE"
             with m.State("PAGE"):
                 m.d.comb += [
-                    fetch.i.valid.eq(~asked & (ahead < 2 * fetch.depth)),
                     unpack.counts.valid.eq(~counted),
+                    fetch.i.valid.eq((counted | unpack.counts.ready) & (ahead < 2 * fetch.depth)),
                     begins.eq(fetch.i.valid & fetch.i.ready),
-                    through.eq((asked | begins) & (counted | unpack.counts.ready)),
                 ]
-                m.d.sync += asked.eq((asked | begins) & ~through)
-                m.d.sync += counted.eq((counted | unpack.counts.ready) & ~through)
-                with m.If(through):
+                m.d.sync += counted.eq((counted | unpack.counts.ready) & ~begins)
+                with m.If(begins):
                     m.d.sync += left.eq(left - count)
                     m.next = "GROUP"
                     with m.If(goes_on):

@@ -7,7 +7,16 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
 from splatcore.spec.config import Config
-from splatcore.spec.raster import COLOURS, STEPS, around_record, mark_min, marked_record
+from splatcore.spec.number import Bits
+from splatcore.spec.raster import (
+    BLOCKS,
+    COLOURS,
+    STEPS,
+    around_record,
+    mark_min,
+    marked_record,
+)
+from splatcore.spec.record import Array
 
 CUTS = ("lines", "planes", "marked")  # registers stand behind what these names say
 
@@ -26,7 +35,7 @@ def magnitude(value: Value) -> Value:
 
 
 class Mark(wiring.Component):
-    """Marks the blocks in which E can be as high as alpha 1/255 asks for.
+    """Marks the blocks in which E can be as high as each of their levels asks for.
 
     A block is left out if the plane that touches E at the block's centre is too low in all of the
     block (E is concave, so it is nowhere above that plane), or if the splat's box does not reach
@@ -35,7 +44,7 @@ class Mark(wiring.Component):
     Members
         i: `around_record`.
         enable: the pipeline moves.
-        o: `marked_record`, `LATENCY` enabled cycles later.
+        o: `marked_record` of the tile's blocks by level, `LATENCY` enabled cycles later.
 
     **Timing**: a pair a cycle; no multiplier.
     """
@@ -47,7 +56,7 @@ class Mark(wiring.Component):
         ports = {
             "i": In(layout(around_record(config))),
             "enable": In(1),
-            "o": Out(layout(marked_record(config))),
+            "o": Out(layout(marked_record(config, Array(Bits(BLOCKS**2), len(mark_min(config)))))),
         }
         super().__init__(ports)
 
@@ -67,7 +76,7 @@ class Mark(wiring.Component):
 
         quadratic = carried[0]
         cxx, cxy = quadratic.cxx, quadratic.cxy.as_signed()
-        lowest = mark_min(self.config)
+        lowest, *higher = mark_min(self.config)
         above, steep = [], []
         for line, slope_x, slope_y in zip(lines, slopes_x, slopes_y, strict=True):
             for p in STEPS:
@@ -78,11 +87,15 @@ class Mark(wiring.Component):
         near, *rest = pipeline.cut("planes", near, *above, *steep, *carried)
         above, steep, carried = rest[:16], rest[16:32], rest[32:]
 
-        reached = [~(a + times(b, 3))[-1] for a, b in zip(above, steep, strict=True)]
-        blocks, *carried = pipeline.cut("marked", near & Cat(reached), *carried)
-        o = self.o
-        m.d.comb += [
-            o.blocks.eq(blocks),
-            *(o[name].eq(value) for name, value in zip(CARRIED, carried, strict=True)),
-        ]
+        bounds = [a + times(b, 3) for a, b in zip(above, steep, strict=True)]
+        whole = [bound >> 1 + self.config.exponent_fraction for bound in bounds]
+        reached = [Cat(~bound[-1] for bound in bounds)]
+        for least in higher:
+            steps = least - lowest >> self.config.exponent_fraction
+            reached.append(Cat(bound >= steps for bound in whole))
+        blocks = [near & level for level in reached]
+        cut = pipeline.cut("marked", *blocks, *carried)
+        m.d.comb += self.o.blocks.as_value().eq(Cat(cut[: len(blocks)]))
+        for name, value in zip(CARRIED, cut[len(blocks) :], strict=True):
+            m.d.comb += self.o[name].eq(value)
         return m

@@ -1,6 +1,8 @@
 """Writes finished blocks to the image in memory: rows of 8-bit red, green and blue."""
 
-from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
+from itertools import pairwise
+
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
@@ -8,8 +10,9 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Register
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, BEAT_BITS, BOUNDARY, DATA_BITS, write_record
+from splatcore.spec.binning import groups_max
 from splatcore.spec.config import Config
-from splatcore.spec.convention import BLOCK, TILE
+from splatcore.spec.convention import BLOCK
 from splatcore.spec.raster import (
     BLOCKS,
     COLOURS,
@@ -17,7 +20,7 @@ from splatcore.spec.raster import (
     colours,
     owner,
     pixels_record,
-    written_record,
+    position_record,
 )
 from splatcore.spec.record import Record
 from splatcore.spec.registers import WORD
@@ -27,33 +30,43 @@ ROW_BITS = BLOCK * PIXEL * 8  # bits of a row of a block
 
 
 class Pixels(wiring.Component):
-    """Writes a group's blocks: those side by side of one row of blocks together.
+    """Writes groups of finished blocks, those side by side of one row of blocks together: a span.
+
+    Two groups are at work: one whose blocks rasterizers give, and one without a splat, of which a
+    span is written whenever the blocks of the other one's next span are not all present.
 
     Members
-        start: a frame begins. width, height: of its image, pixels; pixels_at, stride_beats:
-            its address in memory and the distance of its rows, in beats.
-        background: a colour (`spec.group.colour_format`).
-        positions: stream of `written_record`, the groups in their order.
-        i: streams of `pixels_record`, one for each rasterizer: the group's blocks within the image.
-        through: the image's last block has been given.
+        start: a frame begins. width, height: of its image, pixels; groups: how many it has;
+            pixels_at, stride_beats: its address in memory and the distance of its rows, in beats.
+        background: a colour (`spec.group.colour_format`), that of groups without a splat.
+        positions: stream of `position_record`, the groups with splats in their order.
+        empty: stream of `position_record`, the groups without.
+        i: streams of `pixels_record`, one for each rasterizer: the blocks within the image of the
+            groups with splats.
+        through: the image's last span has been given.
         writes: to memory.
 
-    **Timing**: a row of `span` blocks in ⌈span · 12 / 16⌉ beats (`DEFAULT`: 4 blocks, 3 beats), and
-    for every `BLOCK` such rows 2 cycles more.
+    **Timing**: a row of `span` blocks in ⌈span · 12 / 16⌉ beats (`DEFAULT`: 4 blocks, 3 beats), a
+    beat a cycle without a pause between spans; 1 cycle more for each group, for each change to the
+    other group (2 where it is found out that blocks are not present), and for each span of a group
+    that is not in the image.
     """
 
     def __init__(self, config: Config):
         self.config, self.span = config, min(config.rasterizers, BLOCKS)
         self.side = exact_log2(config.group)
         pixels = In(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
+        position = In(stream.Signature(layout(position_record(config))))
         ports = {
             "start": In(1),
             "width": In(range(config.width_max + 1)),
             "height": In(range(config.height_max + 1)),
+            "groups": In(range(groups_max(config) + 1)),
             "pixels_at": In(BEAT_ADDRESS_BITS),
             "stride_beats": In(STRIDE_BITS - BEAT_BITS),
             "background": In(layout(Record("colour", colours(config)))),
-            "positions": In(stream.Signature(layout(written_record(config)))),
+            "positions": position,
+            "empty": position,
             "i": pixels,
             "through": Out(1),
             "writes": Out(stream.Signature(layout(write_record()))),
@@ -65,60 +78,73 @@ class Pixels(wiring.Component):
         m.submodules.written = written = Register(layout(write_record()))
         connect(m, written.o, flipped(self.writes))
         self.write = written.i
-        # Present position: tile of the group, row of its blocks, first block of the span.
-        self.span_number = Signal(exact_log2(BLOCKS // self.span))
-        self.block_row = Signal(exact_log2(BLOCKS))
-        self.tile = Signal(2 * self.side)
+        # Each group's span: its number in a row of a tile's blocks, that row, the tile.
+        self.counts = exact_log2(BLOCKS // self.span), exact_log2(BLOCKS), 2 * self.side
+        self.blocks_span, self.empty_span = Signal(sum(self.counts)), Signal(sum(self.counts))
+        self.plain = Signal()  # the group without a splat is at work
         self.pixel_row, self.beat = Signal(exact_log2(BLOCK)), Signal(2)
-        first, within = self._position()
-        heads, present, takes = self._heads(first)
-        end = self._beats(m, heads, first)
-        self._control(m, first, within, present, end, takes)
+        # The group at work.
+        self.span_number = Mux(self.plain, self.empty_span, self.blocks_span)
+        place = Signal(self.positions.payload.shape())
+        m.d.comb += place.eq(Mux(self.plain, self.empty.payload, self.positions.payload))
+        heads, present, takes = self._heads()
+        column, row = self._place(self.span_number, place)
+        end = self._beats(m, heads, column << exact_log2(self.span))
+        self._control(m, place, row, present, end, takes)
         return m
 
-    def _position(self) -> tuple[Value, Value]:
-        """The span's first block's column in the image, and its row of pixels in the group."""
-        tile_column = self.tile[: self.side]
-        tile_row = self.tile[self.side :]
-        column = Cat(self.span_number, tile_column, self.positions.payload.position.column)
-        first = column << exact_log2(self.span)
-        return first, Cat(0, 0, self.block_row, tile_row)
+    def _place(self, span: Value, position) -> tuple[Value, Value]:
+        """A span's column of spans, and its row of blocks, in the image."""
+        number, block_row, tile = self._parts(span)
+        column = Cat(number, tile[: self.side], position.column)
+        return column, Cat(block_row, tile[self.side :], position.row)
 
-    def _heads(self, first: Value) -> tuple[list[Value], Value, list[Value]]:
-        """The present row of the span's blocks; a bit: all within the image are present; and a bit
-        for each rasterizer: some of them are its own."""
-        heads, present, empty = [], [], self.positions.payload.empty
-        plain = self._plain()
+    def _parts(self, span: Value) -> list[Value]:
+        """A span's number in a row of a tile's blocks, that row, the tile."""
+        ends = [sum(self.counts[:k]) for k in range(len(self.counts) + 1)]
+        return [span[low:high] for low, high in pairwise(ends)]
+
+    def _heads(self) -> tuple[list[Value], Value, list[Value]]:
+        """Of the group with splats the present row of the span's blocks; a bit: all within the
+        image are present; and a bit for each rasterizer: some of them are its own."""
+        heads, present = [], []
         rows = [i.payload.pixels.as_value().word_select(self.pixel_row, ROW_BITS) for i in self.i]
         takes = [Value.cast(0)] * self.config.rasterizers
-        spans = BLOCKS // self.span
+        first = self._place(self.blocks_span, self.positions.payload)[0] << exact_log2(self.span)
+        number, spans = Cat(self._parts(self.blocks_span)[:2]), BLOCKS // self.span
         for k in range(self.span):
             owners = [
                 owner(self.config, row * BLOCKS + span * self.span + k)[0]
                 for row in range(BLOCKS)
                 for span in range(spans)
             ]
-            number = Cat(self.span_number, self.block_row)
             inside = (first + k) * BLOCK < self.width
-            heads.append(Mux(empty, plain, Array(rows[who] for who in owners)[number]))
-            present.append(Array(self.i[who].valid for who in owners)[number] | ~inside | empty)
+            heads.append(Array(rows[who] for who in owners)[number])
+            present.append(Array(self.i[who].valid for who in owners)[number] | ~inside)
             for who in set(owners):
                 mine = Cat(number == n for n, other in enumerate(owners) if other == who).any()
-                takes[who] = takes[who] | (mine & inside & ~empty)
-        return heads, Cat(present).all(), takes
+                takes[who] = takes[who] | (mine & inside)
+        return heads, self.positions.valid & Cat(present).all(), takes
 
-    def _plain(self) -> Value:
-        """A row of a block of nothing but background."""
+    def _background(self, skipped: Value) -> Value:
+        """A beat of nothing but background: its first byte's colour goes by the beat and by how
+        many words lie before the span."""
         codes = [background_code(self.config, self.background[name]) for name in COLOURS]
-        return Cat(Mux(code > 255, 255, code)[:8] for code in codes).replicate(BLOCK)
+        codes = [Mux(code > 255, 255, code)[:8] for code in codes]
+        turned = [
+            Cat(codes[(beat * BEAT - words * WORD + k) % PIXEL] for k in range(BEAT))
+            for words in range(BEAT // WORD)
+            for beat in range(1 << len(self.beat))
+        ]
+        return Array(turned)[Cat(self.beat, skipped)]
 
     def _beats(self, m: Module, heads: list[Value], first: Value) -> Value:
-        """A row of the span as beats; the number of the last one."""
+        """A row of the span as beats; the number of the last one. first: block of the span."""
         words = ROW_BITS // 8 // WORD  # of a row of a block
         # A span begins at a multiple of 4 bytes.
         skipped = (first * words)[: exact_log2(BEAT // WORD)]
         if self.span == BLOCKS:
-            skipped = Value.cast(0)
+            skipped = Const(0, len(skipped))
         segment = Cat(heads) << (skipped * WORD * 8)
         pixels = Mux(
             (first + self.span) * BLOCK > self.width,
@@ -129,64 +155,80 @@ class Pixels(wiring.Component):
         behind = begin + size
         write = self.write.payload
         bytes_ = [Cat(self.beat << BEAT_BITS) + k for k in range(BEAT)]
-        words_of_beat = segment.word_select(self.beat, DATA_BITS)
+        of_blocks = segment.word_select(self.beat, DATA_BITS)
+        words_of_beat = Mux(self.plain, self._background(skipped), of_blocks)
         m.d.comb += write.low.eq(words_of_beat[: DATA_BITS // 2])
         m.d.comb += write.high.eq(words_of_beat[DATA_BITS // 2 :])
         m.d.comb += write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_))
         return (behind - 1) >> BEAT_BITS
 
-    def _control(
-        self, m: Module, first: Value, within: Value, present: Value, end: Value, takes: list
-    ):
-        """Group after group, tile after tile, span after span."""
-        config, write = self.config, self.write.payload
-        position = self.positions.payload.position
-        side = TILE * config.group
-        group_at, line = Signal(BEAT_ADDRESS_BITS), Signal(BEAT_ADDRESS_BITS)
-        within_image = (first * BLOCK < self.width) & (
-            (position.row * side + within)[: len(self.height) + 1] < self.height
+    def _control(self, m: Module, place, row: Value, present: Value, end: Value, takes: list):
+        """Span after span; the other group's at the end of one, or where blocks are missing.
+
+        place: of the group at work; row: of the span's blocks; end: a row's last beat.
+        """
+        write, given, inside = self.write, Signal(), Signal()
+        line, following = Signal(BEAT_ADDRESS_BITS), Signal()  # of pixels; the next span is meant
+        # Where this span, or the next one of its group, begins.
+        next_column, next_row = self._place(
+            (self.span_number + following)[: sum(self.counts)], place
         )
-        below = position.row * side + within + self.pixel_row + 1 >= self.height
-        steps = Cat(self.span_number, self.block_row, self.tile)
-        last_span, moves = steps.all(), Signal()
-        last_group = ((position.column + 1) * side >= self.width) & (
-            (position.row + 1) * side >= self.height
+        at = self.pixels_at + next_row * BLOCK * self.stride_beats
+        at += (next_column * (self.span * ROW_BITS // 8)) >> BEAT_BITS
+        m.d.comb += inside.eq(
+            (next_column * self.span * BLOCK < self.width) & (next_row * BLOCK < self.height)
         )
         page = exact_log2(BOUNDARY // BEAT)
         crosses = (line[:page] + end)[page]  # then each beat is a burst of its own
+        last_row = (self.pixel_row == BLOCK - 1) | (row * BLOCK + self.pixel_row + 1 >= self.height)
         m.d.comb += [
-            write.beat.eq(line + Mux(crosses, self.beat, 0)),
-            write.length.eq(Mux(crosses, 0, end)),
-            self.positions.ready.eq(moves & last_span),
-            self.through.eq(moves & last_span & last_group),
+            write.payload.beat.eq(line + Mux(crosses, self.beat, 0)),
+            write.payload.length.eq(Mux(crosses, 0, end)),
         ]
-        with m.If(moves):
-            m.d.sync += steps.eq(steps + 1)
-            with m.If(last_span & (((position.column + 1) * side) >= self.width)):
-                m.d.sync += group_at.eq(group_at + self.stride_beats * side)
-        last_row = (self.pixel_row == BLOCK - 1) | below
         with m.FSM():
-            with m.State("POSITION"):
-                column = (first * (ROW_BITS // 8)) >> BEAT_BITS
-                m.d.sync += line.eq(group_at + within * self.stride_beats + column)
-                with m.If(self.positions.valid):
-                    with m.If(~within_image):
-                        m.d.comb += moves.eq(1)
-                    with m.Elif(present):
-                        m.next = "ROWS"
+            with m.State("PLACE"):
+                m.d.sync += line.eq(at)
+                with m.If(~Mux(self.plain, self.empty.valid, self.positions.valid)):
+                    m.d.sync += self.plain.eq(~self.plain)
+                with m.Elif(inside):
+                    m.next = "ROWS"
+                with m.Else():
+                    m.d.comb += given.eq(1)
             with m.State("ROWS"):
-                m.d.comb += self.write.valid.eq(1)
-                with m.If(self.write.ready):
+                m.d.comb += [write.valid.eq(self.plain | present), following.eq(1)]
+                with m.If(~write.valid & self.empty.valid):
+                    m.d.sync += self.plain.eq(1)
+                    m.next = "PLACE"
+                with m.Elif(write.valid & write.ready):
                     m.d.sync += self.beat.eq(self.beat + 1)
                     with m.If(self.beat == end):
                         m.d.sync += [self.beat.eq(0), self.pixel_row.eq(self.pixel_row + 1)]
                         m.d.sync += line.eq(line + self.stride_beats)
                         with m.If(last_row):
-                            m.d.sync += self.pixel_row.eq(0)
-                            m.d.comb += moves.eq(1)
-                            m.d.comb += [
-                                i.ready.eq(take) for i, take in zip(self.i, takes, strict=True)
-                            ]
-                            m.next = "POSITION"
+                            m.d.sync += [self.pixel_row.eq(0), line.eq(at)]
+                            m.d.comb += given.eq(1)
+                            with m.If(self.plain & present):
+                                m.d.sync += self.plain.eq(0)
+                                m.next = "PLACE"
+                            with m.Elif(~inside | self.span_number.all()):
+                                m.next = "PLACE"
+        self._advance(m, given, takes)
+
+    def _advance(self, m: Module, given: Value, takes: list[Value]):
+        """To a group's next span, and to the next group. given: the present span is through."""
+        spans = self.blocks_span, self.empty_span
+        done = Signal.like(self.groups)
+        through = given & self.span_number.all()
+        for span, groups, own in zip(
+            spans, (self.positions, self.empty), (~self.plain, self.plain), strict=True
+        ):
+            m.d.comb += groups.ready.eq(through & own)
+            with m.If(given & own):
+                m.d.sync += span.eq(span + 1)
+        for i, take in zip(self.i, takes, strict=True):
+            m.d.comb += i.ready.eq(given & self.write.valid & ~self.plain & take)
+        m.d.comb += self.through.eq(through & (done + 1 == self.groups))
         with m.If(self.start):
-            m.d.sync += group_at.eq(self.pixels_at)
+            m.d.sync += done.eq(0)
+        with m.Elif(through):
+            m.d.sync += done.eq(done + 1)

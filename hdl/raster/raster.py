@@ -160,19 +160,20 @@ class Raster(wiring.Component):
             setup.enable.eq(pipe.enable),
             mark.enable.eq(pipe.enable),
         ]
-        self.marked, self.reached = mark.o, Signal(len(mark.o.blocks))
+        self.marked, self.reached = mark.o, Signal(config.rasterizers)
         self.arrived = Signal(raster.GROUP_BITS)  # number of the group whose pairs arrive
         with m.If(pipe.o.valid & pipe.o.ready & mark.o.end):
             m.d.sync += self.arrived.eq(self.arrived + 1)
         takers = []
         for part in self.rasterizers:
             o = part.i.payload
-            live = part.live[mark.o.tile] | ~self._at(part, self.arrived).replicate(len(part.own))
-            blocks = Cat(mark.o.blocks[block] for block in part.own) & live
+            own = [Cat(level[block] for block in part.own) for level in mark.o.blocks]
+            there = self._at(part, self.arrived)
+            blocks = Mux(there, part.wanted(own, mark.o.tile), own[0])
             m.d.comb += [
                 o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
             ]
-            m.d.comb += o.blocks.eq(blocks)
+            m.d.comb += o.blocks.as_value().eq(Cat(own))
             takers.append((part, blocks.any() | mark.o.end))
         m.d.comb += pipe.o.ready.eq(Cat(part.i.ready | ~wants for part, wants in takers).all())
         m.d.comb += self.reached.eq(Cat(wants for _, wants in takers))

@@ -1,5 +1,7 @@
 """A rasterizer: blends pairs into the blocks that it owns in every tile of a group."""
 
+from collections.abc import Sequence
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
@@ -13,23 +15,25 @@ from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
-from splatcore.spec.record import Record
+from splatcore.spec.number import Bits
+from splatcore.spec.record import Array, Record
 
-PAIRS_WAITING = 32
+PAIRS_WAITING = 16
 """Pairs that may wait before a rasterizer: others may have more to do with the same splats."""
 
-OUTPUT_SPARE = 16  # blocks on their way when the queue of finished ones may no longer be added to
+OUTPUT_SPARE = 10  # blocks on their way when the queue of finished ones may no longer be added to
 
 
 class Rasterizer(wiring.Component):
     """Evaluates and blends one marked block a cycle; gives a group's pixels out at its end.
 
     Members
-        i: stream of `marked_record` with this rasterizer's blocks, or a group's end.
+        i: stream of `marked_record` with this rasterizer's blocks by level, or a group's end.
         positions: stream of `position_record`, one for each group.
         width, height: of the image, pixels. background: a colour.
         started, group: a group is being rasterized, and its number modulo 2^GROUP_BITS.
-        live: blocks of each of the group's tiles that have live pixels.
+        live: blocks of each of the group's tiles that have live pixels. level: for each level from
+            1 on (`spec.raster.mark_min`) those that are at it, or at a higher one.
         o: stream of `pixels_record`: the group's blocks within the image.
         blended, waited: a block enters the lanes; none does although the group has not ended.
         pairs, finished: the queues of pairs and of blocks to be given out (for tests).
@@ -42,7 +46,9 @@ class Rasterizer(wiring.Component):
         self.config, self.number, self.own = config, number, raster.owned(config, number)
         self.tiles = config.group**2
         self.blocks = self.tiles * len(self.own)
-        pair, pixels = raster.marked_record(config, len(self.own)), raster.pixels_record(config)
+        self.levels = len(raster.mark_min(config)) - 1
+        pair = raster.marked_record(config, Array(Bits(len(self.own)), 1 + self.levels))
+        pixels = raster.pixels_record(config)
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
         self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
         ports = {
@@ -54,6 +60,7 @@ class Rasterizer(wiring.Component):
             "started": Out(1),
             "group": Out(raster.GROUP_BITS, init=-1),
             "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
+            "level": Out(data.ArrayLayout(len(self.own), self.tiles)).array(self.levels),
             "o": Out(stream.Signature(layout(pixels))),
             "blended": Out(1),
             "waited": Out(1),
@@ -75,6 +82,14 @@ class Rasterizer(wiring.Component):
         self._begin(m)
         self._lanes(m, self._issue(m))
         return m
+
+    def wanted(self, blocks: Sequence[Value], tile: Value) -> Value:
+        """Of blocks of a tile by level those that have live pixels and are not at a higher level,
+        as far as known."""
+        found = blocks[0] & self.live[tile]
+        for level, reached in zip(self.level, list(blocks)[1:], strict=True):
+            found &= reached | ~level[tile]
+        return found
 
     def _inside(self, number: Value, size: Value, step: int) -> Value:
         """A bit for every `step`-th column (row) of a group: it is within the image."""
@@ -99,12 +114,17 @@ class Rasterizer(wiring.Component):
                     for block in self.own
                 ]
                 m.d.sync += self.live[tile].eq(Cat(inside))
-        with m.Elif(self.blend.ended):
-            m.d.sync += self.live.as_value().bit_select(self.blend.ended_block, 1).eq(0)
+            m.d.sync += [level.as_value().eq(0) for level in self.level]
+        with m.Elif(self.blend.blended):
+            block = self.blend.blended_block
+            m.d.sync += self.live.as_value().bit_select(block, 1).eq(~self.blend.ended)
+            for level, reached in zip(self.level, self.blend.level, strict=True):
+                m.d.sync += level.as_value().bit_select(block, 1).eq(reached)
 
     def _issue(self, m: Module) -> Value:
-        """The next block: of the pair at hand; or at the group's end one after the other, to be
-        given out, after a first time in which the background, if any, is blended into them."""
+        """The next block: of the pair at hand, unless it is not wanted any more; or at the group's
+        end one after the other, to be given out, after a first time in which the background, if
+        any, is blended into them."""
         pair, own = self.pairs.o.payload, len(self.own)
         done, count = Signal(own), Signal(range(self.blocks))
         left, lowest_left = Signal(own), Signal(own)
@@ -115,26 +135,25 @@ class Rasterizer(wiring.Component):
         bits = (own - 1).bit_length()
         counted = Cat((count[:bits] if bits else 0) == k for k in range(own))
         m.d.comb += [
-            left.eq(pair.blocks & ~done),
+            left.eq(self.wanted(pair.blocks, pair.tile) & ~done),
             lowest_left.eq(lowest(left)),
             self.final.eq(pair.end),
             self.chosen.eq(Mux(pair.end, counted, lowest_left)),
             self.tile.eq(Mux(pair.end, count >> bits, pair.tile)),
-            self.issued.eq(valid & (~pair.end | self.room)),
+            self.issued.eq(valid & Mux(pair.end, self.room, left.any())),
             self.pairs.o.ready.eq(
-                self.moves & self.issued & Mux(pair.end, last & give, left == lowest_left)
+                self.moves & valid & Mux(pair.end, self.room & last & give, left == lowest_left)
             ),
             self.waited.eq(self.started & ~(valid & pair.end)),
         ]
         with m.If(self.moves & self.issued):
+            m.d.sync += done.eq(done | lowest_left)
             with m.If(pair.end):
                 m.d.sync += count.eq(Mux(last, 0, count + 1))
                 with m.If(last):
                     m.d.sync += [giving.eq(~give), self.started.eq(~give)]
-            with m.Elif(left == lowest_left):
-                m.d.sync += done.eq(0)
-            with m.Else():
-                m.d.sync += done.eq(done | lowest_left)
+        with m.If(self.pairs.o.valid & self.pairs.o.ready):
+            m.d.sync += done.eq(0)
         return give
 
     def _lanes(self, m: Module, give: Value):

@@ -1,26 +1,33 @@
 """Second half of a frame: groups' lists and splats' features in memory to pixels in memory."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Cat, Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.record import AREA, ERROR, layout
+from splatcore.hdl.lib.record import AREA, layout
+from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.memory.store import Store
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
-from splatcore.hdl.raster.list_reader import ListReader
+from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, ListReader
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
-from splatcore.hdl.sorting.scratch import Scratch
+from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.spec import group, record, work
-from splatcore.spec.axi import BEAT_ADDRESS_BITS, BEAT_BITS, read_record, write_record
+from splatcore.spec import record, work
+from splatcore.spec.axi import (
+    BEAT_ADDRESS_BITS,
+    BEAT_BITS,
+    LINE_BEATS,
+    read_record,
+    write_record,
+)
 from splatcore.spec.config import Config
 from splatcore.spec.raster import colours
-from splatcore.spec.registers import ErrorCode
 
-READING = ("groups", "lists", "scratch", "features")
-WRITING = ("scratch", "pixels")  # names of its readers and writers in `spec.axi`, in that order
+READING = ("groups", "long_lists", "lists", "features")
+WRITING = ("buckets", "pixels")  # names of its readers and writers in `spec.axi`, in that order
 
 
 def job_layout(config: Config) -> data.StructLayout:
@@ -32,8 +39,6 @@ def job_layout(config: Config) -> data.StructLayout:
             "background": layout(record.Record("colour", colours(config))),
             "area": AREA,
             "scratch": BEAT_ADDRESS_BITS,
-            "scratch_area": BEAT_ADDRESS_BITS,
-            "scratch_entries": group.COUNT_BITS,
             "pixels": BEAT_ADDRESS_BITS,
             "stride": work.STRIDE_BITS - BEAT_BITS,
         }
@@ -48,7 +53,6 @@ class Render(wiring.Component):
         reads, data, writes: to and from memory, for each of `READING` and `WRITING`.
         settled: for each of `WRITING`: all that was written is in memory.
         done: the frame's pixels are in memory.
-        error: the frame cannot be rendered; nothing more happens until reset.
         counters: those of `hdl.sorting.sort` and `hdl.raster.raster`.
 
     **Timing**: that of its slowest part, if memory keeps up; some hundred cycles more before the
@@ -57,8 +61,10 @@ class Render(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.groups, self.lists, self.sort = Groups(config), ListReader(config), Sort(config)
-        self.scratch, self.features = Scratch(config), Features(config)
+        self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
+        self.long_lists = ListReader(config, LONG_BEATS_WAITING)
+        self.lists = ListReader(config)
+        self.buckets, self.features = Store(LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
         counters = {name: part.counters.shape() for name, part in parts.items()}
@@ -70,40 +76,61 @@ class Render(wiring.Component):
             "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
             "settled": In(len(WRITING)),
             "done": Out(1),
-            "error": Out(ERROR),
             "counters": Out(data.StructLayout(counters)),
         }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        groups, sort, raster = self.groups, self.sort, self.raster
-        m.submodules.groups, m.submodules.lists, m.submodules.sort = groups, self.lists, sort
-        m.submodules.scratch, m.submodules.features = self.scratch, self.features
+        groups, deal, sort, raster = self.groups, self.deal, self.sort, self.raster
+        for name in ("groups", "deal", "sort", "long_lists", "lists", "buckets", "features"):
+            m.submodules[name] = getattr(self, name)
         m.submodules.raster, m.submodules.pixels = raster, self.pixels
-        for number, part in enumerate((groups, self.lists, self.scratch, self.features)):
+        for number, name in enumerate(READING):
+            part = getattr(self, name)
             connect(m, part.reads, flipped(self.reads[number]))
             connect(m, flipped(self.data[number]), part.data)
-        for number, part in enumerate((self.scratch, self.pixels)):
-            connect(m, part.writes, flipped(self.writes[number]))
+        for number, name in enumerate(WRITING):
+            connect(m, getattr(self, name).writes, flipped(self.writes[number]))
         for source, target in (
-            (groups.counts, sort.groups),
-            (groups.lists, self.lists.i),
+            (groups.lists, deal.groups),
+            (self.long_lists.o, deal.entries),
+            (deal.jobs, sort.jobs),
+            (deal.lists, self.lists.i),
             (groups.positions, raster.positions),
             (groups.pixels, self.pixels.positions),
+            (groups.empty, self.pixels.empty),
             (self.lists.o, sort.entries),
-            (sort.spill, self.scratch.spill),
-            (sort.wanted, self.scratch.wanted),
-            (self.scratch.back, sort.back),
             (sort.o, self.features.i),
             (self.features.o, raster.i),
             *zip(raster.o, self.pixels.i, strict=True),
         ):
             connect(m, source, target)
         m.d.comb += [self.features.live.eq(raster.live), sort.stop.eq(self.features.stop)]
+        self._deal(m)
         self._job(m)
         self._control(m)
         return m
+
+    def _deal(self, m: Module):
+        """Long lists from memory to dealing, and their buckets to memory."""
+        deal, lists = self.deal, self.long_lists
+        m.submodules.line = waiting = Queue(deal.lines.payload.shape(), 1)  # dealing goes on
+        line = waiting.o.payload
+        connect(m, deal.lines, waiting.i)
+        m.d.comb += [
+            deal.start.eq(self.start),
+            deal.released.eq(self.sort.released),
+            deal.settled.eq(~waiting.o.valid & self.settled[WRITING.index("buckets")]),
+            lists.i.valid.eq(deal.reading.valid),
+            lists.i.payload.page.eq(deal.reading.payload.page),
+            lists.i.payload.count.eq(deal.reading.payload.count),
+            deal.reading.ready.eq(lists.i.ready),
+            self.buckets.i.valid.eq(waiting.o.valid),
+            self.buckets.i.payload.beat.eq(self.job.scratch + line.address * LINE_BEATS),
+            self.buckets.i.payload.data.eq(Cat(line.slots)),
+            waiting.o.ready.eq(self.buckets.i.ready),
+        ]
 
     def _job(self, m: Module):
         """Parameters of the frame to the parts that use them."""
@@ -112,14 +139,13 @@ class Render(wiring.Component):
             m.d.comb += [part.width.eq(job.width), part.height.eq(job.height)]
         m.d.comb += [
             self.groups.groups_at.eq(job.area.groups),
-            self.groups.scratch_entries.eq(job.scratch_entries),
+            self.long_lists.lists_at.eq(job.area.lists),
             self.lists.lists_at.eq(job.area.lists),
+            self.lists.scratch_at.eq(job.scratch),
             self.features.features_at.eq(job.area.features),
-            self.scratch.scratch_at.eq(job.scratch),
-            self.scratch.area_beats.eq(job.scratch_area),
-            self.scratch.settled.eq(self.settled[WRITING.index("scratch")]),
             self.raster.background.eq(job.background),
             self.pixels.background.eq(job.background),
+            self.pixels.groups.eq(self.groups.groups),
             self.pixels.pixels_at.eq(job.pixels),
             self.pixels.stride_beats.eq(job.stride),
             self.counters.sort.eq(self.sort.counters),
@@ -135,16 +161,9 @@ class Render(wiring.Component):
         with m.FSM():
             with m.State("IDLE"), m.If(self.start):
                 m.next = "GROUPS"
-            with m.State("GROUPS"):
-                with m.If(self.groups.too_long):
-                    m.d.comb += [self.error.valid.eq(1), self.error.code.eq(ErrorCode.SCRATCH)]
-                    m.d.comb += self.error.detail.eq(0)
-                    m.next = "FAILED"
-                with m.Elif(self.pixels.through):
-                    m.next = "SETTLE"
+            with m.State("GROUPS"), m.If(self.pixels.through):
+                m.next = "SETTLE"
             with m.State("SETTLE"):
-                m.d.comb += self.done.eq(self.settled.all())
+                m.d.comb += self.done.eq(self.settled.all() & ~self.groups.busy)
                 with m.If(self.done):
                     m.next = "IDLE"
-            with m.State("FAILED"):
-                pass

@@ -1,4 +1,4 @@
-"""Stage 2's front: cuts lists into batches, has them sorted, and keeps the runs in memory."""
+"""Stage 2: cuts jobs into batches, has them sorted, and keeps the runs in memory."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -8,9 +8,9 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.sorting.subsort import SubSorter, any_of
 from splatcore.spec.config import Config
-from splatcore.spec.group import COUNT_BITS, entry_record
+from splatcore.spec.group import entry_record
 from splatcore.spec.record import Record
-from splatcore.spec.sort import count_record, half_entries, index_bits, ranked_record
+from splatcore.spec.sort import half_entries, index_bits, job_record, ranked_record
 
 HALVES = 2
 
@@ -39,20 +39,13 @@ def ranked(config: Config) -> data.StructLayout:
     return data.StructLayout({"valid": 1, "way": way, "entry": layout(ranked_record(config))})
 
 
-def returned(config: Config) -> data.StructLayout:
-    """An entry from scratch memory to be appended to its run."""
-    way, entry = range(config.merge_ways), layout(entry_record(config))
-    return data.StructLayout({"valid": 1, "way": way, "last": 1, "entry": entry})
-
-
 class Half(wiring.Component):
     """Half of the memory: the values of a job's entries by arrival, the keys by run and rank.
 
     Members
-        arrived, ranked: entries of a job to be written; returned: of a merge from scratch memory,
-            to both memories, a way's part being a ring.
+        arrived, ranked: entries of a job to be written.
         clear: no run has an entry.
-        written: how many entries each run has got, modulo twice the room of a way.
+        written: how many entries each run has got.
         head, value: words to be read; head_found, value_found: the answers a cycle later.
 
     **Timing**: an entry a cycle; two memories of `half_entries` words.
@@ -64,7 +57,6 @@ class Half(wiring.Component):
         ports = {
             "arrived": In(arrived(config)),
             "ranked": In(ranked(config)),
-            "returned": In(returned(config)),
             "clear": In(1),
             "written": Out(data.ArrayLayout(self.counter, config.merge_ways)),
             "head": In(slot_layout(config)),
@@ -88,26 +80,16 @@ class Half(wiring.Component):
             read = memory.read_port()
             m.d.comb += [read.en.eq(1), read.addr.eq(asked), found.eq(read.data)]
 
-        back, way, end = self.returned, Signal.like(self.ranked.way), Signal(self.counter)
+        way, end = self.ranked.way, Signal(self.counter)
         m.d.comb += [
-            way.eq(Mux(back.valid, back.way, self.ranked.way)),
             end.eq(self.written[way]),
-            write_head.en.eq(self.ranked.valid | back.valid),
+            write_head.en.eq(self.ranked.valid),
             write_head.addr.eq(Cat(end[:-1], way)),
             write_head.data.eq(self.ranked.entry),
-            write_value.en.eq(self.arrived.valid | back.valid),
+            write_value.en.eq(self.arrived.valid),
             write_value.addr.eq(self.arrived.slot),
             write_value.data.eq(self.arrived.value),
         ]
-        with m.If(back.valid):
-            m.d.comb += [
-                write_head.data.key.eq(back.entry.key),
-                write_head.data.index.eq(end),
-                write_head.data.last.eq(back.last),
-                write_value.addr.eq(write_head.addr),
-                write_value.data.splat.eq(back.entry.splat),
-                write_value.data.mask.eq(back.entry.mask),
-            ]
         with m.If(write_head.en):
             m.d.sync += self.written[way].eq(end + 1)
         with m.If(self.clear):
@@ -118,21 +100,19 @@ class Half(wiring.Component):
 def job(config: Config) -> data.StructLayout:
     """A job whose entries are all in a half or in sub-sorters.
 
-    runs: how many it has; long: its group has several jobs; last: it is its group's last one.
+    runs: how many it has; last: it is its group's last one.
     """
-    return data.StructLayout(
-        {"ready": 1, "runs": range(config.merge_ways + 1), "long": 1, "last": 1}
-    )
+    return data.StructLayout({"ready": 1, "runs": range(config.merge_ways + 1), "last": 1})
 
 
 class Runs(wiring.Component):
-    """Cuts groups into jobs, jobs into batches, and lets the sub-sorters make runs of these.
+    """Cuts jobs into batches, and lets the sub-sorters make runs of these.
 
     Jobs go to the halves in turn, batches to the sub-sorters in turn, so the next job is being
     formed while one is merged.
 
     Members
-        groups: stream of `count_record`; entries: stream of `entry_record`.
+        i: stream of `job_record`; entries: stream of `entry_record`.
         arrived, ranked: entries to be written to each half.
         jobs: the job of each half.
         release: a half's job is over: entries of it that are still being sorted are dropped.
@@ -146,7 +126,7 @@ class Runs(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "groups": In(stream.Signature(layout(count_record()))),
+            "i": In(stream.Signature(layout(job_record(config)))),
             "entries": In(stream.Signature(layout(entry_record(config)))),
             "arrived": Out(arrived(config)).array(HALVES),
             "ranked": Out(ranked(config)).array(HALVES),
@@ -193,21 +173,20 @@ class Runs(wiring.Component):
     def _cut(
         self, m: Module, half: Signal, slot: data.View, free: Value, push: Signal, last: Signal
     ):
-        """Groups into jobs, jobs into batches.
+        """Jobs into batches.
 
         half, slot: the next entry's; push: it goes there, if a sub-sorter is free; last: of its
         batch.
         """
-        left, long = Signal(COUNT_BITS), Signal()  # entries of the group that are not in yet
+        left, ends = Signal.like(self.i.payload.count), Signal()  # entries that are not in yet
         used, runs = Signal(HALVES), Signal(range(self.config.merge_ways + 1))
         m.d.comb += last.eq(slot.index.all() | (left == 1))
         m.d.sync += used.eq(used & ~self.release)
         with m.FSM() as fsm:
-            with m.State("GROUP"):
-                m.d.comb += self.groups.ready.eq(1)
-                m.d.sync += left.eq(self.groups.payload.count)
-                m.d.sync += long.eq(self.groups.payload.count > half_entries(self.config))
-                with m.If(self.groups.valid):
+            with m.State("JOB"):
+                m.d.comb += self.i.ready.eq(1)
+                m.d.sync += [left.eq(self.i.payload.count), ends.eq(self.i.payload.last)]
+                with m.If(self.i.valid):
                     m.next = "OPEN"
             with m.State("OPEN"):
                 m.d.sync += [slot.eq(0), runs.eq(0)]
@@ -222,17 +201,14 @@ class Runs(wiring.Component):
                 with m.If(push):
                     m.d.sync += [left.eq(left - 1), runs.eq(runs + last)]
                     m.d.sync += slot.as_value().eq(slot.as_value() + 1)
-                    with m.If((left == 1) | slot.as_value().all()):
+                    with m.If(left == 1):
                         m.next = "CLOSE"
             with m.State("CLOSE"):
                 m.d.sync += half.eq(~half)
-                m.next = "OPEN"
-                with m.If(left == 0):
-                    m.next = "GROUP"
+                m.next = "JOB"
         for k, job in enumerate(self.jobs):
             with m.If(fsm.ongoing("CLOSE") & (half == k)):
-                m.d.sync += [job.ready.eq(1), job.runs.eq(runs), job.long.eq(long)]
-                m.d.sync += job.last.eq(left == 0)
+                m.d.sync += [job.ready.eq(1), job.runs.eq(runs), job.last.eq(ends)]
             with m.If(self.release[k]):
                 m.d.sync += job.ready.eq(0)
 

@@ -1,6 +1,7 @@
 """The hard cases by name: small scenes that each sit on a corner where renderers go wrong.
 
-First those of harmonics (`hard_harmonics`), then those of shape and place (axis ratios, sizes,
+First those of what is too faint to be seen (`hard_faint`) and those of harmonics
+(`hard_harmonics`), then those of shape and place (axis ratios, sizes,
 depths, lists, coordinates), then those of value and size (opacities, transmittance, colours, odd
 file content, odd images).
 """
@@ -9,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcore.model.generate import hard_harmonics  # noqa: F401, enters its cases
+from splatcore.model.generate import hard_faint, hard_harmonics  # noqa: F401, enter their cases
 from splatcore.model.generate.hard_case import (
     DEPTH,
     FOCAL,

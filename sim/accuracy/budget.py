@@ -8,7 +8,9 @@ that is the part:
     positions … degree 3   the scene with that part of its Gaussians as it is packed
     arithmetic             golden's splats of stages 0 and 1, blended in float64 in exact order
     depth keys             exact splats in the order of golden's keys
-    raster                 exact splats through golden's stage 3, its sums as they are
+    too faint              exact splats, but for what the machine's rule leaves out
+    raster                 exact splats through golden's stage 3 without that rule, its sums as
+                           they are
     8 bits                 the exact picture rounded
 """
 
@@ -39,7 +41,9 @@ from splatcore.sim.packing.budget import part_by_part
 from splatcore.sim.packing.choose import Tell, packed
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
+from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.metric import psnr_of_square
+from splatcore.spec.raster import faint_rule
 from splatcore.spec.scene import Gaussians
 
 WHOLES = ("packing", "machine", "scene")
@@ -110,6 +114,8 @@ def machine_parts(
     yield "arithmetic", picture(splats[order], camera)
     order = np.lexsort((exact.splats.index, keys_of(config, exact, points)))
     yield "depth keys", picture(exact.splats[order], camera)
+    rule = replace(SPLATCORE, faint=faint_rule(config))
+    yield "too faint", picture(exact.splats, camera, rule)
     yield "raster", raster_picture(config, exact)
     yield "8 bits", np.rint(exact.image * LEVELS) / LEVELS
 
@@ -127,8 +133,9 @@ def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
 
 
 def raster_picture(config: Config, exact: Reference) -> np.ndarray:
-    """Stage 3's sums of exact splats, 0 … 1."""
-    config, size = replace(config, arithmetic=EXACT), (exact.camera.width, exact.camera.height)
+    """Stage 3's sums of exact splats, 0 … 1, nothing left out as too faint."""
+    config = replace(config, arithmetic=EXACT, faint=())
+    size = exact.camera.width, exact.camera.height
     entries = entries_of(config, exact.splats, exact.camera)
     features = features_of(config, exact.splats)
     sums = rasterize(config, features, entries, size, rounded=False).pixels

@@ -21,7 +21,7 @@ from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import DEFAULT, PAPER, Config
-from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
+from splatcore.spec.convention import NEAR_PLANE, SPLATCORE, Convention
 from splatcore.spec.depth import whole_depth
 from splatcore.spec.error import InputError
 from splatcore.spec.number import Float
@@ -157,10 +157,10 @@ def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
     return splats[np.argsort(splats.depth, kind="stable")]
 
 
-def picture(splats: Splats, camera: Camera) -> np.ndarray:
+def picture(splats: Splats, camera: Camera, convention: Convention = SPLATCORE) -> np.ndarray:
     """The reference rasterizer's image [H, W, 3] of splats in depth order, clipped to 0 … 1."""
-    lists = tile_lists(splats, camera, SPLATCORE)
-    return np.clip(rasterize(lists, splats, camera.width, camera.height, SPLATCORE)[0], 0, 1)
+    lists = tile_lists(splats, camera, convention)
+    return np.clip(rasterize(lists, splats, camera.width, camera.height, convention)[0], 0, 1)
 
 
 def field_errors(found: Fields, exact: Fields) -> Fields:

@@ -117,11 +117,12 @@ def confirm(points: list[Point], facts: dict, view: View, folder: Path):
 
 
 STEPS = {
-    "none": {"culling": "none", "skip_zeros": False, "early_termination": False},
+    "none": {"culling": "none", "skip_zeros": False, "early_termination": False, "faint": ()},
     "+ near-plane culling": {"culling": "near"},
     "+ guard band": {"culling": "all"},
     "+ zero skipping": {"skip_zeros": True},
     "+ early termination": {"early_termination": True},
+    "+ nothing too faint": {"faint": DEFAULT.faint},
 }
 """Fields that each step changes in the one before; the names are those of the paper's ablation.
 

@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from splatcore.hdl.sorting.sort import Sort
-from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
+from splatcore.sim.bench.sort_rows import KEYS, entries_of, stage_rows
+from splatcore.sim.bench.sort_stage import SortStage
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.table import new_table, print_whole
-from splatcore.sim.cycles.sort import cycles
+from splatcore.sim.cycles.sort import stage_cycles
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import Config
 from splatcore.spec.sort import half_entries
@@ -31,14 +31,15 @@ DOTS_PER_INCH = 150
 
 def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> tuple[dict, list[int]]:
     """Cycles of lists of these lengths by kind of keys, and by the cycle model; table and plot."""
-    simulation, total = Simulation(Sort(config)), len(KEYS) * len(lengths)
+    simulation, total = Simulation(SortStage(config)), len(KEYS) * len(lengths)
     found = {kind: [] for kind in KEYS}
     with progress_bar("sorting", total) as advance:
         for length in lengths:
             for kind, values in found.items():
                 values.append(_measure(simulation, config, kind, length))
                 advance(sum(map(len, found.values())), total)
-    model = [cycles(config, [length]) for length in lengths]
+    keys = [entries_of(config, "random", [length])["key"] for length in lengths]
+    model = [stage_cycles(config, [some]) for some in keys]
     print_whole(_table(config, lengths, found, model))
     _write_plot(plot, config, lengths, found, model)
     return found, model
@@ -47,8 +48,8 @@ def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> tuple[dict
 def _measure(simulation: Simulation, config: Config, kind: str, length: int) -> int:
     """Cycles from a list's first entry to the mark behind it. AssertionError if out of order."""
     counts = np.array([length])
-    rows = sort_rows(config, counts, entries_of(config, kind, counts))
-    constants = {"stop": 0, "clear": 0}
+    rows = stage_rows(config, counts, entries_of(config, kind, counts))
+    constants = {"stop": 0}
     result = simulation.run(rows.inputs, constants=constants, expected=rows.counts)
     assert result.finished, result.stopped
     for name, wanted in rows.expected.items():

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.sort import sort
+from splatcore.golden.sort import Job, Round, jobs, sort
+from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import SPLAT_BITS, entry_record, sorted_record
 from splatcore.spec.record import Codes
-from splatcore.spec.sort import count_record, spill_record, wanted_record
+from splatcore.spec.sort import job_record
 
 Rows = dict[str, np.ndarray]
 
@@ -57,18 +58,38 @@ class SortRows:
         return {name: len(rows) for name, rows in self.expected.items()}
 
 
-def sort_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:
-    """Rows for groups of `counts` [G] entries."""
-    found, entry = sort(config, counts, entries), entry_record(config)
+def sort_rows(config: Config, counts: np.ndarray, entries: Codes, last=1) -> SortRows:
+    """Rows for jobs of `counts` [J] entries; last [J]: those with which a group ends."""
+    counts = np.asarray(counts)
+    last = np.broadcast_to(last, len(counts))
     return SortRows(
         {
-            "groups": count_record().pack({"count": np.asarray(counts)}),
-            "entries": entry.pack(entries),
-            "back": entry.pack(found.back),
+            "jobs": job_record(config).pack({"count": counts, "last": last}),
+            "entries": entry_record(config).pack(entries),
         },
-        {
-            "o": sorted_record(config).pack(found.o),
-            "spill": spill_record(config).pack(found.spill),
-            "wanted": wanted_record(config).pack(found.wanted),
-        },
+        {"o": sorted_record(config).pack(sort(counts, last, entries))},
     )
+
+
+def stage_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:
+    """Rows of `SortStage` for lists of `counts` [G] entries, in the order in which they arrive."""
+    packed, ends = entry_record(config).pack(entries), np.cumsum(counts).astype(int)
+    lists = np.split(np.arange(len(packed)), ends[:-1])
+    found = list(jobs(config, [entries["key"][indices] for indices in lists]))
+    short = [indices for indices, f in zip(lists, found, strict=True) if isinstance(f, Job)]
+    long = [indices for indices, f in zip(lists, found, strict=True) for _ in rounds_of(f)]
+    none = np.zeros(0, int)
+    groups = group_record().pack({"page": np.arange(len(lists)), "count": np.asarray(counts)})
+    return SortRows(
+        {
+            "groups": groups,
+            "short": packed[np.concatenate([none, *short])],
+            "long": packed[np.concatenate([none, *long])],
+        },
+        {"o": sorted_record(config).pack(sort(counts, np.ones(len(counts)), entries))},
+    )
+
+
+def rounds_of(found: Job | list[Round]) -> list[Round]:
+    """The rounds of a list; none for one that fits on chip."""
+    return [] if isinstance(found, Job) else found

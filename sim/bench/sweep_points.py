@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from itertools import product
 
 from splatcore.sim.accuracy.points import width_of, with_width
 from splatcore.spec.config import DEFAULT, FORMATS, PAPER, Config
@@ -42,8 +43,8 @@ RASTER_FORMATS = {
 }
 """Formats of stage 3, together: a little less, one thing less, a little more."""
 
-TWICE = {"rasterizers": 8, "pe_arrays": 2}
-"""Twice the lanes and the processing elements together: neither half is left behind."""
+LIMITS, FAINT = (4, 5, 6), (9, 11, 13)
+"""2^−these: T from which on, and what a splat takes of it below which, it is too faint."""
 
 
 def changed(knob: str, value: object, **changes) -> Point:
@@ -68,8 +69,11 @@ def points() -> Iterator[Point]:
         yield changed("raster format", name, **changes)
     for count in (1, 2, 8, 16):
         yield changed("lanes", count * LANES, rasterizers=count)
-    yield changed("PE arrays", 2, pe_arrays=2)
-    yield changed("PE arrays, lanes", "2, 128", **TWICE)
+    for limit, below in product(LIMITS, FAINT):
+        if (faint := (limit, below, DEFAULT.faint[-1])) != DEFAULT.faint:
+            yield changed("faint", f"T 1/{1 << limit}, below 1/{1 << below}", faint=faint)
+    yield changed("faint", "off", faint=())
+    yield changed("PEs", 6, pes=6)
     for count in (1, 3, 4):
         yield changed("sub-sorters", count, sub_sorters=count)
     yield changed("tile test", "3sigma", tile_test="3sigma")

@@ -37,13 +37,13 @@ blocks have been given out."""
 
 
 class Raster:
-    """Stage 3 of a frame, group by group. number: of the next group."""
+    """Stage 3 of a frame. number: of the next group, at: the next entry."""
 
     def __init__(self, config: Config, frame: Frame):
         self.start, self.mask = frame.start, frame.sorted.mask.astype(np.int64)
         self.blocks, self.drained = frame.raster.blocks, block_count(config)
         self.owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
-        self.number = 0
+        self.number = self.at = self.live_end = 0
         self.clock = np.zeros(6)
         self.clock[MARKED] = PAIR_LATENCY
         self.free = np.zeros(config.rasterizers)  # when it can issue its next block
@@ -54,16 +54,19 @@ class Raster:
         self.left = np.zeros(SPLATS_INSIDE)  # when the last ones with live tiles left for setup
         self.taken = np.zeros(FEATURES_WAITING)  # when the last splats came
 
-    def group(self, merged: float = 0, pace: float = 0, far: float = 0) -> float:
-        """A group passes; when the last of its entries that is given has been merged.
+    def entries(self, count: int, merged: float = 0, pace: float = 0, far: float = 0) -> float:
+        """The group's next entries pass; when the last of them that is given has been merged.
 
         merged: when the first one can be; pace: cycles from one to the next, 0 if they are always
         there; far: from an entry's being merged to its splat's coming.
         """
         self.clock[MERGED] = merged - pace
-        first, end = self.start[self.number : self.number + 2]
+        if self.at == self.start[self.number]:
+            end, pair = self.start[self.number + 1], int(self.clock[PAIRS])
+            self.live_end = live_end(self.at, end, pair, self.mask, self.blocks)
+        first, self.at = self.at, self.at + count
         pass_splats(
-            first, end, self.mask, self.blocks, self.owners,
+            first, self.at, self.live_end, self.mask, self.blocks, self.owners,
             pace, far, self.clock, self.free, self.begun, self.count, self.last, self.lanes,
             self.left, self.taken,
         )  # fmt: skip
@@ -77,7 +80,7 @@ class Raster:
         self.clock[END] = ends.max()
         self.free = ends + TURN
         for r, count in enumerate(self.count):
-            self.begun[r, count % PAIRS_HELD] = self.free[r]
+            self.begun[r, count % self.begun.shape[1]] = self.free[r]
         self.count += 1
         self.number += 1
 
@@ -90,24 +93,38 @@ class Raster:
 def raster_cycles(config: Config, frame: Frame) -> int:
     """Stage 3 alone, its splats always valid: the cycle of the last block that it gives out."""
     stage = Raster(config, frame)
-    for _ in frame.start[1:]:
-        stage.group()
+    for count in np.diff(frame.start):
+        stage.entries(count)
         stage.drain()
     return int(stage.free.max() + BLOCK_LATENCY)
 
 
 @njit(cache=True)
 def pass_splats(
-    first, end, mask, blocks, owners, pace, far, clock, free, begun, count, last, lanes, left, taken
+    first,
+    end,
+    ended,
+    mask,
+    blocks,
+    owners,
+    pace,
+    far,
+    clock,
+    free,
+    begun,
+    count,
+    last,
+    lanes,
+    left,
+    taken,
 ):
     """A group's entries first … end through the queues; changes clock and all behind it.
 
-    mask [N]: tiles of each entry; blocks: marked and visited ones of each of these tiles, −1 for
-    none (`golden.raster.Raster.blocks`).
+    ended: the entry from which on all tiles have ended. mask [N]: tiles of each entry; blocks:
+    marked and visited ones of each of these tiles, −1 for none (`golden.raster.Raster.blocks`).
     """
     entered, marked, merged = clock[ENTERED], clock[MARKED], clock[MERGED]
     pair, splats = int(clock[PAIRS]), int(clock[SPLATS])
-    ended = live_end(first, end, pair, mask, blocks)  # from here on all tiles have ended
     for k in range(first, end):
         if pace > 0:
             if k == ended:
@@ -155,7 +172,7 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
             r = owners[block]
-            marked = max(marked, begun[r, count[r] % PAIRS_HELD])
+            marked = max(marked, begun[r, count[r] % begun.shape[1]])
     for r in range(len(free)):
         time, some = max(marked + QUEUE_LATENCY, free[r]), False
         for block in range(BLOCKS_A_TILE):
@@ -174,6 +191,6 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
             time += 1
         if some:
             free[r] = time
-            begun[r, count[r] % PAIRS_HELD] = time
+            begun[r, count[r] % begun.shape[1]] = time
             count[r] += 1
     return marked

@@ -1,13 +1,15 @@
 """Cycles of the whole second half: lists from memory, stage 2, stage 3 and pixels to memory.
 
-Stages wait for each other: a group's entries are all sorted before the first one is given, a list
-that does not fit on chip is merged from scratch memory, stage 3 holds stage 2 back, and a group's
-pixels are written while the next one's are made.
+Stages wait for each other: a job's runs are all formed before its first entry is given, a list that
+does not fit on chip is dealt before its jobs are read, stage 3 holds stage 2 back, and a group's
+pixels are written while the next one's are made. Groups without a splat are written whenever no
+others can be.
 """
 
 import numpy as np
 
 from splatcore.golden.pipeline import Frame
+from splatcore.golden.sort import jobs
 from splatcore.sim.cycles.raster import END, Raster
 from splatcore.sim.cycles.sort import Timeline
 from splatcore.spec.axi import BEAT
@@ -22,7 +24,8 @@ MERGE_PACE = 2  # cycles from a merged entry to the next one
 # Cycles as memory's side makes them, besides its latency.
 FEATURE_LATENCY = 12  # from a merged entry to its splat's coming to stage 3
 PAGE_LATENCY = 6  # from a page's last beat to the next one's request and back
-SPAN_TURN = 1  # from a row of blocks to the next one, in writing
+GROUP_TURN = 1  # from a group to the next one, in writing
+DEALT_TO_MEMORY = 2.75  # an entry that is dealt, as measured, with the port between
 BEGIN = 40  # from a frame's start to its first entry, and from its last pixel to its end
 
 
@@ -31,21 +34,26 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
     stage = Raster(config, frame)
 
     def give(first: float, entries: int) -> float:
-        return stage.group(first, MERGE_PACE, FEATURE_LATENCY + latency)
+        return stage.entries(entries, first, MERGE_PACE, FEATURE_LATENCY + latency)
 
     # A page is asked for when the one before is there.
     beats = page_bytes(config) // BEAT + PAGE_LATENCY + latency
-    timeline = Timeline(config, max(1.0, beats / (config.page - 1)), give)
+    pace = max(1.0, beats / (config.page - 1))
+    timeline = Timeline(config, pace, latency, give, DEALT_TO_MEMORY)
+    found = jobs(config, [keys for keys in frame.lists if len(keys)])
+    counts, cycles = np.diff(frame.start), write_cycles(config, frame)
+    empty = cycles[counts == 0].sum()  # cycles of groups without a splat that are yet to be written
     written = begun = 0.0  # when a group's pixels were written, and when that began
-    for count, cycles in zip(np.diff(frame.start), write_cycles(config, frame), strict=True):
-        if count:
-            timeline.group(int(count))
-            stage.drain(begun + (written - begun) * (1 - stage.spare))
-            begun = max(written, stage.clock[END] - stage.drained)
-        else:  # it passes stages 2 and 3 by
+    for count, spans in zip(counts, cycles, strict=True):
+        if not count:  # it passes stages 2 and 3 by
             stage.number += 1
-            begun = written
-        written = begun + cycles
+            continue
+        timeline.group(next(found))
+        stage.drain(begun + (written - begun) * (1 - stage.spare))
+        begun = max(written, stage.clock[END] - stage.drained)
+        empty -= min(empty, begun - written)
+        written = begun + spans
+    written += empty
     return int(written) + BEGIN + 2 * latency
 
 
@@ -58,4 +66,4 @@ def write_cycles(config: Config, frame: Frame) -> np.ndarray:
     wide = np.minimum(width - np.arange(columns) * side, side)
     turns = -(-high[:, None] // BLOCK) * -(-wide[None] // (span * BLOCK))
     beats = -(-span * BLOCK * PIXEL // BEAT)
-    return (turns * (BLOCK * beats + SPAN_TURN)).ravel()
+    return (turns * BLOCK * beats + GROUP_TURN).ravel()

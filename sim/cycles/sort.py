@@ -1,20 +1,24 @@
-"""The cycle model of stage 2: times at which batches, jobs and groups end, whatever the keys."""
+"""The cycle model of stage 2: times at which rounds, jobs and groups end, whatever the keys."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
+from splatcore.golden.sort import Job, Round, jobs
+from splatcore.hdl.sorting.deal import JOBS_WAITING
 from splatcore.spec.config import Config
-from splatcore.spec.sort import half_entries, phases, read_entries
+from splatcore.spec.sort import AREAS, BUCKETS, phases
 
 # Cycles between events, as the machine's registers and states make them.
-OPENED = 1  # from a job's half being free to its first entry
+OPENED = 2  # from a job's half being free to its first entry
 RUN_TO_MERGE = 4  # from a run's first entry leaving its sub-sorter to its being merged
-READ_TO_MERGE = 9  # from the first piece being asked for to its first entry being merged
 BEGUN = 3  # from the beginning of a merge to its first entry, besides one for each run
-MERGED = 4  # from the last entry of a merge to the beginning of the next one
-MARKED = 6  # from the last entry of a merge to the group's mark being taken
+MARKED = 4  # from the last entry of a merge to the group's mark being taken
 RELEASED = 5  # from the last entry of a merge to the half and the merge being free
-TURNED = 6  # from the last entry of a merge to the first piece of the next one being asked for
-
+DEALT = 2  # of an entry in each round, with memory that takes lines at once
+ROUND = 4 * BUCKETS + 8  # of a round besides, and the memory's latency
+LISTED = 4  # a bucket's, however few entries it has
 
 Give = Callable[[float, int], float]
 """The time at which the first of so many entries can be merged → that at which the last one is."""
@@ -28,70 +32,85 @@ def at_once(first: float, count: int) -> float:
 class Timeline:
     """Times at which the parts of stage 2 are free, in cycles from the first group's taking.
 
-    pace: cycles that an entry takes to come. give: what becomes of a group's sorted entries.
+    pace: cycles that an entry of a short list, or of a list to be dealt, takes to come; latency: of
+    memory. give: what becomes of a job's sorted entries. dealt: cycles of an entry in each round.
     """
 
-    def __init__(self, config: Config, pace: float = 1, give: Give = at_once):
-        self.config, self.fill = config, 2 * len(phases(config))
-        self.pace, self.give = pace, give
-        self.load = self.merge = self.given = self.half = self.turn = 0
+    def __init__(
+        self,
+        config: Config,
+        pace: float = 1,
+        latency: int = 0,
+        give: Give = at_once,
+        dealt: float = DEALT,
+    ):
+        self.config, self.fill, self.dealt = config, 2 * len(phases(config)), dealt
+        self.pace, self.latency, self.give = pace, latency, give
+        self.deal = self.load = self.merge = self.given = self.half = self.turn = 0
         self.halves, self.sorters = [0, 0], [0] * config.sub_sorters
+        self.areas = deque([0] * AREAS)  # when they will be free again
+        self.loads = deque([0] * JOBS_WAITING)  # when the last jobs were taken
 
-    def group(self, count: int):
+    def group(self, found: Job | list[Round]):
         """A group passes, as soon as the parts are free and its entries are there."""
-        self.load += 1
-        step = half_entries(self.config)
-        jobs = [min(step, count - start) for start in range(0, count, step)] or [0]
-        for number, entries in enumerate(jobs):
-            last = self._job(entries, at_once if len(jobs) > 1 else self.give)
-            if number < len(jobs) - 1:
-                self._free(last + MERGED)
-        if len(jobs) > 1:
-            last = self._levels(last, count)
+        if isinstance(found, Job):
+            self.deal += 1
+            last = self._job(len(found.order), self.pace * len(found.order))
+        else:
+            count = sum(len(job.order) for part in found for job in part.jobs)
+            for part in found:
+                last = self._round(part, count)
         self.given = last + MARKED
-        self._free(last + RELEASED)
 
-    def _free(self, time: int):
-        self.merge = self.halves[self.half] = time
-        self.half = 1 - self.half
+    def _round(self, part: Round, count: int) -> float:
+        """Deals a list of so many entries, and merges the round's jobs."""
+        begin = max(self.deal, self.areas.popleft())
+        self.deal = begin + max(self.pace, self.dealt) * count + ROUND + self.latency
+        last = begin
+        for job in part.jobs:
+            last = self._job(len(job.order), max(len(job.order), LISTED * len(job.buckets)))
+        self.areas.append(last + RELEASED) if part.jobs else self.areas.appendleft(begin)
+        return last
 
-    def _job(self, entries: int, give: Give) -> float:
-        """Forms the runs of a job and merges them; returns when the last entry is merged."""
-        size = self.config.sub_sorter_entries
-        self.load = max(self.load, self.halves[self.half]) + OPENED
+    def _job(self, entries: int, come: float) -> float:
+        """Forms a job's runs and merges them; returns when the last entry is merged.
+
+        come: cycles that its entries take to come.
+        """
+        size, pace = self.config.sub_sorter_entries, come / max(entries, 1)
+        self.deal = max(self.deal, self.loads.popleft())
+        self.load = max(self.load, self.deal + self.latency, self.halves[self.half]) + OPENED
+        self.loads.append(self.load)
         batches = [min(size, entries - start) for start in range(0, entries, size)]
         first = 0
         for batch in batches:
-            self.load = max(self.load, self.sorters[self.turn]) + batch * self.pace
+            self.load = max(self.load, self.sorters[self.turn]) + batch * pace
             self.sorters[self.turn] = self.load + self.fill + 2 * batch - 1
             self.turn = (self.turn + 1) % self.config.sub_sorters
             first = self.load + self.fill + RUN_TO_MERGE
         self.load += 1
         first = max(first, max(self.load, self.merge) + BEGUN + len(batches))
-        return give(first, entries)
-
-    def _levels(self, last: float, count: int) -> float:
-        """Merges from scratch memory until one run is left; returns when its last entry is."""
-        ways, length = self.config.merge_ways, half_entries(self.config)
-        while length < count:
-            for start in range(0, count, length * ways):
-                entries = min(length * ways, count - start)
-                runs = -(-entries // length)
-                asked = 3 * ways + BEGUN + runs
-                back = read_entries(self.config) * (runs - 1) + READ_TO_MERGE
-                give = self.give if entries == count else at_once
-                last = give(last + TURNED + max(asked, back), entries)
-            length *= ways
+        last = self.give(first, entries)
+        self.merge = self.halves[self.half] = last + RELEASED
+        self.half = 1 - self.half
         return last
 
 
 def cycles(config: Config, counts: Sequence[int]) -> int:
-    """Cycles that groups of so many entries take, from the first one's taking to the last's mark.
+    """Cycles that jobs of so many entries, a group each, take, from the first one's taking to the
+    last's mark.
 
-    Every stream is taken and given at once; within 3 % of the hardware for groups of any length,
-    whatever the keys.
+    Every stream is taken and given at once; within 3 % of the hardware, whatever the keys.
     """
     timeline = Timeline(config)
     for count in counts:
-        timeline.group(int(count))
+        timeline.group(Job(np.arange(count), True))
+    return int(timeline.given)
+
+
+def stage_cycles(config: Config, lists: Sequence[np.ndarray]) -> int:
+    """The same for lists with these keys, long ones dealt, with memory that answers at once."""
+    timeline = Timeline(config)
+    for found in jobs(config, lists):
+        timeline.group(found)
     return int(timeline.given)

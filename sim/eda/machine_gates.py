@@ -46,6 +46,7 @@ PATHS = {
         "sub_sorter": r"render\.sort\.runs\.sorter\d+",
         "merge": r"render\.sort\.merge",
         "sort, the rest": r"render\.sort",
+        "deal": r"render\.deal",
     },
     "stage 3": {
         "prepare": r"render\.raster\.prepare",
@@ -59,7 +60,10 @@ PATHS = {
     "control": {
         **{name: name for name in ("axi", "registers", "frame")},
         **{name: rf"preprocess\.{name}" for name in ("model", "binned")},
-        **{name: rf"render\.{name}" for name in "groups lists scratch features pixels".split()},
+        **{
+            name: rf"render\.{name}"
+            for name in ("groups", "lists", "long_lists", "buckets", "features", "pixels")
+        },
         "top, the rest": "",
     },
 }

@@ -19,8 +19,15 @@ from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS, frame_constants
 from splatcore.spec.memory import ALIGNMENT, HEADER
 from splatcore.spec.number import Float
 from splatcore.spec.registers import CODE_BITS, FRAME_START, WORD, ErrorCode, register_map
-from splatcore.spec.sort import AREAS
-from splatcore.spec.work import FEATURE, PIXEL, SLOT, STRIDE_ALIGNMENT, WORK_ALIGNMENT, page_bytes
+from splatcore.spec.work import (
+    FEATURE,
+    PIXEL,
+    SLOT,
+    STRIDE_ALIGNMENT,
+    WORK_ALIGNMENT,
+    page_bytes,
+    scratch_bytes,
+)
 
 FILES = ("registers.md", "splatcore.h")
 
@@ -88,7 +95,7 @@ def sizes(config: Config) -> dict[str, int]:
         "PAGE_ENTRIES": config.page,
         "PAGE_BYTES": page_bytes(config),
         "FEATURE_BYTES": FEATURE,
-        "SCRATCH_AREAS": AREAS,
+        "SCRATCH_BYTES": scratch_bytes(config),
         "PIXEL_BYTES": PIXEL,
         "STRIDE_ALIGNMENT": STRIDE_ALIGNMENT,
     }

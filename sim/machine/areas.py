@@ -11,7 +11,6 @@ from splatcore.spec.binning import PAGE_BITS, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.sort import AREAS
 from splatcore.spec.work import aligned, page_bytes, scratch_bytes, stride, work
 
 BASE = 1 << 28  # address of memory's first byte: what reads or writes at 0 by mistake is found out
@@ -28,12 +27,11 @@ FILL = 1 << 20  # bytes of noise that memory begins with, again and again
 
 @dataclass(frozen=True)
 class Areas:
-    """The memory of a run. models: addresses; pages, features, entries: what the areas hold."""
+    """The memory of a run. models: addresses; pages, features: what the areas hold."""
 
     models: tuple[int, ...]
     pages: int
     features: int
-    entries: int
     registers: dict[str, int]
     images: tuple[int, ...]
     regions: tuple[Region, ...]
@@ -56,19 +54,17 @@ def place_areas(
     sizes: list[tuple[int, int]],
     pages: int | None = None,
     features: int | None = None,
-    entries: int | None = None,
 ) -> Areas:
     """Areas for models and images of these sizes (width, height).
 
-    pages, features, entries: of a work area and of scratch memory, instead of what is enough for
-    any frame of the models, or (pages) likely to be. InputError if addresses do not suffice.
+    pages, features: of a work area, instead of what is enough for any frame of the models, or
+    (pages) likely to be. InputError if addresses do not suffice.
     """
     count = max([1, *map(len, models)])
     if pages is None:
         pages = -(-count * ENTRIES_A_GAUSSIAN // (config.page - 1))
         pages = min(pages + groups_max(config) * PAGES_A_GROUP, (1 << PAGE_BITS) - 1)
     features = count if features is None else features
-    entries = count if entries is None else entries
     regions, place = [], BASE
 
     def add(name: str, size: int, writable: bool = True) -> int:
@@ -86,16 +82,15 @@ def place_areas(
             add(f"lists{k}", aligned(pages * page_bytes(config))),
             add(f"features{k}", offsets.size - offsets.features),
         )
-    scratch = [add(f"scratch{k}", scratch_bytes(entries) // AREAS) for k in range(AREAS)]
+    scratch = add("scratch", scratch_bytes(config))
     largest = max(stride(width) * height for width, height in sizes)
     images = tuple(add(f"image{k}", largest) for k in range(IMAGES))
     if place > 1 << ADDRESS_BITS:
         raise InputError(f"memory of {place - BASE} bytes: there are addresses of 32 bits only")
     registers = dict(zip(("GROUPS", "LISTS", "FEATURES"), found[0], strict=True))
     registers |= {"WORK_AREA": found[1][0] - found[0][0], "LISTS_PAGES": pages}
-    registers |= {"FEATURES_MAX": features, "SCRATCH": scratch[0], "SCRATCH_ENTRIES": entries}
-    registers |= {"SCRATCH_AREA": scratch[1] - scratch[0]}
-    return Areas(starts, pages, features, entries, registers, images, tuple(regions), place - GAP)
+    registers |= {"FEATURES_MAX": features, "SCRATCH": scratch}
+    return Areas(starts, pages, features, registers, images, tuple(regions), place - GAP)
 
 
 def make_memory(folder: Path, areas: Areas, models: list[PackedModel], seed: int = 0) -> None:

@@ -155,7 +155,7 @@ class Machine:
         """Render frames one after the other, each next one's points while one is rendered.
 
         progress: told of cycles, of bytes of the images that were written, and of all there are.
-        sizes: `pages`, `features`, `entries` of `sim.machine.areas.place_areas`. retry: once more,
+        sizes: `pages`, `features` of `sim.machine.areas.place_areas`. retry: once more,
         with as much list memory as was needed, if there was too little. options: of
         `sim.machine.script.execute`, but that `settings` are a function of the areas, and `keep`,
         a folder for waveforms.

@@ -40,9 +40,10 @@ def cases(results: Results) -> Iterator[Item]:
     yield Table(
         "hard",
         "The hard cases, PSNR (machine) of the 8-bit picture against the float64 reference on the "
-        "same packed model; none: equal pictures, or a case that the machine does not take. In RTL "
-        "the picture must also be the golden model's, every bit of it. Largest errors are those "
-        "of the 8-bit pictures.",
+        "same packed model; none: equal pictures, or a case that the machine does not take. The "
+        "bound is on the same under the machine's own rule for what is too faint to be seen. In "
+        "RTL the picture must also be the golden model's, every bit of it. Largest errors are "
+        "those of the 8-bit pictures.",
         columns, list(hard_rows(found)), HARD_SOURCES,
     )  # fmt: skip
     for machine, facts in found.items():

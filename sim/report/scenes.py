@@ -20,7 +20,7 @@ CAUSES = {
     "features written": ("write_features",),
     "features read": ("read_features",),
     "lists": ("write_lists", "read_lists", "write_groups", "read_groups"),
-    "runs of long lists": ("write_scratch", "read_scratch"),
+    "dealing of long lists": ("read_long_lists", "write_buckets"),
     "image": ("write_pixels",),
 }
 """Causes of traffic, taken together for the plot."""

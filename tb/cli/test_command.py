@@ -149,7 +149,7 @@ def test_scene_and_info(folder, capsys):
 def test_programs(folder, capsys):
     assert run("programs", "--json", "p.json") == 0
     facts = load(folder / "p.json")["programs"]
-    assert facts["project_sh"]["cycles_an_item"] == 11 and facts["project_sh"]["pes_busy"] > 0.9
+    assert facts["project_sh"]["cycles_an_item"] == 8 and facts["project_sh"]["pes_busy"] > 0.9
     assert facts["project_sh_dense"]["operations"] > facts["project_sh"]["operations"]
     capsys.readouterr()
     assert run("programs", "--show", "cull") == 0

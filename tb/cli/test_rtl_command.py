@@ -52,7 +52,7 @@ def test_render(tmp_path, capsys):
     assert list(result) == KEYS + MORE_KEYS and result["timing"] == "ideal"
     assert result["identical"] and result["psnr_db_machine"] > 45 and len(result["frames"]) == 3
     slower = max(result["halves"].values())
-    assert 0.9 * slower < result["cycles"] < 1.2 * slower + 1000  # other cameras
+    assert 0.8 * slower < result["cycles"] < 1.2 * slower + 1000  # other cameras
     assert result["traffic_bytes"]["write_pixels"] >= 64 * 48 * 3
     pictures = [read_png(tmp_path / f"a-00{k}.png") for k in range(3)]
     assert (pictures[0] != pictures[1]).any() and (pictures[1] != pictures[2]).any()

@@ -27,6 +27,7 @@ SLIGHTLY_WRONG = {
     "alpha_min": 1 / 250,
     "alpha_max": 0.99,
     "transmittance_min": 2e-4,
+    "faint": (2**-5, 2**-11, 2**-9),
     "pixel_centre": 0.51,
     "principal_point_shift": 0.01,
     "colour_offset": 0.51,

@@ -46,10 +46,17 @@ def plain_render(gaussians: Gaussians, view: Camera, convention=SPLATCORE):
         q = conic[0, 0] * dx**2 + 2 * conic[0, 1] * dx * dy + conic[1, 1] * dy**2
         alpha = np.minimum(convention.alpha_max, gaussians.opacity[n] * np.exp(-q / 2))
         hit = live & (alpha >= convention.alpha_min)
-        touched[n] = hit
-        following = rest * (1 - alpha)
-        live &= ~(hit & (following < convention.transmittance_min))
-        hit = hit & live
+        weight, following = rest * alpha, rest * (1 - alpha)
+        if convention.faint:
+            from_, below, ends = convention.faint
+            hit &= (rest >= from_) | (weight >= below)
+            last = hit & (following < ends)
+            weight, following = np.where(last, rest, weight), np.where(last, 0, following)
+            touched[n] = hit
+        else:
+            last = hit & (following < convention.transmittance_min)
+            touched[n], hit = hit, hit & ~last
+        live &= ~last
         blended += int(hit.sum())
         direction = gaussians.position[n] - view.position
         dirx, diry, dirz = direction / np.linalg.norm(direction)
@@ -58,17 +65,21 @@ def plain_render(gaussians: Gaussians, view: Camera, convention=SPLATCORE):
         colour = 0.5 + c0 * sh[0]
         if len(sh) > 1:
             colour = colour - c1 * diry * sh[1] + c1 * dirz * sh[2] - c1 * dirx * sh[3]
-        image += np.where(hit, rest * alpha, 0)[..., None] * np.maximum(colour, 0)
+        image += np.where(hit, weight, 0)[..., None] * np.maximum(colour, 0)
         rest = np.where(hit, following, rest)
     return image, rest, touched, blended
 
 
+RULES = {"3DGS": SPLATCORE, "faint": replace(SPLATCORE, faint=(0.3, 0.04, 0.1))}
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 @pytest.mark.parametrize("size", [(37, 21), (16, 16), (1, 1), (64, 3)])
 @pytest.mark.parametrize("seed", range(4))
-def test_equals_plain_renderer(seed, size):
+def test_equals_plain_renderer(seed, size, rule):
     gaussians, view = cloud(seed).gaussians(), camera(*size)
-    frame = render(gaussians, view)
-    image, rest, touched, blended = plain_render(gaussians, view)
+    frame = render(gaussians, view, rule)
+    image, rest, touched, blended = plain_render(gaussians, view, rule)
     np.testing.assert_allclose(frame.image, image, atol=1e-12)
     np.testing.assert_allclose(frame.transmittance, rest, atol=1e-13)
     assert frame.counts["contributions"] == blended

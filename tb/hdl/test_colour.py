@@ -132,5 +132,5 @@ def test_other_machines(name):
 def test_cycles(degree):
     """Colours cost the projection nothing."""
     config = MACHINES[degree]
-    assert schedule(config, projection(config)).interval == 9
-    assert check(config, steps(DEFAULT, ALONE[FINE], "usual", 5), 5) < 9.2
+    assert schedule(config, projection(config)).interval == 6
+    assert check(config, steps(DEFAULT, ALONE[FINE], "usual", 5), 5) < 6.2

@@ -48,11 +48,11 @@ AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
 """A camera with a part of the garden behind it, and a part beside what it sees."""
 
 MACHINES = {
-    "two arrays, nothing culled": (replace(DEFAULT, pe_arrays=2, culling="none"), 7),
+    "two arrays, nothing culled": (replace(DEFAULT, pes=6, pe_arrays=2, culling="none"), 6),
     "dense, interval, near plane alone culls": (
-        replace(DEFAULT, skip_zeros=False, depth_interval=True, culling="near"), 12
+        replace(DEFAULT, pes=6, skip_zeros=False, depth_interval=True, culling="near"), 12
     ),
-    "no harmonics, 3σ square": (replace(TINY, sh_degree=0, tile_test="3sigma"), 10),
+    "no harmonics, 3σ square": (replace(TINY, sh_degree=0, tile_test="3sigma"), 7),
     "paper": (PAPER, 12),
 }  # fmt: skip
 """Machines that are not DEFAULT, and the cycles that each takes for a Gaussian."""

@@ -28,8 +28,8 @@ GOOD, BAD = 0, 1
 """Models, and images, of the good frame and of the one that something goes wrong in."""
 
 KINDS = (
-    "read", "write", "pages", "features", "scratch", "magic", "version", "format", "degree",
-    "size",    "alignment", "reset", "abort", "start", "locked",
+    "read", "write", "pages", "features", "magic", "version", "format", "degree",
+    "size", "alignment", "reset", "abort", "start", "locked",
 )  # fmt: skip
 """Kinds of what can go wrong."""
 
@@ -180,7 +180,7 @@ def drawn(kind: str, seed: int) -> Fault:
         if kind == "read":
             count, code = sum(report.read.values()), ErrorCode.READ
         else:
-            bursts = {"features": 2, "lists": 2, "groups": 2, "scratch": 2, "pixels": 3}
+            bursts = {"features": 2, "lists": 2, "groups": 2, "buckets": 2, "pixels": 3}
             count = sum(n // bursts[name] for name, n in report.written.items())
             code = ErrorCode.WRITE
         return Fault(code, None, timing={f"{kind}_errors": (below(count),)})
@@ -188,9 +188,6 @@ def drawn(kind: str, seed: int) -> Fault:
         return Fault(ErrorCode.PAGES, values={"LISTS_PAGES": below(frame.binned.lists.needed)})
     if kind == "features":
         return Fault(ErrorCode.FEATURES, values={"FEATURES_MAX": below(len(frame.binned.kept))})
-    if kind == "scratch":
-        longest = int(np.diff(frame.start).max())
-        return Fault(ErrorCode.SCRATCH, values={"SCRATCH_ENTRIES": below(longest)})
     if kind == "magic":
         return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
     if kind == "version":

@@ -16,7 +16,7 @@ from splatcore.sim.machine.waves import signals
 from splatcore.sim.packing.choose import finest
 from splatcore.spec.config import TINY
 from splatcore.spec.group import feature_record
-from splatcore.spec.sort import half_entries
+from splatcore.spec.sort import BUCKETS, half_entries
 from splatcore.spec.work import FEATURE
 from tb.helpers.command import run as command
 from tb.helpers.machines import check, garden, long_needles, machine, view
@@ -34,7 +34,7 @@ ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, st
 
 OTHER = replace(
     TINY, name="OTHER", group=1, tile_test="3sigma", culling="none", skip_zeros=False,
-    early_termination=False, sub_sorters=1, rasterizers=1,
+    early_termination=False, faint=(), sub_sorters=1, rasterizers=1,
 )  # fmt: skip
 """All that can be chosen otherwise: the smallest groups, of which tiles and groups have the same
 numbers; tiles by the original renderer's square; the ablation's machine, in which nothing is
@@ -60,7 +60,7 @@ def test_hard_cases(name):
     check(TINY, machine(TINY).run([job]), job)
     if name == "long_list":
         longest = np.diff(render(TINY, *job).start).max()
-        assert longest > half_entries(TINY) * TINY.merge_ways**2  # several levels in memory
+        assert longest > BUCKETS * half_entries(TINY)  # several rounds of dealing
 
 
 def test_long_needles():
@@ -136,10 +136,9 @@ def test_work_area():
     assert np.array_equal(lists[frame.binned.lists.address], frame.binned.lists.slots)
 
 
-def test_no_scratch_memory():
-    """Lists that fit on chip need none, however little the host has set apart."""
+def test_short_lists_are_not_dealt():
     job = Job(garden(TINY, 60), view())
     assert 0 < np.diff(render(TINY, *job).start).max() <= half_entries(TINY)
-    run = machine(TINY).run([job], sizes={"entries": 0})
+    run = machine(TINY).run([job])
     check(TINY, run, job)
-    assert run.frames[0].counters["rendering_write_scratch"] == 0
+    assert run.frames[0].counters["rendering_write_buckets"] == 0

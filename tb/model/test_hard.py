@@ -22,6 +22,7 @@ from splatcore.spec.scene import ARRAYS, rotation_matrix
 from tb.helpers.bounds import HARMONICS
 
 NAMES = [
+    *("fog", "alternating_layers"),
     *("swinging_harmonics", "clamped_harmonics", "at_the_poles", "at_the_camera"),
     *("outlying_coefficient", "mixed_degrees", "zero_bands"),
     *("needles", "flakes", "whole_screen", "sub_pixel", "equal_depths", "long_list"),

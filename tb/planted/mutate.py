@@ -33,7 +33,7 @@ from tb.planted.verdict import CAUGHT, NOT_BUILT
 HDL = ROOT / "hdl"
 MACHINE = (
     "tb/machine/test_machine.py tb/machine/test_faults.py "
-    "-k 'garden or sizes or path or no_scratch or long_list or empty or first'"
+    "-k 'garden or sizes or path or short_lists or long_list or empty or first'"
 )
 STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
@@ -51,6 +51,8 @@ JUDGES = {
     "memory/axi": "tb/hdl/test_axi.py",
     "memory/bus": "tb/hdl/test_axi.py",
     "memory/fetch": "tb/hdl/test_fetch.py",
+    "memory/store": MACHINE,
+    "memory/share": "tb/hdl/test_groups.py",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points/array": "tb/hdl/test_array.py -k stalls",
     "points/codebook": "tb/hdl/test_codebook.py -k equals",
@@ -64,8 +66,10 @@ JUDGES = {
     "binning/binned": MACHINE,
     "binning/row_end": "tb/hdl/test_row_end.py",
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
-    "sorting/scratch": MACHINE,
+    "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
     "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
+    "raster/groups": "tb/hdl/test_groups.py",
+    "raster/pixels": "tb/hdl/test_pixels.py -k 'not eight and not one'",
     "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
     **{f"raster/{name}": BLENDED for name in RASTER},
 }

@@ -152,6 +152,7 @@ def test_ablation(tmp_path):
     assert work[0]["projected"] > work[1]["projected"] > work[2]["projected"]
     assert rows[2]["cycles"]["project"] > rows[3]["cycles"]["project"]
     assert work[3]["pairs"] > work[4]["pairs"] and work[3]["visited"] > work[4]["visited"]
+    assert work[4]["contributions"] > work[5]["contributions"]
     frames = [row["cycles"]["frame"] for row in rows]
     assert frames == sorted(frames, reverse=True)
 

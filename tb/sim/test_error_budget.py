@@ -16,13 +16,13 @@ from splatcore.sim.accuracy.points import Reference
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.common.source import View
 from splatcore.sim.packing import choose
-from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from tb.helpers.command import ROOT, load, run
 
 VIEW = View("garden", size="128x72", quality="faithful")
 
 PACKING = ["positions", "shape", "opacity", "colour", "degree 1"]
-MACHINE = ["arithmetic", "depth keys", "raster", "8 bits"]
+MACHINE = ["arithmetic", "depth keys", "too faint", "raster", "8 bits"]
 
 
 def decibels(found: dict) -> dict[tuple[str, str], float]:
@@ -99,9 +99,9 @@ def test_a_fault_of_packing(good, monkeypatch, name, part):
     assert bad["packing", TITLES["packing"]] < before["packing", TITLES["packing"]] - 1
 
 
-def squares(exact: Reference, points: Points) -> dict[str, float]:
+def squares(exact: Reference, points: Points, config: Config = DEFAULT) -> dict[str, float]:
     """Squared errors of the machine's parts."""
-    parts = budgets.machine_parts(DEFAULT, exact, points)
+    parts = budgets.machine_parts(config, exact, points)
     return {name: float(np.mean((image - exact.image) ** 2)) for name, image in parts}
 
 
@@ -125,10 +125,27 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
         codes = features | {"opacity": features["opacity"] + 1}
         return rasterize(config, codes, *arguments, **options)
 
+    monkeypatch.setattr(budgets, "faint_rule", lambda config: (0.5, 2.0**-6, 2.0**-4))
+    rule = squares(exact, points)
+    assert [name for name in MACHINE if rule[name] != before[name]] == ["too faint"]
+    assert rule["too faint"] > 5 * before["too faint"] > 0
+    monkeypatch.undo()
+
     monkeypatch.setattr(budgets, "rasterize", dim)
     raster = squares(exact, points)
     assert [name for name in MACHINE if raster[name] != before[name]] == ["raster"]
     assert raster["raster"] > 5 * before["raster"]
+
+
+def test_what_is_too_faint_is_a_part_of_its_own(exact):
+    """Another rule shows in its line alone, and without one it is empty."""
+    points = project_points(DEFAULT, exact.model, exact.camera)
+    fine, coarse, off = (
+        squares(exact, points, replace(DEFAULT, faint=faint))
+        for faint in (DEFAULT.faint, (2, 4, 4), ())
+    )
+    assert [name for name in MACHINE if coarse[name] != fine[name]] == ["too faint"]
+    assert coarse["too faint"] > 10 * fine["too faint"] > off["too faint"] == 0
 
 
 def test_keys_are_golden_s(exact):
@@ -156,7 +173,7 @@ def test_keys_are_golden_s(exact):
 
 def test_sums_of_stage_3_round_to_its_pixels(exact):
     camera = exact.camera
-    for config in (DEFAULT, replace(DEFAULT, sum_fraction=12, early_termination=False)):
+    for config in (DEFAULT, replace(DEFAULT, sum_fraction=12, early_termination=False, faint=())):
         frame = render(config, exact.model, camera)
         size = camera.width, camera.height
         sums = rasterize(config, frame.binned.features, frame.sorted, size, rounded=False).pixels

@@ -10,10 +10,11 @@ from splatcore.spec.microprogram import Step, operation_counts, parse, program, 
 from splatcore.spec.programs import CONSTANTS, CORNERS, TEXTS
 from splatcore.spec.schedule import Schedule, latencies, pes, schedule
 
-SHADED = replace(DEFAULT, colours="array", sh_degree=1)  # the array makes colours of degree 1
+# The array makes colours of degree 1, on PAPER's PEs.
+SHADED = replace(DEFAULT, colours="array", sh_degree=1, pes=6)
 CONFIGS = {
     "one array": DEFAULT,
-    "two arrays": replace(DEFAULT, pe_arrays=2),
+    "two arrays": replace(DEFAULT, pes=6, pe_arrays=2),
     "slow units": replace(DEFAULT, multiply_latency=4, add_latency=5, unary_latency=9),
     "quick units": replace(DEFAULT, multiply_latency=0, add_latency=1, unary_latency=1),
     "three PEs": replace(DEFAULT, pes=3),
@@ -23,8 +24,8 @@ CONFIGS = {
     "3σ square, shaded": replace(SHADED, tile_test="3sigma"),
 }
 CYCLES = {
-    "one array": 9, "two arrays": 7, "slow units": 9, "quick units": 9, "three PEs": 17,
-    "3σ square": 10, "one array, shaded": 11, "two arrays, shaded": 6, "3σ square, shaded": 12,
+    "one array": 6, "two arrays": 6, "slow units": 6, "quick units": 6, "three PEs": 17,
+    "3σ square": 7, "one array, shaded": 11, "two arrays, shaded": 6, "3σ square, shaded": 12,
 }  # fmt: skip
 """Cycles a Gaussian; the bounds are 12 with one array and 7 with two."""
 

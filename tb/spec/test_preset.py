@@ -20,6 +20,7 @@ POWERS = (1, 2, 4, 8, 16)
 FIELDS = {
     "width_max": st.integers(1, 4096), "sh_degree": st.integers(0, 1), "pes": st.integers(2, 12),
     "position": st.sampled_from(["chunk", "absolute"]), "early_termination": st.booleans(),
+    "faint": st.sampled_from([(), (5, 11, 9), (1, 2, 2)]),
     "rasterizers": st.sampled_from(POWERS), "sub_sorters": st.integers(1, 16),
     "sort_digits": st.lists(st.integers(1, 4), min_size=1, max_size=24).map(tuple),
     "arithmetic": st.builds(
@@ -111,7 +112,8 @@ def test_names_and_files(tmp_path):
         ("arithmetic = { exponent = 7, fraction = 10, signed = false }", "arithmetic has no sign"),
         ("exponent_fraction = 10\npixel_fraction = 13", "pixel_fraction 13 is above 12"),
         ("pixel_fraction = 6\npower_fraction = 7", "power_fraction 7 is above 6"),
-        ("transmittance = 10", "weight 11 is above 10, which follows from transmittance"),
+        ("transmittance = 10", "faint (5, 11, 9) is not 1 ≤ a ≤ c ≤ b ≤ 10"),
+        ("transmittance = 10\nfaint = []", "weight 11 is above 10, which follows from"),
         ("weight = 7\ncolour_fraction = 6", "sum_fraction 13 is above 12"),
         ("page = 4\nburst = 8", "burst 8 is above 4"),
         ("pes = 1", "pes 1 in 1 arrays are fewer than 2"),

@@ -1,0 +1,52 @@
+"""Two readers under one ID of the memory port."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.spec.axi import read_record
+
+READERS = 2
+
+
+class Share(wiring.Component):
+    """Gives two readers the port by turns of a burst, the first one before the second.
+
+    Members
+        i: bursts that the readers ask for, streams of `read_record`; o: beats that come back for
+            them, streams of `read_beat`.
+        reads, data: to and from the memory port.
+
+    **Timing**: one burst on its way at a time; a request has a latency of 1 cycle, and 2 cycles
+    pass from the last beat of a burst to the next request. Beats pass at once. No multiplier.
+    """
+
+    def __init__(self):
+        request, beat = stream.Signature(layout(read_record())), stream.Signature(read_beat())
+        ports = {"i": In(request).array(READERS), "o": Out(beat).array(READERS)}
+        super().__init__(ports | {"reads": Out(request), "data": In(beat)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        owner, asked = Signal(READERS), Signal()  # whose burst it is, if any; it is on its way
+        first, second = self.i
+        m.d.comb += [
+            self.reads.valid.eq(owner.any() & ~asked),
+            self.reads.payload.eq(Mux(owner[0], first.payload, second.payload)),
+            self.data.ready.eq((Cat(o.ready for o in self.o) & owner).any()),
+        ]
+        for own, i, o in zip(owner, self.i, self.o, strict=True):
+            m.d.comb += [
+                i.ready.eq(own & ~asked & self.reads.ready),
+                o.valid.eq(own & self.data.valid),
+                o.payload.eq(self.data.payload),
+            ]
+        with m.If(~owner.any()):
+            m.d.sync += owner.eq(Cat(first.valid, second.valid & ~first.valid))
+        with m.Elif(self.reads.valid & self.reads.ready):
+            m.d.sync += asked.eq(1)
+        with m.Elif(self.data.valid & self.data.ready & self.data.payload.last):
+            m.d.sync += [owner.eq(0), asked.eq(0)]
+        return m

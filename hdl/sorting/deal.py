@@ -1,0 +1,319 @@
+"""Stage 2's front: cuts groups' lists into jobs, long ones by way of buckets in scratch memory."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import enum, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.spec import sort
+from splatcore.spec.binning import group_record
+from splatcore.spec.config import Config
+from splatcore.spec.group import COUNT_BITS, entry_record
+
+JOBS_WAITING = 8
+"""Jobs that may wait to be sorted, and lists in front of those of a job that is being made."""
+
+JOBS_INSIDE = 16
+"""Jobs that have been given out and are not over."""
+
+
+class State(enum.Enum):
+    """What is done with a list."""
+
+    LIST = 0  # the next one is looked at; a short one is passed on
+    BEGIN = 1  # a round begins as soon as an area is free
+    DEAL = 2  # entries are dealt
+    RANGE = 3  # the least and the greatest key are known
+    FLUSH = 4  # a bucket is looked up,
+    WRITE = 5  # and its last line written
+    SETTLE = 6  # until all that was written is in memory
+    LOOK = 7  # a bucket is looked up,
+    GIVE = 8  # and given out; or it has too many entries
+    EDGE = 9  # the least and the greatest key of such a bucket are known
+    EXTENT = 10  # how far they are from each other
+    REST = 11  # what is to be given out besides
+    NEXT = 12  # the round is over
+
+
+class Deal(wiring.Component):
+    """Lists in; jobs and the lists of entries that they are about, out (`spec.sort`).
+
+    Members
+        start: a frame begins.
+        groups: stream of `group_record`, lists with entries.
+        reading: stream of `group_record`: a list that is to be read, whose entries come at
+            `entries`, a stream of `entry_record`.
+        lines: stream of `line_record`, to be written to scratch memory. settled: all that has been
+            written there is in memory.
+        jobs: stream of `job_record`. lists: stream of `listed_record`: whose entries are to be
+            sorted, those of a job before those of the next one. released: a job is over, and all
+            its entries have been read.
+
+    **Timing**: a list that fits on chip in a cycle. An entry of a long one in 2 cycles, in each
+    round of its list; besides, a round takes some 5 cycles for each bucket and the memory's
+    latency, while jobs before it are sorted. Memories: a count and a line for each bucket. No
+    multiplier.
+    """
+
+    def __init__(self, config: Config):
+        self.config, self.half = config, sort.half_entries(config)
+        entry, group = layout(entry_record(config)), layout(group_record())
+        listed, job = layout(sort.listed_record()), layout(sort.job_record(config))
+        ports = {
+            "start": In(1),
+            "groups": In(stream.Signature(group)),
+            "reading": Out(stream.Signature(group)),
+            "entries": In(stream.Signature(entry)),
+            "lines": Out(stream.Signature(layout(sort.line_record(config)))),
+            "settled": In(1),
+            "jobs": Out(stream.Signature(job)),
+            "lists": Out(stream.Signature(listed)),
+            "released": In(1),
+        }
+        super().__init__(ports)
+        key, shift = config.sort_key_bits, range(sort.shift_max(config) + 1)
+        self.jobs_waiting = Queue(job, JOBS_WAITING)
+        self.lists_waiting = Queue(listed, sort.BUCKETS + JOBS_WAITING, memory=True)
+        self.state, self.area = Signal(State), Signal(range(sort.AREAS))
+        self.base, self.shift = Signal(key), Signal(shift)
+        self.next_base = Signal(key)  # for the next list
+        self.next_shift = Signal(shift, init=sort.shift_max(config))
+        # What has been given out: keys below `low`, and `skip` entries of that key.
+        self.low, self.skip = Signal(key), Signal(COUNT_BITS)
+        self.least, self.greatest = Signal(key), Signal(key)  # keys of the round
+        self.high, self.extent = Signal(key), Signal(key)
+        self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be given out
+        self.bucket, self.looked_up = Signal(sort.BUCKET_BITS), Signal(sort.BUCKET_BITS)
+        self.held, self.full = Signal(entry, reset_less=True), Signal()  # an entry being dealt
+        self.count = Signal(range(self.half + 2))  # of the bucket looked up
+        self.through, self.keep, self.ignored = Signal(), Signal(), Signal()  # the entry held
+        self.total = Signal(range(self.half + 1))  # of the buckets of the next job
+        self.ends_round, self.both_used = Signal(), Signal()
+        self.over, self.job_room = Signal(), Signal()  # a bucket has too many; a job may be given
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.jobs, m.submodules.lists = self.jobs_waiting, self.lists_waiting
+        connect(m, self.jobs_waiting.o, flipped(self).jobs)
+        connect(m, self.lists_waiting.o, flipped(self).lists)
+        m.d.comb += self.reading.payload.eq(self.groups.payload)
+        self._entry(m)
+        self._lines(m, self._memories(m))
+        self._keys(m)
+        self._areas(m)
+        self._control(m)
+        return m
+
+    def _entry(self, m: Module):
+        """An entry is looked up when it comes, and written a cycle later."""
+        entries, dealing = self.entries, self.state == State.DEAL
+        key, seen = self.held.key, Signal(COUNT_BITS)
+        of_low = Signal()  # it was given out before, though its key is not below `low`
+        m.d.comb += [
+            entries.ready.eq(dealing & ~self.full & self.rest.any()),
+            of_low.eq((key == self.low) & (seen != self.skip)),
+            self.ignored.eq((key < self.low) | of_low),
+            self.keep.eq(~self.ignored & (self.count < self.half)),
+        ]
+        with m.If(~self.full):
+            m.d.sync += self.full.eq(entries.valid & entries.ready)
+            m.d.sync += self.held.eq(entries.payload)
+        with m.Elif(self.through):
+            m.d.sync += [self.full.eq(0), self.rest.eq(self.rest - 1), seen.eq(seen + of_low)]
+        with m.If(self.state == State.BEGIN):
+            m.d.sync += [seen.eq(0), self.rest.eq(self.groups.payload.count)]
+
+    def _memories(self, m: Module) -> list[Value]:
+        """Counts and the begun line of each bucket; returns the entries of the latter."""
+        dealing, key = self.state == State.DEAL, self.entries.payload.key
+        bucket, present = Signal(sort.BUCKET_BITS), Signal(sort.BUCKETS)
+        offset = key - self.base
+        steps = offset[:-1] >> self.shift
+        within = Mux(steps[sort.BUCKET_BITS :].any(), sort.BUCKETS - 1, steps[: sort.BUCKET_BITS])
+        m.d.comb += bucket.eq(Mux(dealing, Mux(offset[-1], 0, within), self.bucket))
+        with m.If(~self.full):
+            m.d.sync += self.looked_up.eq(bucket)
+        m.submodules.counts = counts = Memory(shape=self.count.shape(), depth=sort.BUCKETS, init=[])
+        write, read = counts.write_port(), counts.read_port()
+        ports, found = [write, read], []
+        m.d.comb += [
+            self.count.eq(Mux(present.bit_select(self.looked_up, 1), read.data, 0)),
+            write.data.eq(self.count + 1),
+            write.en.eq(self.through & ~self.ignored & (self.count <= self.half)),
+        ]
+        place = self.count[: exact_log2(sort.LINE_SLOTS)]
+        for k in range(sort.LINE_SLOTS - 1):
+            memory = Memory(shape=len(self.held.as_value()), depth=sort.BUCKETS, init=[])
+            m.submodules[f"slot{k}"] = memory
+            write, read = memory.write_port(), memory.read_port()
+            m.d.comb += write.data.eq(self.held)
+            m.d.comb += write.en.eq(self.through & self.keep & (place == k))
+            found.append(read.data)
+            ports += [write, read]
+        for write, read in zip(ports[::2], ports[1::2], strict=True):
+            m.d.comb += [read.addr.eq(bucket), read.en.eq(~self.full)]
+            m.d.comb += write.addr.eq(self.looked_up)
+        with m.If(self.state == State.BEGIN):
+            m.d.sync += present.eq(0)
+        with m.Elif(self.through & ~self.ignored):
+            m.d.sync += present.bit_select(self.looked_up, 1).eq(1)
+        return found
+
+    def _lines(self, m: Module, slots: list[Value]):
+        """A bucket's line is written with its last entry, or when the round ends."""
+        bits = exact_log2(sort.LINE_SLOTS)
+        lines, place, ending = self.lines, self.count[:bits], self.state == State.WRITE
+        last = self.full & self.keep & place.all()
+        begun = place.any() & (self.count < self.half)
+        number = self.count[bits : exact_log2(self.half)]
+        m.d.comb += [
+            lines.valid.eq(last | (ending & begun)),
+            lines.payload.address.eq(Cat(number, self.looked_up, self.area)),
+            lines.payload.slots[-1].eq(Mux(ending, 0, self.held.as_value())),
+            self.through.eq(self.full & (~last | lines.ready)),
+        ]
+        for k, slot in enumerate(slots):
+            m.d.comb += lines.payload.slots[k].eq(Mux(ending & (place <= k), 0, slot))
+
+    def _keys(self, m: Module):
+        """The least and the greatest key of a round; base and shift for the next list."""
+        key, state, first = self.held.key, self.state, Signal()
+        shift = Signal.like(self.shift)
+        for bit in range(len(self.extent)):
+            with m.If(self.extent[bit]):
+                m.d.comb += shift.eq(sort.bucket_shift(1 << bit))
+        with m.If(state == State.BEGIN):
+            m.d.sync += [self.least.eq(~0), self.greatest.eq(0)]
+        with m.Elif(self.through & ~self.ignored):
+            with m.If(key < self.least):
+                m.d.sync += self.least.eq(key)
+            with m.If(key > self.greatest):
+                m.d.sync += self.greatest.eq(key)
+        with m.Switch(state):
+            with m.Case(State.LIST):
+                m.d.sync += [self.base.eq(self.next_base), self.shift.eq(self.next_shift)]
+                m.d.sync += [self.low.eq(0), self.skip.eq(0), first.eq(1)]
+            with m.Case(State.RANGE):
+                m.d.sync += self.extent.eq(self.greatest - self.least)
+            with m.Case(State.SETTLE), m.If(first):
+                m.d.sync += [self.next_base.eq(self.least), self.next_shift.eq(shift)]
+            with m.Case(State.EDGE):
+                low, high = Signal.like(self.low), Signal.like(self.high)
+                begin = self.base + (self.bucket << self.shift)
+                end = self.base + ((self.bucket + 1) << self.shift) - 1
+                m.d.comb += low.eq(self.least)
+                m.d.comb += high.eq(self.greatest)
+                with m.If(self.bucket.any() & (begin > self.least)):
+                    m.d.comb += low.eq(begin)
+                with m.If(~self.bucket.all() & (end < self.greatest)):
+                    m.d.comb += high.eq(end)
+                m.d.sync += [self.low.eq(low), self.high.eq(high), first.eq(0)]
+                with m.If(low != self.low):
+                    m.d.sync += self.skip.eq(0)
+            with m.Case(State.EXTENT):
+                m.d.sync += self.extent.eq(self.high - self.low)
+            with m.Case(State.NEXT):
+                m.d.sync += [self.base.eq(self.low), self.shift.eq(shift)]
+        with m.If(self.start):
+            m.d.sync += [self.next_base.eq(0), self.next_shift.eq(sort.shift_max(self.config))]
+
+    def _areas(self, m: Module):
+        """An area is in use from its first job's being given out until its last one is over."""
+        m.submodules.inside = self.inside = Queue(1, JOBS_INSIDE)  # jobs: the last of a round?
+        used, begins, ends = Signal(range(sort.AREAS + 1)), Signal(), Signal()
+        job, inside = self.jobs_waiting.i, self.inside
+        m.d.comb += [
+            inside.i.valid.eq(job.valid),
+            inside.i.payload.eq(self.ends_round),
+            inside.o.ready.eq(self.released),
+            begins.eq(inside.i.valid & self.ends_round),
+            ends.eq(self.released & inside.o.valid & inside.o.payload),
+            self.both_used.eq(used == sort.AREAS),
+            self.job_room.eq(job.ready & inside.i.ready),
+        ]
+        m.d.sync += used.eq(used + begins - ends)
+        with m.If(self.start):
+            m.d.sync += self.area.eq(0)
+        with m.Elif(begins):
+            m.d.sync += self.area.eq(Mux(self.area == sort.AREAS - 1, 0, self.area + 1))
+
+    def _control(self, m: Module):
+        """Lists one after the other; rounds of a long one."""
+        state, group = self.state, self.groups.payload
+        short = group.count <= self.half
+        with m.Switch(state):
+            with m.Case(State.LIST):
+                m.d.sync += [self.left.eq(group.count), self.total.eq(0)]
+                with m.If(self.groups.valid & ~short):
+                    m.d.sync += state.eq(State.BEGIN)
+                with m.Elif(self.groups.valid & self.lists_waiting.i.ready & self.job_room):
+                    m.d.comb += self.groups.ready.eq(1)
+                    self._give_list(m, group.page, group.count, 0)
+                    self._give_job(m, group.count, 1, 0)
+            with m.Case(State.BEGIN):
+                m.d.comb += self.reading.valid.eq(~self.both_used)
+                m.d.sync += self.bucket.eq(0)
+                with m.If(self.reading.valid & self.reading.ready):
+                    m.d.sync += state.eq(State.DEAL)
+            with m.Case(State.DEAL), m.If(~self.rest.any()):
+                m.d.sync += state.eq(State.RANGE)
+            with m.Case(State.WRITE), m.If(~self.lines.valid | self.lines.ready):
+                m.d.sync += self.bucket.eq(self.bucket + 1)
+                m.d.sync += state.eq(Mux(self.bucket.all(), State.SETTLE, State.FLUSH))
+            with m.Case(State.SETTLE), m.If(self.settled):
+                m.d.sync += state.eq(State.LOOK)
+            with m.Case(State.GIVE):
+                self._give(m)
+            with m.Case(State.REST):
+                self._give_rest(m)
+            for before in (State.RANGE, State.FLUSH, State.LOOK, State.EDGE, State.EXTENT):
+                with m.Case(before):
+                    m.d.sync += state.eq(before.value + 1)
+            with m.Case(State.NEXT):
+                m.d.comb += self.groups.ready.eq(~self.left.any())
+                m.d.sync += state.eq(Mux(self.left.any(), State.BEGIN, State.LIST))
+
+    def _give(self, m: Module):
+        """A bucket joins those of the next job, if there is room."""
+        count, fits = self.count, self.total + self.count <= self.half
+        with m.If(count > self.half):
+            m.d.sync += [self.over.eq(1), self.state.eq(State.EDGE)]
+        with m.Elif(~fits), m.If(self.job_room):
+            self._give_job(m, self.total, 0, 0)
+        with m.Elif(~count.any() | self.lists_waiting.i.ready):
+            with m.If(count.any()):
+                self._give_list(m, self._place(), count, 1)
+            m.d.sync += [self.total.eq(self.total + count), self.left.eq(self.left - count)]
+            m.d.sync += self.bucket.eq(self.bucket + 1)
+            m.d.sync += self.state.eq(Mux(self.bucket.all(), State.REST, State.LOOK))
+
+    def _give_rest(self, m: Module):
+        """The round's last job; behind it some of a bucket with too many entries, if these have
+        equal keys."""
+        equal, part = self.over & ~self.extent.any(), Signal()
+        with m.If(self.total.any()), m.If(self.job_room):
+            self._give_job(m, self.total, ~self.left.any(), ~equal | part)
+        with m.Elif(equal & ~part), m.If(self.lists_waiting.i.ready):
+            self._give_list(m, self._place(), self.half, 1)
+            m.d.sync += [self.total.eq(self.half), self.left.eq(self.left - self.half)]
+            m.d.sync += [self.skip.eq(self.skip + self.half), part.eq(1)]
+        with m.Else():
+            m.d.sync += [part.eq(0), self.over.eq(0), self.state.eq(State.NEXT)]
+
+    def _place(self) -> Value:
+        """A bucket's place in scratch memory, as a list has it."""
+        return Cat(self.looked_up, self.area)
+
+    def _give_list(self, m: Module, page: Value, count: Value, dealt: int):
+        to = self.lists_waiting.i
+        m.d.comb += [to.valid.eq(1), to.payload.page.eq(page), to.payload.count.eq(count)]
+        m.d.comb += to.payload.dealt.eq(dealt)
+
+    def _give_job(self, m: Module, count: Value, last: Value, ends: Value):
+        to = self.jobs_waiting.i
+        m.d.comb += [to.valid.eq(1), to.payload.count.eq(count), to.payload.last.eq(last)]
+        m.d.comb += self.ends_round.eq(ends)
+        m.d.sync += self.total.eq(0)

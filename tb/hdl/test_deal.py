@@ -1,0 +1,183 @@
+"""Stage 2's front against its golden model: rounds, buckets, jobs."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from splatcore.golden.sort import Job, jobs, lines
+from splatcore.hdl.sorting.deal import Deal
+from splatcore.sim.bench.sort_rows import KEYS, entries_of, stage_rows
+from splatcore.sim.bench.sort_stage import SortStage
+from splatcore.sim.cycles.sort import stage_cycles
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.binning import group_record
+from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.group import entry_record
+from splatcore.spec.sort import (
+    BUCKET_BITS,
+    LINE_SLOTS,
+    half_entries,
+    job_record,
+    line_record,
+    listed_record,
+)
+from tb.helpers.parts import Variants
+from tb.helpers.runs import check_run, compiled
+
+MACHINES = {
+    "TINY": TINY,
+    "DEFAULT": DEFAULT,
+    "NARROW": replace(TINY, sort_digits=(1,) * 8),
+}
+
+
+def deal_rows(config, lists: list[np.ndarray], entries, found=None) -> tuple[dict, dict]:
+    """Rows of the streams in, and of those that must come out, for lists with these keys; `entries`
+    are those of all lists; found: what becomes of each list, if not what golden says."""
+    count = np.array([len(keys) for keys in lists])
+    start = np.concatenate([[0], np.cumsum(count)])
+    page = np.arange(len(count)) * 3 + 1
+    groups = group_record().pack({"page": page, "count": count})
+    reading, read, written, given, listed = [], [], [], [], []
+    for k, one in enumerate(found or jobs(config, lists)):
+        if isinstance(one, Job):
+            given.append((count[k], 1))
+            listed.append((page[k], count[k], 0))
+            continue
+        for round_ in one:
+            reading.append(k)
+            read.append(np.arange(start[k], start[k + 1]))
+            written += [(at, start[k] + some) for at, some in lines(config, round_)]
+            for job in round_.jobs:
+                given.append((len(job.order), job.last))
+                listed += [(round_.area << BUCKET_BITS | b, n, 1) for b, n in job.buckets]
+    read = np.concatenate([np.zeros(0, int), *read])
+    packed = entry_record(config).pack(entries)
+    slots = np.zeros((len(written), LINE_SLOTS), np.uint64)
+    for row, (_, some) in zip(slots, written, strict=True):
+        for slot, index in zip(range(LINE_SLOTS), some, strict=False):
+            row[slot] = sum(int(byte) << 8 * k for k, byte in enumerate(packed[index]))
+    given, listed = (np.array(rows, np.int64).reshape(len(rows), -1) for rows in (given, listed))
+    listed = listed.reshape(-1, 3)
+    return {"groups": groups, "entries": packed[read]}, {
+        "reading": groups[reading],
+        "lines": line_record(config).pack(
+            {"address": np.array([at for at, _ in written], np.uint32), "slots": slots}
+        ),
+        "jobs": job_record(config).pack({"count": given[:, 0], "last": given[:, 1]}),
+        "lists": listed_record().pack(dict(zip(("page", "count", "dealt"), listed.T, strict=True))),
+    }
+
+
+def check(name: str, kind: str, counts, stall: float = 0, seed: int = 0):
+    config = MACHINES[name]
+    entries = entries_of(config, kind, counts, seed)
+    ends = np.cumsum(counts)
+    lists = np.split(entries["key"], ends[:-1])
+    inputs, expected = deal_rows(config, lists, entries)
+    return check_run(
+        compiled(Deal, config), inputs, expected, f"{kind} {counts}: ",
+        constants={"start": 0, "settled": 1, "released": 1}, stall=stall, seed=seed, idle_max=3000,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KEYS)
+@pytest.mark.parametrize("stall", [0, 0.4])
+def test_tiny_equals_golden(kind, stall):
+    half = half_entries(TINY)
+    check("TINY", kind, [3, half, half + 1, 1, 300, 5, 1000, 70, 2 * half, 4], stall)
+
+
+@pytest.mark.parametrize("stall", [0, 0.4])
+def test_default_equals_golden(stall):
+    for seed, kind in enumerate(KEYS):
+        check("DEFAULT", kind, [2048, 2049, 5, 5200, 7000], stall, seed)
+
+
+def test_start_forgets_the_lists_before():
+    """While it is held every list begins as the first one of a frame does."""
+    counts = [65, 70, 68]
+    entries = entries_of(TINY, "random", counts, 3)
+    lists = np.split(entries["key"] >> np.uint64(1), np.cumsum(counts)[:-1])
+    entries["key"] = np.concatenate(lists)
+    each = [next(jobs(TINY, [keys])) for keys in lists]
+    assert [len(rounds) for rounds in each] == [1, 1, 1]
+    inputs, expected = deal_rows(TINY, lists, entries, each)
+    constants = {"start": 1, "settled": 1, "released": 1}
+    check_run(compiled(Deal, TINY), inputs, expected, constants=constants)
+
+
+def check_stage(name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, **more):
+    """Dealing, scratch memory and sorting together: every entry in its place."""
+    config = MACHINES[name]
+    rows = stage_rows(config, np.array(counts), entries_of(config, kind, counts, seed))
+    return check_run(
+        part or compiled(SortStage, config), rows.inputs, rows.expected, f"{kind} {counts}: ",
+        constants={"stop": 0} | more, stall=stall, seed=seed, idle_max=100_000,
+    )  # fmt: skip
+
+
+MIXED = (70, 3, 64, 65, 130, 300, 5, 129, 1, 66, 1000, 64, 70)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KEYS)
+def test_stage_equals_golden(kind):
+    """Areas are not written while they are read, whoever waits."""
+    for seed, stall in enumerate((0, 0.3, 0.7)):
+        check_stage("TINY", kind, MIXED, stall, seed)
+        check_stage("TINY", kind, [100] * 12, stall, seed)
+    check_stage("DEFAULT", kind, [20_000, 3, 2049, 5000])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KEYS)
+def test_cycles_of_long_lists(kind):
+    """As the model says, once depths are known from a list before."""
+    for counts in ([2100], [5200] * 3, [3000, 500] * 4, [20_000]):
+        entries = entries_of(DEFAULT, kind, counts)
+        found = check_stage("DEFAULT", kind, counts).cycles
+        lists = np.split(entries["key"], np.cumsum(counts)[:-1])
+        assert abs(stage_cycles(DEFAULT, lists) - found) <= 0.03 * found, counts
+
+
+FAULTS = {
+    "an area is written too early": ("_areas", "used == sort.AREAS", "0"),
+    "a round ends with each job": ("_give", "self.total, 0, 0)", "self.total, 0, 1)"),
+    "a job too long": ("_give", "<= self.half", "<= self.half + 3"),
+    "what was given is dealt again": ("_entry", "(key < self.low) | of_low", "of_low"),
+    "equal keys are not skipped": ("_entry", "(key < self.low) | of_low", "key < self.low"),
+    "keys below the base wrap": ("_memories", "Mux(offset[-1], 0, within)", "within"),
+    "the first bucket begins at the base": ("_keys", "self.bucket.any() & ", ""),
+    "a bucket has no last line": ("_lines", "ending & begun", "0"),
+    "a bucket keeps too little": (
+        "_entry",
+        "self.count < self.half)",
+        "self.count < self.half - 1)",
+    ),
+}
+
+
+@cache
+def faulty() -> Simulation:
+    faults = [(Deal, *fault) for fault in FAULTS.values()]
+    return Simulation(Variants(lambda: SortStage(MACHINES["NARROW"]), faults))
+
+
+def check_all(number: int):
+    """Runs that find every fault."""
+    for seed, stall in enumerate((0, 0.5)):
+        for kind in ("equal", "clustered", "random"):
+            check_stage("NARROW", kind, MIXED, stall, seed, faulty(), fault=number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [None, *FAULTS])
+def test_fault_is_found(fault):
+    if fault is None:
+        check_all(0)
+    else:
+        with pytest.raises(AssertionError):
+            check_all(1 + list(FAULTS).index(fault))

@@ -1,0 +1,297 @@
+"""Writing pixels: every byte of an image once, in bursts that memory takes; the cycles of that."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import pytest
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.raster.pixels import Pixels
+from splatcore.sim.rtl.streams import Result
+from splatcore.spec import axi
+from splatcore.spec.binning import groups_max
+from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.convention import BLOCK
+from splatcore.spec.group import group_grid, group_pixels
+from splatcore.spec.number import Bits
+from splatcore.spec.raster import (
+    BLOCKS,
+    background_code,
+    colours,
+    owned,
+    pixels_record,
+    position_record,
+)
+from splatcore.spec.record import Codes, Record
+from splatcore.spec.work import PIXEL, STRIDE_BITS, stride
+from tb.helpers.runs import compiled
+
+pytestmark = pytest.mark.slow
+
+SPAN_CYCLES = 12  # of `DEFAULT`: four rows of three beats
+GROUP_CYCLES = 16 * BLOCKS * SPAN_CYCLES + 1
+SLACK = 12  # cycles before the first span and behind the last one
+
+OTHERS = {
+    "one": replace(TINY, name="ONE", rasterizers=1, group=1),
+    "eight": replace(DEFAULT, name="EIGHT", rasterizers=8),
+}
+CONFIGS = {"DEFAULT": DEFAULT, "TINY": TINY} | OTHERS
+
+SIZES = ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3), (32, 32), (64, 61))
+LARGE_SIZES = ((200, 130), (1, 1), (129, 64), (64, 260), (340, 60))
+
+
+POSITIONS = ("positions", "empty")
+
+
+def frame_record(config: Config) -> Record:
+    """A frame as the component takes it, and how many of its groups come by `POSITIONS`."""
+    sizes = {"width": config.width_max, "height": config.height_max}
+    sizes |= dict.fromkeys(("groups", *POSITIONS), groups_max(config))
+    fields = {name: Bits(size.bit_length()) for name, size in sizes.items()}
+    fields |= {"pixels_at": Bits(axi.BEAT_ADDRESS_BITS)}
+    fields |= {"stride_beats": Bits(STRIDE_BITS - axi.BEAT_BITS)}
+    return Record("frame", fields | {"background": Record("colour", colours(config))})
+
+
+class Frames(wiring.Component):
+    """`Pixels` for one frame after the other.
+
+    Members: its streams; frames: stream of `frame_record`; hold: no block is given to it. through:
+    a frame is written.
+    """
+
+    def __init__(self, config: Config):
+        self.pixels, self.record = Pixels(config), layout(frame_record(config))
+        members = self.pixels.signature.members
+        ports = {name: members[name] for name in (*POSITIONS, "i", "writes", "through")}
+        super().__init__(ports | {"frames": In(stream.Signature(self.record)), "hold": In(1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.pixels = pixels = self.pixels
+        connect(m, pixels.writes, flipped(self.writes))
+        frame, active = Signal(self.record), Signal()
+        m.d.comb += [self.frames.ready.eq(~active & ~pixels.start), self.through.eq(pixels.through)]
+        m.d.sync += pixels.start.eq(self.frames.valid & self.frames.ready)
+        with m.If(self.frames.valid & self.frames.ready):
+            m.d.sync += frame.eq(self.frames.payload)
+        for name in set(self.record.members) - set(POSITIONS):
+            m.d.comb += getattr(pixels, name).eq(frame[name])
+        with m.If(pixels.start | pixels.through):
+            m.d.sync += active.eq(pixels.start)
+        for name in POSITIONS:
+            inner = getattr(pixels, name)
+            self._gate(m, getattr(self, name), inner, active & frame[name].any())
+            with m.If(inner.valid & inner.ready):
+                m.d.sync += frame[name].eq(frame[name] - 1)
+        for i, inner in zip(self.i, pixels.i, strict=True):
+            offered = Signal()  # what has been offered is not held
+            m.d.sync += offered.eq(inner.valid & ~inner.ready)
+            self._gate(m, i, inner, ~self.hold | offered)
+        return m
+
+    def _gate(self, m: Module, outer, inner, open_):
+        m.d.comb += [
+            inner.payload.eq(outer.payload),
+            inner.valid.eq(outer.valid & open_),
+            outer.ready.eq(inner.ready & open_),
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A frame: pixels [H, W, 3] uint8; empty [groups]; address, stride in beats; colour codes."""
+
+    pixels: np.ndarray
+    empty: np.ndarray
+    at: int
+    stride: int
+    background: tuple[int, ...]
+
+
+def image(config: Config, size, empty: np.ndarray, seed: int = 0) -> Image:
+    """Random pixels, but in empty groups; an image anywhere, with rows at some distance."""
+    rng, (width, height) = np.random.default_rng(seed), size
+    top = max(format.width for format in colours(config).values())
+    colour = tuple(int(c) for c in rng.integers(0, 1 << top, 3))
+    pixels = rng.integers(0, 256, (height, width, PIXEL), dtype=np.uint8)
+    side, columns = group_pixels(config), group_grid(config, *size)[1]
+    for group in np.flatnonzero(empty):
+        row, column = divmod(int(group), columns)
+        area = slice(row * side, (row + 1) * side), slice(column * side, (column + 1) * side)
+        pixels[area] = [min(background_code(config, c), 255) for c in colour]
+    beats = stride(width) // axi.BEAT + int(rng.integers(0, 9))
+    return Image(pixels, empty, int(rng.integers(1 << 20)), beats, colour)
+
+
+def places(config: Config, size, empty: np.ndarray) -> Codes:
+    """Positions of the groups that are chosen."""
+    chosen = np.flatnonzero(empty)
+    columns = group_grid(config, *size)[1]
+    return {"column": chosen % columns, "row": chosen // columns}
+
+
+def finished(config: Config, image: Image, rasterizer: int) -> Codes:
+    """Blocks that a rasterizer gives of the image: group after group, tile after tile."""
+    height, width = image.pixels.shape[:2]
+    padded = np.zeros((height + BLOCK, width + BLOCK, PIXEL), np.uint8)
+    padded[:height, :width] = image.pixels
+    found = places(config, (width, height), ~image.empty)
+    rows, columns, pixels = [], [], []
+    for group_row, group_column in zip(found["row"], found["column"], strict=True):
+        for tile in range(config.group**2):
+            for block in owned(config, rasterizer):
+                row = (group_row * config.group + tile // config.group) * BLOCKS + block // BLOCKS
+                column = group_column * config.group + tile % config.group
+                column = column * BLOCKS + block % BLOCKS
+                if row * BLOCK < height and column * BLOCK < width:
+                    rows.append(row)
+                    columns.append(column)
+                    y, x = row * BLOCK, column * BLOCK
+                    pixels.append(padded[y : y + BLOCK, x : x + BLOCK].reshape(-1, PIXEL))
+    shape = (-1, BLOCK**2, PIXEL)
+    return {"column": np.array(columns, int), "row": np.array(rows, int),
+            "pixels": np.array(pixels, np.uint8).reshape(shape)}  # fmt: skip
+
+
+def run(config: Config, images: list[Image], **options) -> Result:
+    """The images, one after the other; each is looked at byte by byte."""
+    sizes = [image.pixels.shape[1::-1] for image in images]
+    record, position = frame_record(config), position_record(config)
+    frames = {
+        "width": [width for width, _ in sizes],
+        "height": [height for _, height in sizes],
+        "groups": [len(image.empty) for image in images],
+        "positions": [np.sum(~image.empty) for image in images],
+        "empty": [np.sum(image.empty) for image in images],
+        "pixels_at": [image.at for image in images],
+        "stride_beats": [image.stride for image in images],
+    }
+    frames = {name: np.array(values) for name, values in frames.items()}
+    colour = np.array([image.background for image in images]).T
+    frames["background"] = dict(zip(colours(config), colour, strict=True))
+
+    def rows(record: Record, codes) -> np.ndarray:
+        return np.concatenate([record.pack(codes(k)) for k in range(len(images))])
+
+    inputs = {"frames": record.pack(frames)}
+    inputs["positions"] = rows(position, lambda k: places(config, sizes[k], ~images[k].empty))
+    inputs["empty"] = rows(position, lambda k: places(config, sizes[k], images[k].empty))
+    for r in range(config.rasterizers):
+        given = partial(finished, config, rasterizer=r)
+        inputs[f"i__{r}"] = rows(pixels_record(config), lambda k, given=given: given(images[k]))
+    written = [beats_of(config, image) for image in images]
+    options.setdefault("constants", {"hold": 0})
+    found = compiled(Frames, config, samples=("through",)).run(
+        inputs, expected={"writes": sum(written)}, **options
+    )
+    assert found.finished, found.stopped
+    assert found.samples["through"].sum() == len(images)
+    parts = np.split(found.outputs["writes"], np.cumsum(written)[:-1])
+    for part, image in zip(parts, images, strict=True):
+        check(part, image)
+    return found
+
+
+def beats_of(config: Config, image: Image) -> int:
+    """Beats in which an image is written: each span of a row takes those that it touches."""
+    height, width = image.pixels.shape[:2]
+    step = min(config.rasterizers, BLOCKS) * BLOCK
+    begins = np.arange(0, width, step)
+    ends = np.minimum(begins + step, width)
+    return height * int((-(-ends * PIXEL // axi.BEAT) - begins * PIXEL // axi.BEAT).sum())
+
+
+def check(rows: np.ndarray, image: Image):
+    """Bursts are whole and within a page; each byte of the image is written once, nothing else."""
+    codes = axi.write_record().unpack(rows)
+    data = np.stack([codes["low"], codes["high"]], 1).astype("<u8")
+    data = data.view(np.uint8).reshape(-1, axi.BEAT)
+    height, width = image.pixels.shape[:2]
+    memory = np.zeros((height, image.stride * axi.BEAT), int) - 1
+    left, place, burst = 0, 0, (0, 0)
+    for beat, length, strobe, row in zip(
+        codes["beat"].astype(int), codes["length"].astype(int), codes["strobe"], data, strict=True
+    ):
+        if left:
+            assert (beat, length) == burst
+            place += 1
+        else:
+            burst, place, left = (beat, length), 0, length + 1
+            pages = beat * axi.BEAT // axi.BOUNDARY, (beat + length) * axi.BEAT // axi.BOUNDARY
+            assert pages[0] == pages[1]
+        left -= 1
+        y, x = divmod(beat + place - image.at, image.stride)
+        assert 0 <= y < height
+        own = memory[y, x * axi.BEAT : (x + 1) * axi.BEAT]
+        chosen = int(strobe) >> np.arange(axi.BEAT) & 1 == 1
+        assert (own[chosen] == -1).all()
+        own[chosen] = row[chosen]
+    assert left == 0
+    assert (memory[:, width * PIXEL :] == -1).all()
+    assert np.array_equal(memory[:, : width * PIXEL].reshape(height, width, PIXEL), image.pixels)
+
+
+def emptiness(groups: int, seed: int) -> list[np.ndarray]:
+    """All groups without splats, none, the first one, the last one, some."""
+    number = np.arange(groups)
+    some = np.random.default_rng(seed).random(groups) < 0.5
+    return [number >= 0, number < 0, number == 0, number == groups - 1, some]
+
+
+@pytest.mark.parametrize("stall", [0, 0.3, 0.7])
+@pytest.mark.parametrize(
+    "name", ["DEFAULT", "TINY", *(pytest.param(name, marks=pytest.mark.verify) for name in OTHERS)]
+)
+def test_images(name, stall):
+    """Images that end within groups, tiles and blocks, in one run one after the other."""
+    config = CONFIGS[name]
+    sizes = SIZES if config.width_max <= 64 else LARGE_SIZES
+    make = partial(image, config)
+    images = []
+    for k, size in enumerate(sizes):
+        choices = emptiness(int(np.prod(group_grid(config, *size))), k)
+        images += [make(size, empty, 10 * k + j) for j, empty in enumerate(choices)]
+    run(config, images, stall=stall, seed=int(10 * stall))
+
+
+def cycles(empty: list[int], **options) -> Result:
+    """A run of an image of 2 × 2 whole groups, of which some are empty."""
+    side = group_pixels(DEFAULT)
+    given = image(DEFAULT, (2 * side, 2 * side), np.array(empty, bool))
+    return run(DEFAULT, [replace(given, at=0)], **options)
+
+
+@pytest.mark.parametrize("empty", [[0, 0, 0, 0], [1, 1, 1, 1], [0, 1, 1, 0]])
+def test_pace(empty):
+    """A beat a cycle."""
+    assert 4 * (GROUP_CYCLES - 1) < cycles(empty).cycles <= 4 * GROUP_CYCLES + SLACK
+
+
+def test_idle_time():
+    """Spans of groups without splats are written while blocks of the others do not come."""
+    held = np.zeros(3 * GROUP_CYCLES, np.uint64)
+    held[:1000], held[1100:1200], held[1301:1900] = 1, 1, 1
+    found = cycles([1, 1, 0, 1], constants={"hold": held})
+    assert found.cycles <= 4 * GROUP_CYCLES + SLACK + 3 * 8
+    assert found.cycles < held.sum() + GROUP_CYCLES + 3 * GROUP_CYCLES - 1000
+    late = cycles([0, 1, 0, 0], constants={"hold": np.append(np.ones(5000, np.uint64), 0)})
+    assert late.cycles <= 5000 + 3 * GROUP_CYCLES + SLACK
+
+
+def test_blocks_come_first():
+    """No span of a group without splats is begun while blocks are present."""
+    held = 100
+    rows = cycles([1, 0, 1, 0], constants={"hold": np.arange(held + 1) < held}).outputs["writes"]
+    codes, side = axi.write_record().unpack(rows), group_pixels(DEFAULT)
+    own = image(DEFAULT, (2 * side, 2 * side), np.array([1, 0, 1, 0], bool))
+    empty = codes["beat"].astype(int) % own.stride < side * PIXEL // axi.BEAT
+    before = empty[: np.flatnonzero(~empty)[-1]]
+    assert 0 < before.sum() <= (held // SPAN_CYCLES + 1) * SPAN_CYCLES
+    assert not before[np.flatnonzero(~empty)[0] :].any()
