@@ -17,9 +17,6 @@ from splatcore.spec.sort import (
     shift_max,
 )
 
-FIELDS = ("key", "splat", "mask")
-
-
 @dataclass(frozen=True, eq=False)
 class Job:
     """Entries that are sorted at once, as indices into their list [n].

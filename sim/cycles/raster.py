@@ -101,23 +101,9 @@ def raster_cycles(config: Config, frame: Frame) -> int:
 
 @njit(cache=True)
 def pass_splats(
-    first,
-    end,
-    ended,
-    mask,
-    blocks,
-    owners,
-    pace,
-    far,
-    clock,
-    free,
-    begun,
-    count,
-    last,
-    lanes,
-    left,
-    taken,
-):
+    first, end, ended, mask, blocks, owners,
+    pace, far, clock, free, begun, count, last, lanes, left, taken,
+):  # fmt: skip
     """A group's entries first … end through the queues; changes clock and all behind it.
 
     ended: the entry from which on all tiles have ended. mask [N]: tiles of each entry; blocks:
