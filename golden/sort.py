@@ -17,6 +17,7 @@ from splatcore.spec.sort import (
     shift_max,
 )
 
+
 @dataclass(frozen=True, eq=False)
 class Job:
     """Entries that are sorted at once, as indices into their list [n].
