@@ -36,7 +36,7 @@ from splatcore.hdl.registers import Registers
 from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.hdl.sorting.subsort import SubSorter
+from splatcore.hdl.sorting.sorter import Sorter
 from splatcore.spec import microprogram, raster, schedule, stages
 from splatcore.spec.axi import LINE_BEATS
 from splatcore.spec.config import Config
@@ -88,7 +88,7 @@ PRIMITIVES: dict[str, Build] = {
     "multiply_add": lambda config: MultiplyAdd(config.arithmetic, schedule.latencies(config)["pe"]),
     "reciprocal": lambda config: Reciprocal(config.arithmetic, config.unary_latency),
     "rsqrt": lambda config: Rsqrt(config.arithmetic, config.unary_latency),
-    "sub_sorter": SubSorter,
+    "sub_sorter": Sorter,
     "merge": Merge,
     "prepare": Prepare,
     "setup": Setup,

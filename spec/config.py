@@ -104,7 +104,9 @@ class Config:
     page: int = size(128, 4, power=True)  # list entries for which memory is taken at a time
 
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
-    sub_sorters: int = size(2, 1, 16)
+    # By OR-trees over all entries, digit by digit, or by a cascade of merges.
+    sub_sorter: Literal["trees", "cascade"] = "cascade"
+    sub_sorters: int = size(1, 1, 16)
     sub_sorter_entries: int = size(128, 2, 512, power=True)
     sort_digits: tuple[int, ...] = (1,) * 23  # bits of a key, most significant group first
     merge_ways: int = size(16, 2, 16, power=True)
@@ -141,7 +143,7 @@ class Config:
     )  # fmt: skip
     early_termination: bool = True  # pixels end once too little of T is left
     # (a, b, c): what is too faint to be seen is left out (`spec.raster`). Nothing for 3DGS's rule.
-    faint: tuple[int, ...] = (5, 11, 9)
+    faint: tuple[int, ...] = (5, 11, 8)
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB
@@ -211,6 +213,7 @@ PAPER = Config(
     projection_slots=32,
     tile_test="3sigma",
     faint=(),
+    sub_sorter="trees",
     sub_sorters=4,
     sub_sorter_entries=256,
     sort_digits=(3, 4, 4, 4),
@@ -224,7 +227,6 @@ TINY = Config(
     width_max=64,
     height_max=64,
     group=2,
-    sub_sorters=2,
     page=8,
     sub_sorter_entries=16,
     merge_ways=4,

@@ -17,7 +17,7 @@ from splatcore.spec.work import SLOT, page_bytes
 BEATS_WAITING = 48
 """Beats of entries that may wait to be sorted, while others are on their way."""
 
-LONG_BEATS_WAITING = 32
+LONG_BEATS_WAITING = 30
 """The same of entries that are to be dealt, which are taken more slowly."""
 
 

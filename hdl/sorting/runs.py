@@ -6,13 +6,12 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.sorting.subsort import SubSorter, any_of
+from splatcore.hdl.sorting.sorter import HALVES, Sorter
+from splatcore.hdl.sorting.subsort import any_of
 from splatcore.spec.config import Config
 from splatcore.spec.group import entry_record
 from splatcore.spec.record import Record
 from splatcore.spec.sort import half_entries, index_bits, job_record, ranked_record
-
-HALVES = 2
 
 
 def value_record(config: Config) -> Record:
@@ -118,9 +117,9 @@ class Runs(wiring.Component):
         release: a half's job is over: entries of it that are still being sorted are dropped.
         sorting: a sub-sorter has entries.
 
-    **Timing**: an entry in per cycle while sub-sorters are free, 3 cycles more for a job; a
-    sub-sorter is free again 3·entries + 2·phases cycles after it has begun, if no more than two
-    write to its half.
+    **Timing**: an entry in per cycle while sub-sorters are free, 3 cycles more for a job. A cascade
+    takes an entry a cycle; one of OR-trees is free again 3·entries + 2·phases cycles after it has
+    begun, if no more than two write to its half.
     """
 
     def __init__(self, config: Config):
@@ -138,25 +137,20 @@ class Runs(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        sorters = [SubSorter(self.config) for _ in range(self.config.sub_sorters)]
-        # The slot and half that a sub-sorter's run goes to.
-        owners = [Signal(slot_layout(self.config), name=f"owner{k}") for k in range(len(sorters))]
-        halves = [Signal(name=f"half{k}") for k in range(len(sorters))]
+        sorters = [Sorter(self.config) for _ in range(self.config.sub_sorters)]
         for k, sorter in enumerate(sorters):
             m.submodules[f"sorter{k}"] = sorter
-            # A drop is not for one that was idle: it may just be getting an entry of the next job.
-            m.d.comb += sorter.drop.eq(self.release.bit_select(halves[k], 1) & ~sorter.idle)
+            m.d.comb += sorter.release.eq(self.release)
         m.d.comb += self.sorting.eq(Cat(~sorter.idle for sorter in sorters).any())
-        self._load(m, sorters, owners, halves)
-        self._write(m, sorters, owners, halves)
+        self._load(m, sorters)
+        self._write(m, sorters)
         return m
 
-    def _load(self, m: Module, sorters: list, owners: list, halves: list):
+    def _load(self, m: Module, sorters: list[Sorter]):
         """An entry's value goes to its slot, its key to the sub-sorter whose turn it is."""
         half, slot, turn = Signal(), Signal(slot_layout(self.config)), Signal(range(len(sorters)))
         push, last, entry = Signal(), Signal(), self.entries.payload
-        # What is still offered by a sub-sorter goes where its owner says.
-        free = Cat(sorter.i.ready & ~sorter.o.valid for sorter in sorters).bit_select(turn, 1)
+        free = Cat(sorter.i.ready for sorter in sorters).bit_select(turn, 1)
         self._cut(m, half, slot, free, push, last)
         with m.If(push & last):
             m.d.sync += turn.eq(Mux(turn == len(sorters) - 1, 0, turn + 1))
@@ -164,11 +158,9 @@ class Runs(wiring.Component):
             m.d.comb += [arrived.valid.eq(push & (half == k)), arrived.slot.eq(slot)]
             m.d.comb += [arrived.value.splat.eq(entry.splat), arrived.value.mask.eq(entry.mask)]
         for k, sorter in enumerate(sorters):
-            mine = push & (turn == k)
-            m.d.comb += [sorter.i.valid.eq(mine), sorter.i.payload.key.eq(entry.key)]
-            m.d.comb += sorter.i.payload.last.eq(last)
-            with m.If(mine):
-                m.d.sync += [owners[k].eq(slot), halves[k].eq(half)]
+            i = sorter.i.payload
+            m.d.comb += [sorter.i.valid.eq(push & (turn == k)), i.entry.key.eq(entry.key)]
+            m.d.comb += [i.entry.last.eq(last), i.to.way.eq(slot.way), i.to.half.eq(half)]
 
     def _cut(
         self, m: Module, half: Signal, slot: data.View, free: Value, push: Signal, last: Signal
@@ -212,7 +204,7 @@ class Runs(wiring.Component):
             with m.If(self.release[k]):
                 m.d.sync += job.ready.eq(0)
 
-    def _write(self, m: Module, sorters: list, owners: list, halves: list):
+    def _write(self, m: Module, sorters: list[Sorter]):
         """One sub-sorter at a time writes to a half, in each cycle another one before all others.
 
         A half takes what two give. Of more, none may wait until the others have given all that they
@@ -224,7 +216,7 @@ class Runs(wiring.Component):
             m.d.sync += first.eq(first.rotate_left(1))
         ready = [Const(0, 1)] * count
         for number, ranked in enumerate(self.ranked):
-            mine = [sorter.o.valid & (halves[k] == number) for k, sorter in enumerate(sorters)]
+            mine = [sorter.o.valid & (sorter.o.payload.to.half == number) for sorter in sorters]
             m.d.comb += ranked.valid.eq(any_of(mine))
             for k, sorter in enumerate(sorters):
                 ahead, turns = Const(0, 1), [first[k]]
@@ -233,6 +225,7 @@ class Runs(wiring.Component):
                     turns.append(first[start] & ~ahead)
                 writes = mine[k] & any_of(turns)
                 with m.If(writes):
-                    m.d.comb += [ranked.way.eq(owners[k].way), ranked.entry.eq(sorter.o.payload)]
+                    m.d.comb += ranked.way.eq(sorter.o.payload.to.way)
+                    m.d.comb += ranked.entry.eq(sorter.o.payload.entry)
                 ready[k] |= writes
         m.d.comb += [sorter.o.ready.eq(bit) for sorter, bit in zip(sorters, ready, strict=True)]

@@ -8,7 +8,8 @@ from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.merge import Merge
-from splatcore.hdl.sorting.runs import HALVES, Half, Runs, slot_layout
+from splatcore.hdl.sorting.runs import Half, Runs, slot_layout
+from splatcore.hdl.sorting.sorter import HALVES
 from splatcore.spec.config import Config
 from splatcore.spec.counters import SORT
 from splatcore.spec.group import entry_record, sorted_record

@@ -43,8 +43,9 @@ RASTER_FORMATS = {
 }
 """Formats of stage 3, together: a little less, one thing less, a little more."""
 
-LIMITS, FAINT = (4, 5, 6), (9, 11, 13)
-"""2^−these: T from which on, and what a splat takes of it below which, it is too faint."""
+LIMITS, FAINT, ENDS = (4, 5, 6), (9, 11, 13), (7, 9)
+"""2^−these: T from which on, and what a splat takes of it below which, it is too faint; T of which
+the last splat takes all, beside DEFAULT's."""
 
 
 def changed(knob: str, value: object, **changes) -> Point:
@@ -72,10 +73,13 @@ def points() -> Iterator[Point]:
     for limit, below in product(LIMITS, FAINT):
         if (faint := (limit, below, DEFAULT.faint[-1])) != DEFAULT.faint:
             yield changed("faint", f"T 1/{1 << limit}, below 1/{1 << below}", faint=faint)
+    for end in ENDS:
+        name = f"the rest below 1/{1 << end}"
+        yield changed("faint", name, faint=(*DEFAULT.faint[:2], end))
     yield changed("faint", "off", faint=())
     yield changed("PEs", 6, pes=6)
-    for count in (1, 3, 4):
-        yield changed("sub-sorters", count, sub_sorters=count)
+    for count in (1, 2, 4):
+        yield changed("sub-sorters", f"{count}, OR-trees", sub_sorter="trees", sub_sorters=count)
     yield changed("tile test", "3sigma", tile_test="3sigma")
     for tiles in (1, 2):
         yield changed("group", tiles, group=tiles)

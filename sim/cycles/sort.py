@@ -2,10 +2,12 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
 from splatcore.golden.sort import Job, Round, jobs
+from splatcore.hdl.sorting.cascade import latency
 from splatcore.hdl.sorting.deal import JOBS_WAITING
 from splatcore.spec.config import Config
 from splatcore.spec.sort import AREAS, BUCKETS, phases
@@ -44,7 +46,7 @@ class Timeline:
         give: Give = at_once,
         dealt: float = DEALT,
     ):
-        self.config, self.fill, self.dealt = config, 2 * len(phases(config)), dealt
+        self.config, self.dealt = config, dealt
         self.pace, self.latency, self.give = pace, latency, give
         self.deal = self.load = self.merge = self.given = self.half = self.turn = 0
         self.halves, self.sorters = [0, 0], [0] * config.sub_sorters
@@ -84,16 +86,44 @@ class Timeline:
         batches = [min(size, entries - start) for start in range(0, entries, size)]
         first = 0
         for batch in batches:
-            self.load = max(self.load, self.sorters[self.turn]) + batch * pace
-            self.sorters[self.turn] = self.load + self.fill + 2 * batch - 1
-            self.turn = (self.turn + 1) % self.config.sub_sorters
-            first = self.load + self.fill + RUN_TO_MERGE
+            out = self._sort(batch, batch * pace)
+            first = out + RUN_TO_MERGE
         self.load += 1
         first = max(first, max(self.load, self.merge) + BEGUN + len(batches))
         last = self.give(first, entries)
         self.merge = self.halves[self.half] = last + RELEASED
         self.half = 1 - self.half
         return last
+
+    def _sort(self, batch: int, come: float) -> float:
+        """A batch goes in; when its first entry leaves. come: cycles that its entries take."""
+        sorter, size = self.turn, self.config.sub_sorter_entries
+        self.turn = (self.turn + 1) % self.config.sub_sorters
+        if self.config.sub_sorter == "trees":  # one batch at a time is in it
+            self.load = max(self.load, self.sorters[sorter]) + come
+            out = self.load + 2 * len(phases(self.config))
+            self.sorters[sorter] = out + 2 * batch - 1
+        else:
+            self.load += come
+            out = max(self.load + merged(size, batch), self.sorters[sorter])
+            self.sorters[sorter] = out + batch
+        return out
+
+
+@cache
+def merged(size: int, count: int) -> int:
+    """Cycles from a batch's last entry to the first one out of a cascade for `size` entries."""
+    times, length = list(range(count)), 1  # when each entry comes to the next merge
+    while length < size:
+        out, given, delay = [], 0, latency(length)
+        for start in range(0, count, 2 * length):
+            first, second = times[start:][:length], times[start + length :][:length]
+            begin = second[0] + delay if second else max(first[0] + delay, first[-1] + 1)
+            for come in first + second:
+                given = max(given + 1, begin, come + delay)
+                out.append(given)
+        times, length = out, 2 * length
+    return times[0] - (count - 1)
 
 
 def cycles(config: Config, counts: Sequence[int]) -> int:

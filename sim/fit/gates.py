@@ -3,9 +3,9 @@
 What lies between these parts (queues, control, memory access: about 150 k NAND2-equivalents of
 DEFAULT's 900 k) hardly depends on what is fitted, and is left out.
 
-Searching asks for differences only. They are linear in a format's bits, in a sub-sorter's entries
-and in a merge's ways, to within a few percent: two small syntheses give the slope, and the counts
-of the parts the rest.
+Searching asks for differences only. They are linear in a format's bits, in a merge's ways, and in
+the entries of a sub-sorter of OR-trees, to within a few percent: two small syntheses give the
+slope, and the counts of the parts the rest.
 """
 
 from collections.abc import Callable
@@ -20,6 +20,7 @@ from splatcore.spec.convention import BLOCK
 from splatcore.spec.number import Float
 from splatcore.spec.raster import block_count
 from splatcore.spec.schedule import PES
+from splatcore.spec.sort import index_bits
 from splatcore.spec.stages import HALVES
 
 SMALL_ENTRIES = 16
@@ -86,8 +87,8 @@ SHARES: dict[str, tuple[Share, ...]] = {
     ),
     "sort_digits": (
         (
-            _primitive("sub_sorter", sub_sorter_entries=SMALL_ENTRIES),
-            lambda config: config.sub_sorters * config.sub_sorter_entries / SMALL_ENTRIES,
+            _primitive("sub_sorter", sub_sorter_entries=2),
+            lambda config: config.sub_sorters * index_bits(config),
         ),
     ),
 } | {field: tuple(OF_RASTER[part] for part in format.parts) for field, format in FORMATS.items()}
@@ -133,16 +134,20 @@ def bit_gates(config: Config, field: str) -> float:
 
 
 @cache
-def _line(name: str, field: str, values: tuple[int, int]) -> tuple[float, float]:
+def _line(name: str, field: str, values: tuple[int, int], **changes) -> tuple[float, float]:
     """A part's size at 0 of a field, and what each more takes."""
-    low, high = (_primitive(name, **{field: value})(DEFAULT) for value in values)
+    low, high = (_primitive(name, **{field: value}, **changes)(DEFAULT) for value in values)
     slope = (high - low) / (values[1] - values[0])
     return low - slope * values[0], slope
 
 
 def sort_gates(config: Config) -> float:
     """NAND2-equivalents of stage 2's sub-sorters and merge."""
-    constant, slope = _line("sub_sorter", "sub_sorter_entries", (SMALL_ENTRIES, 2 * SMALL_ENTRIES))
-    sorters = config.sub_sorters * (constant + slope * config.sub_sorter_entries)
+    if config.sub_sorter == "trees":
+        few = SMALL_ENTRIES, 2 * SMALL_ENTRIES
+        constant, slope = _line("sub_sorter", "sub_sorter_entries", few, sub_sorter="trees")
+        sorters = config.sub_sorters * (constant + slope * config.sub_sorter_entries)
+    else:
+        sorters = _primitive("sub_sorter", sub_sorter_entries=config.sub_sorter_entries)(DEFAULT)
     constant, slope = _line("merge", "merge_ways", (DEFAULT.merge_ways // 2, DEFAULT.merge_ways))
     return sorters + constant + slope * config.merge_ways

@@ -84,7 +84,7 @@ class Speed:
     def choose(self, config: Config, most: int) -> Config:
         """The smallest machine for which no frame takes more cycles; Missed if there is none."""
         config = self._smallest(config, points(config), "preprocessing", most)
-        sorting = {"sub_sorters": SORTERS[-1], "sub_sorter_entries": ENTRIES[-1]}
+        sorting = {"sub_sorters": sorters(config)[-1], "sub_sorter_entries": ENTRIES[-1]}
         sorting["merge_ways"] = WAYS[-1]
         lanes = [replace(config, rasterizers=n, **sorting) for n in RASTERIZERS]
         rasterizers = self._smallest(config, lanes, "rendering", most).rasterizers
@@ -140,14 +140,17 @@ def _buildable(config: Config) -> bool:
     return True
 
 
+def sorters(config: Config) -> tuple[int, ...]:
+    """Numbers of sub-sorters to choose from: a cascade takes all entries that come."""
+    return SORTERS if config.sub_sorter == "trees" else (1,)
+
+
 def sortings(config: Config) -> Iterator[Config]:
     """Machines with all ways to sort, the cheapest first; of equal ones the least memory."""
     found = []
-    for sorters, entries, ways in product(SORTERS, ENTRIES, WAYS):
+    for count, entries, ways in product(sorters(config), ENTRIES, WAYS):
         try:
-            choice = replace(
-                config, sub_sorters=sorters, sub_sorter_entries=entries, merge_ways=ways
-            )
+            choice = replace(config, sub_sorters=count, sub_sorter_entries=entries, merge_ways=ways)
         except InputError:
             continue
         found.append((sort_gates(choice), entries * ways, choice))
@@ -161,7 +164,7 @@ def smaller(config: Config, name: str) -> Config | None:
         fewer = (c for c in reversed(points(config)) if c.pes * c.pe_arrays < total)
         return next(filter(_buildable, fewer), None)
     values = {
-        "rasterizers": RASTERIZERS, "sub_sorters": SORTERS, "sub_sorter_entries": ENTRIES,
+        "rasterizers": RASTERIZERS, "sub_sorters": sorters(config), "sub_sorter_entries": ENTRIES,
         "merge_ways": WAYS,
     }[name]  # fmt: skip
     less = [value for value in values if value < getattr(config, name)]

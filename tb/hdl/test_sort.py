@@ -11,6 +11,7 @@ from splatcore.golden.sort import sort
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.runs import Half, Runs
 from splatcore.hdl.sorting.sort import COUNTED, Sort
+from splatcore.hdl.sorting.sorter import Sorter
 from splatcore.sim.bench.sort import BOUND, BOUND_FROM
 from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
 from splatcore.sim.cycles.sort import cycles
@@ -24,9 +25,18 @@ from tb.helpers.runs import check_run, compiled, counters
 MACHINES = {
     "TINY": TINY,
     "DEFAULT": DEFAULT,
-    "four": replace(TINY, sub_sorters=4, merge_ways=16, sort_digits=PAPER.sort_digits),
-    "one": replace(TINY, sub_sorters=1, merge_ways=2, sort_digits=(1,) * 23),
-    "three": replace(TINY, sub_sorters=3, merge_ways=8, sub_sorter_entries=32, sort_digits=(5, 3)),
+    "four": replace(
+        TINY, sub_sorter="trees", sub_sorters=4, merge_ways=16, sort_digits=PAPER.sort_digits
+    ),
+    "one": replace(TINY, sub_sorter="trees", sub_sorters=1, merge_ways=2, sort_digits=(1,) * 23),
+    "three": replace(
+        TINY,
+        sub_sorter="trees",
+        sub_sorters=3,
+        merge_ways=8,
+        sub_sorter_entries=32,
+        sort_digits=(5, 3),
+    ),
 }
 
 SAMPLES = ("o__valid", "o__payload")
@@ -197,7 +207,13 @@ FAULTS = {
     "what is found is lost": (Merge, "_advance", "waits | arrives", "waits"),
     "a place is read early": (Merge, "_fetch", "self.waits & left", "self.waits"),
     "a batch too long": (Runs, "_cut", "slot.index.all() | ", ""),
-    "a run in the wrong half": (Runs, "_write", "(halves[k] == number)", "(halves[0] == number)"),
+    "a run in the wrong half": (
+        Runs,
+        "_write",
+        "payload.to.half == number",
+        "payload.to.half == 0",
+    ),
+    "an entry is not waited with": (Sorter, "_batches", "o.ready | stale", "1"),
     "a half is not cleared": (Half, "elaborate", "self.written.eq(0)", "self.written[0].eq(0)"),
     "a mark behind each job": (Sort, "_control", "m.If(job.last)", "m.If(1)"),
     "a mark before its entries": (Sort, "_control", " & ~self.looking & ~self.found", ""),

@@ -231,7 +231,7 @@ def test_command(monkeypatch, tmp_path, capsys):
         assert why in capsys.readouterr().err
 
 
-SMALL = replace(TINY, name="SMALL", sub_sorters=1, rasterizers=1)
+SMALL = replace(TINY, name="SMALL", sub_sorter="trees", rasterizers=1)
 
 
 @pytest.mark.verify
@@ -256,7 +256,7 @@ def test_frame(monkeypatch):
     for memory in counts.memories:
         name = memory.path.removeprefix("render.sort.runs.")
         writes[name], reads[name] = round(memory.writes, 2), round(memory.reads, 2)
-    sorters = [f"sorter{k}.memory" for k in range(SMALL.sub_sorters)]
+    sorters = [f"sorter{k}.part.memory" for k in range(SMALL.sub_sorters)]
     assert sum(writes[name] for name in sorters) == pytest.approx(told["sort_entries"], abs=0.1)
     assert sum(reads[name] for name in sorters) == pytest.approx(told["sort_entries"], abs=0.1)
     assert sum(counts.traffic.values()) * 2 == sum(found.report.traffic.values())

@@ -1,0 +1,155 @@
+"""A cascade of merges: sorts batches of entries while they pass, each merge doubling the runs."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.spec.config import Config
+from splatcore.spec.sort import batch_record, index_bits, ranked_record
+
+MEMORY_FROM = 8
+"""Runs of so many entries wait in memories, shorter ones in flip-flops."""
+
+PAIRS_WAITING = 4  # pairs of runs in a merge whose first run has come to its end
+
+
+def entry_layout(config: Config, size: int) -> data.StructLayout:
+    """The layout of an entry of a run of `size`. index: in its run; last: of its batch."""
+    key = batch_record(config)["key"].width
+    return data.StructLayout({"key": key, "index": exact_log2(size), "last": 1})
+
+
+def latency(size: int) -> int:
+    """Cycles from an entry's coming to a merge of runs of `size` to its being compared."""
+    return 2 if size >= MEMORY_FROM else 1
+
+
+class Pair(wiring.Component):
+    """Merges runs of `size` entries two by two, the earlier entry first of equal keys.
+
+    A batch is cut into runs from its beginning; its last run may be shorter, and may be alone.
+
+    Members
+        i, o: streams of `entry_layout`, of runs of `size` and of twice as many.
+
+    **Timing**: an entry a cycle, a run's first one `latency` cycles after that of its pair's second
+    run, or after the end of a run that is alone. Two queues of `size` entries and those that come
+    meanwhile. No multiplier; no path from `o.ready` to `i.ready`.
+    """
+
+    def __init__(self, config: Config, size: int):
+        self.config, self.size = config, size
+        entry, merged = entry_layout(config, size), entry_layout(config, 2 * size)
+        super().__init__({"i": In(stream.Signature(entry)), "o": Out(stream.Signature(merged))})
+        held = data.StructLayout({"entry": entry, "last": 1})  # last: of its run
+        depth, memory = size + latency(size) + 1, size >= MEMORY_FROM
+        self.runs = [Queue(held, depth, memory=memory) for _ in range(2)]
+        self.alone = Queue(1, PAIRS_WAITING)  # for each pair: it has no second run
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.first, m.submodules.second = self.runs
+        m.submodules.alone = self.alone
+        self._push(m)
+        self._merge(m)
+        return m
+
+    def _push(self, m: Module):
+        """Runs go to the two queues in turn."""
+        i, turn, count = self.i, Signal(), Signal(range(max(self.size, 2)))
+        ends, known = Signal(), self.alone.i
+        room = Mux(turn, self.runs[1].i.ready, self.runs[0].i.ready)
+        m.d.comb += [
+            ends.eq(i.payload.last | (count == self.size - 1)),
+            i.ready.eq(room & known.ready),
+            known.payload.eq(i.payload.last),
+            known.valid.eq(i.valid & room & ~turn & ends),
+        ]
+        for number, run in enumerate(self.runs):
+            m.d.comb += [
+                run.i.valid.eq(i.valid & known.ready & (turn == number)),
+                run.i.payload.entry.eq(i.payload),
+                run.i.payload.last.eq(ends),
+            ]
+        with m.If(i.valid & i.ready):
+            m.d.sync += count.eq(Mux(ends, 0, count + 1))
+            with m.If(ends):
+                m.d.sync += turn.eq(~turn & ~i.payload.last)
+
+    def _merge(self, m: Module):
+        """The smaller head of a pair whose first run has come."""
+        o, pair = self.o, self.alone.o
+        first, second = (run.o for run in self.runs)
+        over, last = Signal(2), Signal()  # a run has been given; the second one ends its batch
+        left = Signal(2)  # a run has entries that have not been given
+        m.d.comb += [left[0].eq(~over[0]), left[1].eq(~over[1] & ~pair.payload)]
+        less = Signal()
+        m.d.comb += less.eq(second.payload.entry.key < first.payload.entry.key)
+        chosen = Signal()  # the second run's
+        m.d.comb += [
+            chosen.eq(left[1] & (~left[0] | less)),
+            o.valid.eq(pair.valid & (~left[0] | first.valid) & (~left[1] | second.valid)),
+        ]
+        for number, run in enumerate((first, second)):
+            with m.If(chosen == number):
+                m.d.comb += o.payload.key.eq(run.payload.entry.key)
+                m.d.comb += o.payload.index.eq(Cat(run.payload.entry.index, chosen))
+        taken = Signal()
+        done = Mux(chosen, second.payload.last & ~left[0], first.payload.last & ~left[1])
+        ends = pair.payload | Mux(chosen, second.payload.entry.last, last)
+        m.d.comb += [
+            taken.eq(o.valid & o.ready),
+            first.ready.eq(taken & ~chosen),
+            second.ready.eq(taken & chosen),
+            pair.ready.eq(taken & done),
+            o.payload.last.eq(done & ends),
+        ]
+        with m.If(taken & done):
+            m.d.sync += over.eq(0)
+        with m.Elif(taken):
+            m.d.sync += over[0].eq(over[0] | (~chosen & first.payload.last))
+            m.d.sync += over[1].eq(over[1] | (chosen & second.payload.last))
+        with m.If(second.valid & second.ready):
+            m.d.sync += last.eq(second.payload.entry.last)
+
+
+class Cascade(wiring.Component):
+    """Sorts batches of up to `Config.sub_sorter_entries` entries, of equal keys the first first.
+
+    Members
+        i: stream of `batch_record`.
+        o: stream of `ranked_record`.
+
+    **Timing**: an entry a cycle in and out. A full batch's first entry leaves as many cycles after
+    its last one came as all merges' latencies are together; other batches stay up to half a batch
+    longer. Batches follow each other without a pause; several may be inside. Memory for two
+    batches. No multiplier.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        ports = {
+            "i": In(stream.Signature(layout(batch_record(config)))),
+            "o": Out(stream.Signature(layout(ranked_record(config)))),
+        }
+        super().__init__(ports)
+        self.pairs = [Pair(config, 1 << k) for k in range(index_bits(config))]
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        streams = [self.i, *(pair.o for pair in self.pairs)]
+        for before, pair in zip(streams, self.pairs, strict=False):
+            m.submodules[f"pair{pair.size}"] = pair
+            _join(m, before, pair.i)
+        _join(m, streams[-1], self.o)
+        return m
+
+
+def _join(m: Module, source: stream.Interface, target: stream.Interface):
+    """The key and the last bit; the index, as far as the source has one."""
+    m.d.comb += [target.valid.eq(source.valid), source.ready.eq(target.ready)]
+    for name in source.payload.shape().members:
+        m.d.comb += target.payload[name].eq(source.payload[name])

@@ -1,0 +1,111 @@
+"""A sub-sorter whose entries know where their runs are to be written."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.sorting.cascade import Cascade
+from splatcore.hdl.sorting.subsort import SubSorter
+from splatcore.spec.config import Config
+from splatcore.spec.sort import batch_record, ranked_record
+
+HALVES = 2
+
+BATCHES_INSIDE = 4
+"""Batches that may be in a cascade at a time: two full ones, and short ones of small lists."""
+
+
+def target_layout(config: Config) -> data.StructLayout:
+    """Where a run is written: a way of a half."""
+    return data.StructLayout({"way": range(config.merge_ways), "half": 1})
+
+
+class Sorter(wiring.Component):
+    """Sorts batches into runs (`Config.sub_sorter`).
+
+    Members
+        i: stream of batches' entries and their target.
+        o: stream of runs' entries and their target.
+        release: a bit for each half: its job is over, entries of it that are inside are dropped.
+        idle: no entry is inside.
+
+    **Timing**: that of `hdl.sorting.subsort`, with a batch inside at a time, or of
+    `hdl.sorting.cascade`, in which dropped entries go on to the end.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        given, found = layout(batch_record(config)), layout(ranked_record(config))
+        target = target_layout(config)
+        ports = {
+            "i": In(stream.Signature(data.StructLayout({"entry": given, "to": target}))),
+            "o": Out(stream.Signature(data.StructLayout({"entry": found, "to": target}))),
+            "release": In(HALVES),
+            "idle": Out(1),
+        }
+        super().__init__(ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        trees = self.config.sub_sorter == "trees"
+        m.submodules.part = part = (SubSorter if trees else Cascade)(self.config)
+        m.d.comb += [
+            part.i.payload.eq(self.i.payload.entry),
+            self.o.payload.entry.eq(part.o.payload),
+        ]
+        (self._one_batch if trees else self._batches)(m, part)
+        return m
+
+    def _one_batch(self, m: Module, part: SubSorter):
+        """What is still offered by a sub-sorter goes where the batch before said."""
+        i, o, target = self.i, self.o, Signal(target_layout(self.config))
+        m.d.comb += [
+            part.i.valid.eq(i.valid & ~part.o.valid),
+            i.ready.eq(part.i.ready & ~part.o.valid),
+            o.valid.eq(part.o.valid),
+            part.o.ready.eq(o.ready),
+            o.payload.to.eq(target),
+            self.idle.eq(part.idle),
+            # A drop is not for one that was idle: it may just be getting an entry of the next job.
+            part.drop.eq(self.release.bit_select(target.half, 1) & ~part.idle),
+        ]
+        with m.If(i.valid & i.ready):
+            m.d.sync += target.eq(i.payload.to)
+
+    def _batches(self, m: Module, part: Cascade):
+        """Batches leave in their order; those of a half that is released are dropped there."""
+        i, o = self.i, self.o
+        m.submodules.targets = targets = Queue(target_layout(self.config), BATCHES_INSIDE)
+        begins, stale, ends = Signal(init=1), Signal(), Signal()  # a batch begins with the next
+        enters = Signal()
+        m.d.comb += [
+            targets.i.payload.eq(i.payload.to),
+            targets.i.valid.eq(i.valid & begins & part.i.ready),
+            part.i.valid.eq(i.valid & (~begins | targets.i.ready)),
+            i.ready.eq(part.i.ready & (~begins | targets.i.ready)),
+            o.payload.to.eq(targets.o.payload),
+            o.valid.eq(part.o.valid & ~stale),
+            part.o.ready.eq(o.ready | stale),
+            ends.eq(part.o.valid & part.o.ready & part.o.payload.last),
+            targets.o.ready.eq(ends),
+            enters.eq(targets.i.valid & targets.i.ready),
+            self.idle.eq(~targets.o.valid),
+        ]
+        with m.If(i.valid & i.ready):
+            m.d.sync += begins.eq(i.payload.entry.last)
+        dropped = []
+        for half in range(HALVES):
+            inside, drops = (
+                Signal(range(BATCHES_INSIDE + 1), name=f"{n}{half}") for n in ("inside", "drops")
+            )
+            comes = enters & (i.payload.to.half == half)
+            goes = ends & (targets.o.payload.half == half)
+            m.d.sync += inside.eq(inside + comes - goes)
+            with m.If(self.release[half]):
+                m.d.sync += drops.eq(inside - goes)
+            with m.Elif(goes & drops.any()):
+                m.d.sync += drops.eq(drops - 1)
+            dropped.append(drops.any())
+        m.d.comb += stale.eq(Mux(targets.o.payload.half, dropped[1], dropped[0]))

@@ -1,0 +1,131 @@
+"""A cascade of merges, and a sub-sorter around it, against a stable sort; its pace; drops."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from splatcore.golden.sort import sub_sort
+from splatcore.hdl.sorting.cascade import Cascade, Pair
+from splatcore.hdl.sorting.sorter import Sorter
+from splatcore.sim.cycles.sort import merged
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.sort import batch_record, ranked_record, way_bits
+from tb.hdl.test_subsort import KINDS, batches_of
+from tb.helpers.parts import Variants
+from tb.helpers.runs import check_run, compiled
+
+MACHINES = {
+    "default": DEFAULT,
+    "tiny": TINY,
+    "four": replace(TINY, sub_sorter_entries=4, sort_digits=(1,) * 8),
+    "largest": replace(TINY, sub_sorter_entries=512, sort_digits=(1,) * 8),
+}
+
+
+def rows_of(config: Config, batches: list[np.ndarray]) -> np.ndarray:
+    last = np.concatenate([np.arange(len(keys)) == len(keys) - 1 for keys in batches])
+    return batch_record(config).pack({"key": np.concatenate(batches), "last": last})
+
+
+def run(name: str, batches: list[np.ndarray], stall: float = 0, seed: int = 0, part=None, **more):
+    """A run, compared with the golden model."""
+    config = MACHINES[name]
+    wanted = {"o": ranked_record(config).pack(sub_sort(batches))}
+    part = part or compiled(Cascade, config)
+    inputs = {"i": rows_of(config, batches)}
+    return check_run(part, inputs, wanted, constants=more, stall=stall, seed=seed, idle_max=2000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_equals_stable_sort(name):
+    """Batches of every size, ties among them, with and without stalls."""
+    for seed, stall in enumerate((0, 0.3, 0.7)):
+        run(name, batches_of(MACHINES[name], 40, seed), stall, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["default", "tiny"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_entry_a_cycle(kind, name):
+    """Whatever the keys: full batches follow each other; one by itself as the model says."""
+    config, random = MACHINES[name], np.random.default_rng(1)
+    size = config.sub_sorter_entries
+    keys = [KINDS[kind](config.sort_key_bits, size, random) for _ in range(6)]
+    assert run(name, keys).cycles == 7 * size + merged(size, size) - 1
+    for count in (1, 2, 3, size // 2, size // 2 + 1, size - 1, size):
+        keys = KINDS[kind](config.sort_key_bits, count, random)
+        last_in = count - 1 + merged(size, count)
+        assert last_in + count <= run(name, [keys]).cycles <= last_in + count + size // 4
+
+
+def sent(rows: np.ndarray, width: int, to: np.ndarray) -> np.ndarray:
+    """Rows of so many bits with their target above."""
+    wide = np.zeros((len(rows), 8), np.uint8)
+    wide[:, : rows.shape[1]] = rows
+    codes = wide.view("<u8")[:, 0] | to.astype(np.uint64) << np.uint64(width)
+    return codes.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :4].copy()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_release_drops_what_is_inside(kind):
+    """Of a half whose job is over nothing more comes; what follows comes whole."""
+    config, random = TINY, np.random.default_rng(2)
+    sizes, halves = (16, 5, 1, 16, 9, 3, 16, 7), (0, 0, 0, 1, 1, 0, 0, 1)
+    batches = [KINDS[kind](config.sort_key_bits, size, random) for size in sizes]
+    sorted_, owner = sub_sort(batches), np.repeat(np.arange(len(sizes)), sizes)
+    to = (np.arange(len(sizes)) % config.merge_ways) + (np.array(halves) << way_bits(config))
+    inputs = sent(rows_of(config, batches), batch_record(config).width, to[owner])
+    record = ranked_record(config)
+    wanted = sent(record.pack(sorted_), record.width, to[owner])
+    first, second = sum(sizes[:3]), sum(sizes[:5])
+    cut = 0
+    for moment in range(first, second):
+        release = (np.arange(moment + 2) == moment).astype(np.uint64)
+        result = compiled(Sorter, config).run({"i": inputs}, constants={"release": release})
+        assert result.finished and result.ports["idle"], moment
+        found = result.outputs["o"]
+        given = len(found) - (len(wanted) - first)
+        assert 0 <= given <= first, moment
+        assert np.array_equal(found, np.concatenate([wanted[:given], wanted[first:]])), moment
+        cut += given < first
+    assert cut > 3
+
+
+FAULTS = {
+    "a later entry wins a tie": (Pair, "_merge", "entry.key < first", "entry.key <= first"),
+    "a run alone waits": (Pair, "_merge", "& ~pair.payload", ""),
+    "a run too long": (Pair, "_push", "self.size - 1", "self.size"),
+    "the next batch's runs are paired": (Pair, "_push", "~turn & ~i.payload.last", "~turn"),
+    "a pair is not over": (Pair, "_merge", "second.payload.last & ~left[0]", "second.payload.last"),
+    "a batch's end is lost": (Pair, "_merge", "pair.payload | Mux(", "Mux("),
+    "the second run's index": (Pair, "_merge", "entry.index, chosen", "entry.index, 0"),
+    "the second run's end is forgotten": (Pair, "_merge", "eq(second.payload.entry.last)", "eq(0)"),
+}  # fmt: skip
+
+
+@cache
+def faulty() -> Simulation:
+    return Simulation(Variants(lambda: Cascade(TINY), FAULTS.values()))
+
+
+def check_all(number: int):
+    """Runs that find every fault."""
+    for seed, stall in enumerate((0, 0.5)):
+        run("tiny", batches_of(TINY, 40, seed), stall, seed, faulty(), fault=number)
+
+
+@pytest.mark.slow
+def test_without_a_fault():
+    check_all(0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_found(fault):
+    with pytest.raises(AssertionError):
+        check_all(1 + list(FAULTS).index(fault))
