@@ -19,8 +19,9 @@ PRODUCTS = signed(MULTIPLICAND.width + POLYNOMIAL.width + 1)
 """A sum of `LANES` products: each is at most a quarter of what these bits hold."""
 
 
-def sum_of_products(a: list[Value], b: list[Value]) -> Value:
-    """The sum of a · b of signed numbers, but for a multiple of a power of two beyond it.
+def sums_of_products(a: list[Value], b: list[Value]) -> tuple[Value, Value]:
+    """Two numbers whose sum is that of a · b of signed ones, but for a multiple of a power of two
+    beyond it.
 
     Rows of partial products are added as they are, without copies of their signs: a bit that counts
     negative is inverted, and what all of these are then too much is a constant.
@@ -33,7 +34,8 @@ def sum_of_products(a: list[Value], b: list[Value]) -> Value:
             flip = (1 << len(y) - 1) - 1 if last else 1 << len(y) - 1
             rows.append((row ^ flip)[: len(y)] << k)
         constant += (1 << len(x) - 1) + (1 << len(y) - 1) - (1 << len(x) + len(y) - 1)
-    return sum(rows) + constant
+    middle = len(rows) // 2
+    return sum(rows[:middle]), sum(rows[middle:]) + constant
 
 
 class Terms(wiring.Component):
@@ -52,10 +54,10 @@ class Terms(wiring.Component):
 
     A machine without harmonics has neither multiplicands nor polynomials, and no term's shift.
 
-    **Timing**: a term a cycle, latency 4. Nine multipliers of 7 × 13 bits.
+    **Timing**: a term a cycle, latency 5. Nine multipliers of 7 × 13 bits.
     """
 
-    latency = 4
+    latency = 5
 
     def __init__(self, config: Config, base: int):
         """base: bits of it."""
@@ -118,6 +120,7 @@ class Terms(wiring.Component):
         start = Signal(signed(len(scaled) + places + 1), name=f"start_{channel}", reset_less=True)
         half = self.half << TOTAL_FRACTION - 1
         m.d.sync += start.eq((scaled << places >> shift) + (half | offset))
+        (start,) = self._delayed(m, 1, start)
         return start
 
     def _sum(self, m: Module, channel: int) -> Signal:
@@ -127,9 +130,14 @@ class Terms(wiring.Component):
             factor = Signal(MULTIPLICAND, name=f"factor_{channel}{lane}", reset_less=True)
             m.d.sync += factor.eq(self.multiplicands[channel][lane])
             factors.append(factor)
-        kept = Signal(PRODUCTS, name=f"sum_{channel}", reset_less=True)
-        m.d.sync += kept.eq(sum_of_products(factors, list(self.polynomials)))
-        return kept
+        parts = []
+        for k, part in enumerate(sums_of_products(factors, list(self.polynomials))):
+            kept = Signal(PRODUCTS, name=f"part_{channel}{k}", reset_less=True)
+            m.d.sync += kept.eq(part)
+            parts.append(kept)
+        total = Signal(PRODUCTS, name=f"sum_{channel}", reset_less=True)
+        m.d.sync += total.eq(sum(parts))
+        return total
 
     def _addend(self, m: Module, total: Signal, shift: Signal, three: Signal) -> Signal:
         """The sum times factor and gain, shifted."""

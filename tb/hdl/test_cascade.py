@@ -13,7 +13,7 @@ from splatcore.sim.cycles.sort import merged
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, TINY, Config
 from splatcore.spec.sort import batch_record, ranked_record, way_bits
-from tb.hdl.test_subsort import KINDS, batches_of
+from tb.helpers.batches import KINDS, batches_of
 from tb.helpers.parts import Variants
 from tb.helpers.runs import check_run, compiled
 
@@ -70,10 +70,8 @@ def sent(rows: np.ndarray, width: int, to: np.ndarray) -> np.ndarray:
     return codes.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :4].copy()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_release_drops_what_is_inside(kind):
-    """Of a half whose job is over nothing more comes; what follows comes whole."""
+def check_release(kind: str, part: Simulation, **more):
+    """Jobs of both halves, and a release of the first half at any moment of the second's job."""
     config, random = TINY, np.random.default_rng(2)
     sizes, halves = (16, 5, 1, 16, 9, 3, 16, 7), (0, 0, 0, 1, 1, 0, 0, 1)
     batches = [KINDS[kind](config.sort_key_bits, size, random) for size in sizes]
@@ -86,7 +84,7 @@ def test_a_release_drops_what_is_inside(kind):
     cut = 0
     for moment in range(first, second):
         release = (np.arange(moment + 2) == moment).astype(np.uint64)
-        result = compiled(Sorter, config).run({"i": inputs}, constants={"release": release})
+        result = part.run({"i": inputs}, constants={"release": release} | more)
         assert result.finished and result.ports["idle"], moment
         found = result.outputs["o"]
         given = len(found) - (len(wanted) - first)
@@ -94,6 +92,39 @@ def test_a_release_drops_what_is_inside(kind):
         assert np.array_equal(found, np.concatenate([wanted[:given], wanted[first:]])), moment
         cut += given < first
     assert cut > 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_release_drops_what_is_inside(kind):
+    """Of a half whose job is over nothing more comes; what follows comes whole."""
+    check_release(kind, compiled(Sorter, TINY))
+
+
+RELEASES = {
+    "nothing is dropped": (Sorter, "_batches", "drops.eq(inside - goes)", "drops.eq(0)"),
+    "all is dropped from then on": (Sorter, "_batches", "drops.eq(drops - 1)", "drops.eq(drops)"),
+    "a batch is dropped too few": (Sorter, "_batches", "inside - goes)\n", "inside - 1)\n"),
+    "the other half's is dropped": (Sorter, "_batches", "dropped[1], dropped[0]", "*dropped"),
+    "a batch goes to the first's": (Sorter, "_batches", "eq(i.payload.entry.last)", "eq(0)"),
+}  # fmt: skip
+
+
+@cache
+def faulty_release() -> Simulation:
+    return Simulation(Variants(lambda: Sorter(TINY), RELEASES.values()))
+
+
+@pytest.mark.slow
+def test_releases_without_a_fault():
+    check_release("random", faulty_release(), fault=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", RELEASES)
+def test_fault_at_a_release_is_found(fault):
+    with pytest.raises(AssertionError):
+        check_release("random", faulty_release(), fault=1 + list(RELEASES).index(fault))
 
 
 FAULTS = {

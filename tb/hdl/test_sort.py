@@ -213,7 +213,12 @@ FAULTS = {
         "payload.to.half == number",
         "payload.to.half == 0",
     ),
-    "an entry is not waited with": (Sorter, "_batches", "o.ready | stale", "1"),
+    "a run in the way before": (
+        Sorter,
+        "_batches",
+        "begins.eq(i.payload.entry.last)",
+        "begins.eq(0)",
+    ),
     "a half is not cleared": (Half, "elaborate", "self.written.eq(0)", "self.written[0].eq(0)"),
     "a mark behind each job": (Sort, "_control", "m.If(job.last)", "m.If(1)"),
     "a mark before its entries": (Sort, "_control", " & ~self.looking & ~self.found", ""),

@@ -1,19 +1,19 @@
 """A sub-sorter against a stable sort, its pace, and proofs of a small one."""
 
 from dataclasses import replace
-from itertools import cycle
 
 import numpy as np
 import pytest
 
 from splatcore.golden.sort import sub_sort
 from splatcore.hdl.sorting.subsort import SubSorter
-from splatcore.sim.bench.sort_rows import KEYS, random_keys
+from splatcore.sim.bench.sort_rows import random_keys
 from splatcore.sim.eda.synth import DEPTH_MAX, gates
 from splatcore.sim.rtl.formal import ProofError, cover, prove
-from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.sort import batch_record, digits, phases, ranked_record
 from tb.formal.subsort import Given, small
+from tb.helpers.batches import KINDS, batches_of
 from tb.helpers.runs import check_run, compiled
 from tb.planted.fault import planted
 
@@ -30,29 +30,6 @@ MACHINES = {
 }
 LONG = ("paper", "largest")
 """Sizes that take minutes to compile; "short" and "bits" are the same with fewer entries."""
-
-
-def close_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
-    return random_keys(bits - 1, 1, random) + random.integers(0, 3, count, dtype=np.uint64)
-
-
-def extreme_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
-    return random.choice(np.array([0, (1 << bits) - 1], np.uint64), count)
-
-
-KINDS = KEYS | {"close": close_keys, "extreme": extreme_keys}
-
-
-def batches_of(config: Config, count: int, seed: int) -> list[np.ndarray]:
-    """Batches of all kinds and sizes, each kind full in the first place."""
-    random = np.random.default_rng(seed)
-    entries = config.sub_sorter_entries
-    sizes = [entries] * len(KINDS) + [1, 2, 3, entries - 1]
-    sizes += list(random.integers(1, entries + 1, count))
-    return [
-        keys_of(config.sort_key_bits, size, random)
-        for keys_of, size in zip(cycle(KINDS.values()), sizes, strict=False)
-    ]
 
 
 def run(name: str, batches: list[np.ndarray], stall: float = 0, seed: int = 0):
