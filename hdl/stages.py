@@ -25,7 +25,7 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
-from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, ListReader
+from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, LONG_BURST, ListReader
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.prepare import Prepare
@@ -62,7 +62,7 @@ CONTROL: dict[str, Build] = {
     "model": ModelReader,
     "binned": Binned,
     "groups": Groups,
-    "long_lists": lambda config: ListReader(config, LONG_BEATS_WAITING),
+    "long_lists": lambda config: ListReader(config, LONG_BEATS_WAITING, LONG_BURST),
     "lists": ListReader,
     "buckets": lambda config: Store(LINE_BEATS),
     "deal": Deal,

@@ -18,7 +18,9 @@ class Fetch(wiring.Component):
     """Ranges of beats in, the beats out, in order.
 
     A burst is asked for when the queue has room for all of it besides what it holds and what is on
-    its way, so that beats that come back never wait. Bursts end at multiples of `BURST_BEATS`.
+    its way, so that beats that come back never wait. Bursts end at multiples of `burst` beats. The
+    last burst's room is not used while the next one is waited for: short bursts hide more of the
+    memory's latency, long ones ask less often.
 
     Members
         i: stream of ranges: first beat, count of beats (from 1 on).
@@ -30,9 +32,10 @@ class Fetch(wiring.Component):
     fewer beats than come during the memory's latency slows the reading. No multiplier.
     """
 
-    def __init__(self, depth: int, count_bits: int):
-        if depth < BURST_BEATS:
-            raise ValueError(f"a queue of {depth} beats, below a burst of {BURST_BEATS}")
+    def __init__(self, depth: int, count_bits: int, burst: int = BURST_BEATS):
+        if depth < burst:
+            raise ValueError(f"a queue of {depth} beats, below a burst of {burst}")
+        self.burst = burst
         self.range = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "count": count_bits})
         self.depth, self.queue = depth, Queue(DATA_BITS, depth, memory=True)
         ports = {
@@ -55,11 +58,11 @@ class Fetch(wiring.Component):
         # What is left of the range; the burst that is to be asked for.
         rest, more = Signal(self.range, reset_less=True), Signal()
         burst, sized = Signal(layout(read_record()), reset_less=True), Signal()
-        beats = Signal(range(BURST_BEATS + 1), reset_less=True)
-        offset = rest.beat[: exact_log2(BURST_BEATS)]
+        beats = Signal(range(self.burst + 1), reset_less=True)
+        offset = rest.beat[: exact_log2(self.burst)]
         to_boundary = Signal.like(beats)
         ends = rest.count <= to_boundary
-        m.d.comb += [to_boundary.eq(BURST_BEATS - offset), self.i.ready.eq(~more)]
+        m.d.comb += [to_boundary.eq(self.burst - offset), self.i.ready.eq(~more)]
         m.d.comb += self.reads.payload.eq(burst)
         asked, fire = Signal(), Signal()
         m.d.comb += asked.eq(self.reads.valid & self.reads.ready)
@@ -131,13 +134,11 @@ class Unpack(wiring.Component):
         return m
 
 
-def unpacked(
-    m: Module, reader: wiring.Component, depth: int, range_bits: int, count_bits: int
-) -> tuple[Fetch, Unpack]:
+def unpacked(m: Module, reader: wiring.Component, fetch: Fetch, count_bits: int) -> Unpack:
     """A reader of ranges of slots, for a component with the streams `reads` and `data`."""
-    m.submodules.fetch = fetch = Fetch(depth, range_bits)
+    m.submodules.fetch = fetch
     m.submodules.unpack = unpack = Unpack(count_bits)
     connect(m, fetch.reads, flipped(reader.reads))
     connect(m, flipped(reader.data), fetch.data)
     connect(m, fetch.o, unpack.beats)
-    return fetch, unpack
+    return unpack

@@ -20,12 +20,15 @@ BEATS_WAITING = 48
 LONG_BEATS_WAITING = 30
 """The same of entries that are to be dealt, which are taken more slowly."""
 
+BURST, LONG_BURST = 8, 4
+"""Beats asked for at a time, likewise."""
+
 
 class ListReader(wiring.Component):
     """Reads lists: those of groups from page to page, dealt ones (`spec.sort`) in one go.
 
     Parameters
-        depth: beats that may wait.
+        depth: beats that may wait; burst: beats that are asked for at a time.
 
     Members
         lists_at, scratch_at: addresses of the pages and of the buckets, in beats.
@@ -38,8 +41,8 @@ class ListReader(wiring.Component):
     entries are read.
     """
 
-    def __init__(self, config: Config, depth: int = BEATS_WAITING):
-        self.config, self.depth = config, depth
+    def __init__(self, config: Config, depth: int = BEATS_WAITING, burst: int = BURST):
+        self.config, self.depth, self.burst = config, depth, burst
         ports = {
             "lists_at": In(BEAT_ADDRESS_BITS),
             "scratch_at": In(BEAT_ADDRESS_BITS),
@@ -55,7 +58,8 @@ class ListReader(wiring.Component):
         beats, bucket = page_bytes(self.config) // BEAT, half_entries(self.config)
         count_bits = max(self.config.page, bucket).bit_length()
         beat_bits = max(beats, bucket * SLOT // BEAT).bit_length()
-        fetch, unpack = unpacked(m, self, self.depth, beat_bits, count_bits)
+        fetch = Fetch(self.depth, beat_bits, self.burst)
+        unpack = unpacked(m, self, fetch, count_bits)
         m.d.comb += [self.o.valid.eq(unpack.o.valid), self.o.payload.eq(unpack.o.payload)]
         m.d.comb += unpack.o.ready.eq(self.o.ready)
         self._pages(m, fetch, unpack, beats)

@@ -10,7 +10,7 @@ from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.store import Store
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
-from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, ListReader
+from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, LONG_BURST, ListReader
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.deal import Deal
@@ -62,7 +62,7 @@ class Render(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
-        self.long_lists = ListReader(config, LONG_BEATS_WAITING)
+        self.long_lists = ListReader(config, LONG_BEATS_WAITING, LONG_BURST)
         self.lists = ListReader(config)
         self.buckets, self.features = Store(LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)

@@ -28,8 +28,8 @@ class Memory(wiring.Component):
     pace: an item for each beat that comes back. bursts: what was asked for.
     """
 
-    def __init__(self, depth: int):
-        self.fetch = Fetch(depth, COUNT_BITS)
+    def __init__(self, depth: int, burst: int):
+        self.fetch = Fetch(depth, COUNT_BITS, burst)
         fetch = self.fetch.signature.members
         pace = In(stream.Signature(1))
         super().__init__({"i": fetch["i"], "bursts": fetch["reads"], "pace": pace, "o": fetch["o"]})
@@ -67,22 +67,21 @@ class Memory(wiring.Component):
         return m
 
 
-def expected(first: np.ndarray, count: np.ndarray) -> tuple[list, np.ndarray]:
+def expected(first: np.ndarray, count: np.ndarray, burst: int) -> tuple[list, np.ndarray]:
     """Bursts (first beat, beats) and the beats of ranges."""
     bursts = []
     for begin, end in zip(first, first + count, strict=True):
-        starts = np.arange(begin // BURST_BEATS, -(-end // BURST_BEATS)) * BURST_BEATS
+        starts = np.arange(begin // burst, -(-end // burst)) * burst
         bursts += [
-            (max(begin, start), min(end, start + BURST_BEATS) - max(begin, start))
-            for start in starts
+            (max(begin, start), min(end, start + burst) - max(begin, start)) for start in starts
         ]
     return bursts, np.concatenate([np.arange(b, b + n) for b, n in bursts])
 
 
-def check(depth: int, first: np.ndarray, count: np.ndarray, stall: float = 0, seed: int = 0) -> int:
+def check(depth: int, first, count, stall: float = 0, seed: int = 0, burst=BURST_BEATS) -> int:
     """The cycles that ranges take, after a look at what was asked for and what came."""
-    bursts, beats = expected(first, count)
-    result = compiled(Memory, depth).run(
+    bursts, beats = expected(first, count, burst)
+    result = compiled(Memory, depth, burst).run(
         {"i": RANGE.pack({"beat": first, "count": count}), "pace": np.zeros((len(beats), 1), "u1")},
         expected={"bursts": len(bursts), "o": len(beats)}, stall=stall, seed=seed,
     )  # fmt: skip
@@ -96,14 +95,14 @@ def check(depth: int, first: np.ndarray, count: np.ndarray, stall: float = 0, se
     return result.cycles
 
 
-@pytest.mark.parametrize("depth", [BURST_BEATS, 40])
-def test_ranges(depth):
+@pytest.mark.parametrize(("depth", "burst"), [(BURST_BEATS, BURST_BEATS), (40, 16), (30, 4)])
+def test_ranges(depth, burst):
     rng = np.random.default_rng(depth)
     for seed, stall in enumerate((0, 0.3, 0.7)):
         count = np.where(rng.random(120) < 0.3, rng.integers(1, 90, 120), rng.integers(1, 5, 120))
         first = rng.integers(0, 1 << 20, 120)
         first[-1] = (1 << BEAT_ADDRESS_BITS) - count[-1]  # the end of memory
-        check(depth, first, count, stall, seed)
+        check(depth, first, count, stall, seed, burst)
 
 
 def test_pace():
