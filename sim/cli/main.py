@@ -9,7 +9,7 @@ from splatcore.spec.error import InputError
 
 COMMANDS = (
     "scene compress pack render compare error hard programs verilog sizes cycles power fit "
-    "report bench_sort bench_views bench_quality bench_compression bench_differentiable"
+    "report bench_sort bench_views bench_rule bench_quality bench_compression bench_differentiable"
 ).split()
 """Files of this folder whose import registers commands, in help's order."""
 

@@ -202,7 +202,7 @@ def test_commands_are_in_the_order_of_their_files():
     found = [*app.registered_commands, *bench.registered_commands]
     names = """scene info train compress pack render compare error hard programs verilog registers
         synth fpga memories cycles power fit report
-        sort scenes sweep ablation work quality compression differentiable"""
+        sort scenes sweep ablation work rule quality compression differentiable"""
     assert [command.name for command in found] == names.split()
     files = dict.fromkeys(command.callback.__module__.split(".")[-1] for command in found)
     assert list(files) == FILES
