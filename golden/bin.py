@@ -65,12 +65,13 @@ def bin_splats(
     near_code: the near plane's code of `Config.arithmetic`; pages: the size of list memory.
     """
     found, rows = footprints(config, codes, width, height)
-    kept, number = np.unique(found[:, 0], return_inverse=True)
+    counts = np.bincount(found[:, 0], minlength=len(codes["u"]))
+    kept, number = np.flatnonzero(counts), np.cumsum(counts > 0) - 1
     _, columns = records.group_grid(config, width, height)
     group = (found[:, 1] >> 16) * columns + (found[:, 1] & 0xFFFF)
     entries = {
         "key": keys(config, near_code, codes)[found[:, 0]],
-        "splat": number.astype(np.uint64),
+        "splat": number[found[:, 0]].astype(np.uint64),
         "mask": found[:, 2].astype(np.uint64),
     }
     slot = np.zeros((len(group), 8), np.uint8)
@@ -79,7 +80,6 @@ def bin_splats(
     groups = int(np.prod(records.group_grid(config, width, height)))
     lists = write_lists(config, group, slot.view("<u8")[:, 0], groups, pages)
     chosen = {name: code[kept] for name, code in codes.items()}
-    counts = np.bincount(found[:, 0], minlength=len(codes["u"]))
     return Binned(kept, features(config, chosen), group, entries, lists, rows, counts)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from splatcore.golden.arithmetic import Parts, take_apart
+from splatcore.golden.batches import in_batches
 from splatcore.spec import binning
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
@@ -174,7 +175,12 @@ def visit(outlines, group, last_column, margin, out, entries):
 
 def footprints(config: Config, codes: Codes, width: int, height: int):
     """Entries [E, 3] of splats [N] as `visit` gives them, and tile rows [N] that are looked at."""
-    found = outlines(config, codes, width, height)
+
+    def of(batch: slice) -> np.ndarray:
+        part = {name: code[batch] for name, code in codes.items()}
+        return outlines(config, part, width, height)
+
+    found = np.concatenate(in_batches(of, len(codes["u"])))
     rest = config.group, (width - 1) // TILE, binning.lean_margin(config), binning.outward(config)
     count = visit(found, *rest, np.empty((0, 3), np.int64))
     entries = np.empty((count, 3), np.int64)

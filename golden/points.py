@@ -4,10 +4,12 @@ Stage 0 skips chunks and culls points at the near plane, stage 1 places what is 
 the guard band) and projects it (`golden.project`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from splatcore.golden.batches import in_batches
 from splatcore.golden.program import Values, run
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera
@@ -48,6 +50,16 @@ def project_points(config: Config, model: PackedModel, camera: Camera) -> Points
     )
     chunks, read = chunk(config, frame, model)
     points = np.flatnonzero(read[np.arange(len(model)) // CHUNK])
+    found = in_batches(lambda b: _batch(config, frame, model, chunks, points[b]), len(points))
+    culled, placed, projected, *numbers = zip(*found, strict=True)
+    values = map(_joined, (culled, placed, projected))
+    return Points(frame, chunks, read, *values, points, *map(np.concatenate, numbers))
+
+
+def _batch(
+    config: Config, frame: FrameConstants, model: PackedModel, chunks: Values, points: np.ndarray
+) -> tuple[Values | np.ndarray, ...]:
+    """From `culled` on, the fields of `Points` but `points`, of some of them."""
     fields = rays(finer(config), frame, model, points)
     fields |= {name: chunks[name][points // CHUNK] for name in SHARED}
     culled, kept = cull(config, frame, fields)
@@ -63,7 +75,15 @@ def project_points(config: Config, model: PackedModel, camera: Camera) -> Points
         seen = shared["z"] > frame.near_plane
         arrays = {name: found for name, found in projected.items() if np.ndim(found)}
         projected, index = projected | _take(arrays, seen), chosen[seen]
-    return Points(frame, chunks, read, culled, placed, projected, points, front, chosen, index)
+    return culled, placed, projected, front, chosen, index
+
+
+def _joined(batches: Sequence[Values]) -> Values:
+    """The values of all batches; constants are those of each."""
+    return {
+        name: np.concatenate([values[name] for values in batches]) if np.ndim(first) else first
+        for name, first in batches[0].items()
+    }
 
 
 def _take(values: Values, chosen: np.ndarray) -> Values:

@@ -1,10 +1,14 @@
-"""Golden model of the PE arrays: a microprogram, step by step, on all items at once."""
+"""Golden model of the PE arrays: a microprogram on all items at once."""
+
+from itertools import groupby
 
 import numpy as np
 
+from splatcore.golden.pe import ABSENT, evaluate, rounding
 from splatcore.golden.unary import reciprocal, rsqrt
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import Program, Step
+from splatcore.spec.number import Float
 
 Values = dict[str, np.ndarray | float]
 """Float64 values that `Config.arithmetic` holds, by name: [N], or one number for a constant."""
@@ -14,23 +18,32 @@ UNARY = {"reciprocal": reciprocal, "rsqrt": rsqrt}
 
 def run(config: Config, program: Program, inputs: Values) -> Values:
     """Every value that the program makes, with its inputs."""
-    values = {name: inputs[name] for name in program.inputs}
-    with np.errstate(invalid="ignore"):  # NaN is a result like others where the format has it
-        for step in program.steps:
-            values[step.name] = _evaluate(config, step, values)
-    return values
+    found = {name: inputs[name] for name in program.inputs}
+    number = {name: k for k, name in enumerate((*found, *(step.name for step in program.steps)))}
+    [count] = np.broadcast_shapes((1,), *map(np.shape, found.values()))
+    values = np.empty((len(number), count))
+    for name, value in found.items():
+        values[number[name]] = value
+    for on_pe, steps in groupby(program.steps, lambda step: step.unit == "pe"):
+        if on_pe:
+            evaluate(_numbered(steps, number), values, rounding(config.arithmetic))
+            continue
+        for step in steps:
+            operands = [values[number[name]] for name in step.operands]
+            values[number[step.name]] = _other(config.arithmetic, step.unit, *operands)
+    return found | {step.name: values[number[step.name]] for step in program.steps}
 
 
-def _evaluate(config: Config, step: Step, values: Values) -> np.ndarray:
-    format = config.arithmetic
-    a, b, c = (values[name] if name else None for name in (step.a, step.b, step.c))
-    if step.unit == "pe":
-        product = a if b is None else format.round(a * b)
-        if c is None:
-            return -product if step.negate else product
-        return format.round(c - product if step.negate else c + product)
-    if step.unit == "clamp":
+def _numbered(steps: list[Step], number: dict[str, int]) -> np.ndarray:
+    """Steps as `evaluate` takes them."""
+    absent = number | {None: ABSENT}
+    return np.array([[absent[n] for n in (s.name, s.a, s.b, s.c)] + [s.negate] for s in steps])
+
+
+def _other(format: Float, unit: str, a: np.ndarray, b: np.ndarray | None = None) -> np.ndarray:
+    """A step that no PE makes."""
+    if unit == "clamp":
         return np.clip(a, -b, b)
-    if step.unit == "maximum":
+    if unit == "maximum":
         return np.maximum(a, b)
-    return format.decode(UNARY[step.unit](format, format.encode(a)))
+    return format.decode(UNARY[unit](format, format.encode(a)))

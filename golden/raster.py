@@ -7,7 +7,7 @@ the order of work but the order of a pixel's splats.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit, parallel_chunksize, prange
 
 from splatcore.golden.setup import POSITION_FRACTION, prepare, quadratic, setup_constants
 from splatcore.spec import raster as stage_3
@@ -26,6 +26,9 @@ PAIRS = ("entries", "pairs", "far", "empty")
 """Counts by group: entries until the group's last pixel had ended; pairs of one of them
 and a tile with live pixels; those that setup found too far away, those without a marked block."""
 
+AT_ONCE = 8
+"""Groups that a thread takes at a time: lists differ in length, so that halves of them do not end
+together."""
 
 FAINT, ENDED, BLENDED = range(3)
 """What a splat does to a pixel."""
@@ -87,13 +90,14 @@ def rasterize(
     owners = np.array([owner(config, block)[0] for block in range(BLOCKS**2)])
     tiles = np.concatenate([[0], np.cumsum(np.bitwise_count(mask.astype(np.uint64)), dtype=int)])
     blocks = np.full(tiles[-1], -1, np.int64)
-    _rasterize_groups(
-        prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
-        np.array([columns, config.group]), owners, setup_constants(config),
-        _blend_constants(config, rounded), _levels(config, mark_all),
-        np.array(stage_3.power_table(config)),
-        np.array(background), pixels, work, pairs, tiles, blocks,
-    )  # fmt: skip
+    with parallel_chunksize(AT_ONCE):
+        _rasterize_groups(
+            prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
+            np.array([columns, config.group]), owners, setup_constants(config),
+            _blend_constants(config, rounded), _levels(config, mark_all),
+            np.array(stage_3.power_table(config)),
+            np.array(background), pixels, work, pairs, tiles, blocks,
+        )  # fmt: skip
     return Raster(pixels, work, pairs, blocks)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 from splatcore.golden.arithmetic import take_apart
+from splatcore.golden.batches import in_batches
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
@@ -22,6 +23,15 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
 
     Shifts are true ones here; a record has them from `SHIFT_MIN` on.
     """
+
+    def of(batch: slice) -> np.ndarray:
+        return _prepared(config, {name: codes[batch] for name, codes in features.items()})
+
+    return np.concatenate(in_batches(of, len(features["u"])))
+
+
+def _prepared(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
+    """The same of some of them."""
     format, unit = config.arithmetic, config.screen_exponent
     exponent, significand = {}, {}
     for name in ("u", "v", "across", "along", "shear"):

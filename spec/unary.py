@@ -1,7 +1,7 @@
 """Reciprocal 1/x and reciprocal square root 1/√x of floats: sizes, coefficients, special cases.
 
 A number is x = ±1.f · 2^e with a fraction f of F bits; for rsqrt e is split into 2q + p with
-p = 0 or 1. One table serves the significand, in one binade of results:
+p = np.ldexp(1.0, scale - 50) or 1. One table serves the significand, in one binade of results:
 
     reciprocal       y = 2 / 1.f            1/x  = y · 2^(−e−1)        1 < y ≤ 2
     rsqrt  y = 2 / √(1.f · 2^p)   1/√x = y · 2^(−q−1)        1 < y ≤ 2
@@ -173,9 +173,10 @@ def _fit(path: Datapath, address: int) -> tuple[int, int, int]:
     parity, index = divmod(address, 1 << path.index)
     end = (1 << path.rest) - 1
 
-    def exact(rest: int) -> int:
+    def exact(rest):
         fraction = (index << path.rest) + rest
-        return _exact(path.function, path.fraction, parity, fraction, path.point + FIT_BITS)
+        known = _exact if np.ndim(rest) == 0 else _exact_array
+        return known(path.function, path.fraction, parity, fraction, path.point + FIT_BITS)
 
     slope = curve = 0
     if path.degree == 1:  # the chord's slope is the best for a convex function
@@ -189,22 +190,22 @@ def _fit(path: Datapath, address: int) -> tuple[int, int, int]:
         # square ≈ (distance² − 1) / 4 / 2^dropped, with the distance in half steps.
         dropped = 2 * path.reach_drop + path.square_drop
         curve = _divide(bend << dropped + 1, (node**2 - 1) << FIT_BITS + path.curve_shift)
-    points = {*range(0, end + 1, (end + 1) // FIT_POINTS | 1), end}
-    wanted = [exact(p) - (_terms(path, slope, curve, p) << FIT_BITS) for p in points]
-    middle = (min(wanted) + max(wanted) >> FIT_BITS + 1) + (1 << path.point - 1)
+    points = np.array([*range(0, end + 1, (end + 1) // FIT_POINTS | 1), end])
+    wanted = exact(points) - (_terms(path, slope, curve, points) << FIT_BITS)
+    middle = (int(wanted.min() + wanted.max()) >> FIT_BITS + 1) + (1 << path.point - 1)
     unit = 1 << path.point - path.guard
     offset = (middle + unit // 2) // unit
     return offset % (1 << path.fraction + 1 + path.guard), slope, curve
 
 
-def _terms(path: Datapath, slope: int, curve: int, rest: int) -> int:
-    """The sum without its offset."""
+def _terms(path: Datapath, slope: int, curve: int, rest: np.ndarray) -> np.ndarray:
+    """The sum without its offset, int64."""
     if not path.degree:
-        return 0
+        return np.zeros_like(rest)
     linear = slope * ((1 << path.rest) - 1 - rest)
     if path.degree == 1:
         return linear
-    distance = rest if rest >> path.rest - 1 else ~rest
+    distance = np.where(rest >> path.rest - 1, rest, ~rest)
     a = (distance & (1 << path.rest - 1) - 1) >> path.reach_drop
     return linear + (curve * (a * (a + 1) >> path.square_drop) << path.curve_shift)
 
@@ -218,6 +219,19 @@ def _exact(function: Function, fraction: int, parity: int, value: int, below: in
     else:
         y = isqrt((1 << 2 * scale + fraction + 2) // significand)
     return y - (1 << scale)
+
+
+def _exact_array(
+    function: Function, fraction: int, parity: int, value: np.ndarray, below: int
+) -> np.ndarray:
+    """The same of values [N], int64: by float64, but where that is too near an integer to tell."""
+    scale = fraction + below
+    inverse = 2.0**fraction / ((1 << fraction) + value << parity)
+    y = np.ldexp(2 * inverse if function == "reciprocal" else np.sqrt(4 * inverse), scale)
+    found = np.floor(y).astype(np.int64) - (1 << scale)
+    for k in np.flatnonzero(np.abs(y - np.rint(y)) < 0):
+        found[k] = _exact(function, fraction, parity, int(value[k]), below)
+    return found
 
 
 def _divide(numerator: int, denominator: int) -> int:

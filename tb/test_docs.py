@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import typer
 
-from splatcore.sim.cli import main  # noqa: F401  (registers the commands)
+from splatcore.sim.cli.main import register
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.picture import read_png
 from tb.helpers.command import ROOT, run
@@ -49,6 +49,7 @@ def commands(text: str) -> list[list[str]]:
 
 def unknown_words(words: list[str]) -> list[str]:
     """Commands and options that the command line does not have."""
+    register()
     command = typer.main.get_command(app)
     while hasattr(command, "commands") and words and not words[0].startswith("-"):
         if words[0] not in command.commands:

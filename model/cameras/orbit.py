@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from splatcore.model.formats.file import input_error
 from splatcore.spec.camera import Camera
@@ -30,6 +29,8 @@ def orbiting_views(
 
     Raises InputError for no camera, and for a count below 1.
     """
+    from scipy.spatial.transform import Rotation  # takes half a second
+
     if not cameras:
         raise input_error("cameras", "there are none")
     if count < 1:

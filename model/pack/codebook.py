@@ -8,7 +8,6 @@ import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sklearn.cluster import MiniBatchKMeans
 
 from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN
 from splatcore.spec.number import Fixed
@@ -72,6 +71,8 @@ def cluster(
     if len(distinct) <= count:
         centres[: len(distinct)] = distinct
         return centres, nearest.reshape(-1)
+    from sklearn.cluster import MiniBatchKMeans  # takes a second
+
     means = MiniBatchKMeans(
         count, batch_size=BATCH, max_iter=ITERATIONS, n_init=1, reassignment_ratio=0,
         random_state=seed,

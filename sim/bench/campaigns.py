@@ -92,9 +92,9 @@ def summary(point: Point, rows: list[dict], size: dict, between: float | None) -
     }
 
 
-def front(points: dict[str, dict]) -> list[str]:
-    """The points that no other one beats: as good in all of `AXES` and better in one."""
-    places = np.array([[point[axis] * sign for axis, sign in AXES] for point in points.values()])
+def front(points: dict[str, dict], axes: tuple[tuple[str, int], ...] = AXES) -> list[str]:
+    """The points that no other one beats: as good in all of `axes` and better in one."""
+    places = np.array([[point[axis] * sign for axis, sign in axes] for point in points.values()])
     beaten = (((places <= one).all(1) & (places < one).any(1)).any() for one in places)
     return [name for name, worse in zip(points, beaten, strict=True) if not worse]
 

@@ -21,7 +21,7 @@ from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write, write_json
 from splatcore.sim.common.source import View, scene_files
 from splatcore.sim.common.sources import code_key
-from splatcore.sim.common.table import comma_separated, shown
+from splatcore.sim.common.table import comma_separated, in_markdown, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles, golden, truths
@@ -200,20 +200,7 @@ def markdown(rows: list[dict]) -> str:
         "The cycle model's thousands of cycles:": model,
         "Megabytes by cause:": traffic,
     }
-    parts = [part for title, rows in tables.items() for part in (title, _table(titles, rows))]
+    parts = [part for title, rows in tables.items() for part in (title, in_markdown(titles, rows))]
     if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:
         parts += ["Failed:", "\n".join(failed)]
     return "\n\n".join(parts) + "\n"
-
-
-def _table(titles: list[str], rows: list[dict]) -> str:
-    """A table in Markdown."""
-    if not rows:
-        return "none"
-    names = list(rows[0])
-    lines = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
-    lines += [
-        f"| {title} | " + " | ".join(str(row[name]) for name in names) + " |"
-        for title, row in zip(titles, rows, strict=True)
-    ]
-    return "\n".join(lines)

@@ -23,6 +23,9 @@ app = typer.Typer(
 )
 
 
+app.callback()(lambda: None)  # without it the name of a command that is alone would be an argument
+
+
 def argument(kind: type, metavar: str, help: str):
     """A command's argument: type, what stands for it in the help, meaning."""
     return Annotated[kind, typer.Argument(metavar=metavar, help=help)]

@@ -24,6 +24,10 @@ OriginalOption = option(
     bool, None, "3σ tile bounds, as the original renderer has them.", "--original"
 )
 BackgroundOption = option(str, "R,G,B", "Background colour, each 0 … 1.")
+CompareOption = option(
+    bool, None, "golden: compare with the reference, which takes longer than the picture.",
+    "--compare/--no-compare",
+)  # fmt: skip
 HeatMapOption = option(Path | None, "FILE.png", "Draw the lengths of the tiles' lists.")
 
 
@@ -38,6 +42,7 @@ def render_command(
     original: OriginalOption = False,
     background: BackgroundOption = "0,0,0",
     heat_map: HeatMapOption = None,
+    compare: CompareOption = True,
     frames: rtl.FramesOption = 1,
     timing: rtl.TimingOption = "lpddr4",
     error_map: rtl.ErrorMapOption = None,
@@ -52,7 +57,7 @@ def render_command(
     ("machine") and of the scene as it is ("scene"). --engine rtl simulates the hardware, compares
     with the golden model, too, and tells cycles; exit status 1 if a pixel is not that model's.
     """
-    check_known("--engine", ENGINES, engine)
+    check_engine(engine, bool(original or heat_map), compare)
     request = rtl.Request(frames, timing, error_map, waves, window, tile)
     request.check(engine, output)
     check_writable(output, heat_map, json)
@@ -62,12 +67,10 @@ def render_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
-    if engine != "reference" and (original or heat_map):
-        raise InputError(f"--engine {engine}: no --original, no --heat-map")
     if engine == "rtl":
         colour = convention.background
         return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
-    if engine == "golden":
+    if engine == "golden" and compare:
         frame = golden_of(source, view, config, convention.background)
     else:
         frame = reference(source.gaussians, view, convention)
@@ -88,6 +91,15 @@ def render_command(
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
     console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))
     write_json(json, result)
+
+
+def check_engine(engine: str, of_reference: bool, compare: bool):
+    """InputError for an engine that is unknown, or that goes without an option that is given."""
+    check_known("--engine", ENGINES, engine)
+    if engine != "reference" and of_reference:
+        raise InputError(f"--engine {engine}: no --original, no --heat-map")
+    if engine != "golden" and not compare:
+        raise InputError(f"--engine {engine}: no --no-compare")
 
 
 def parse_colour(text: str) -> tuple[float, float, float]:

@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from skimage.metrics import structural_similarity
 
 from splatcore.sim.common.table import shown
 from splatcore.spec.error import InputError
@@ -111,6 +110,8 @@ def _same_size(image: np.ndarray, reference: np.ndarray, name: str):
 
 def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") -> Difference:
     """Compare uint8 images [H, W, 3]; InputError, naming `name`, if their sizes differ."""
+    from skimage.metrics import structural_similarity  # takes a quarter of a second
+
     _same_size(image, reference, name)
     ssim = None
     if min(image.shape[:2]) >= SSIM_WINDOW:

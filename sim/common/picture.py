@@ -2,10 +2,9 @@
 
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.colors import LogNorm, PowerNorm
-from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
 
 from splatcore.sim.common.metric import LEVELS, channel_error
@@ -13,8 +12,12 @@ from splatcore.sim.common.output import write
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
 
+if TYPE_CHECKING:  # what draws maps imports matplotlib, which takes half a second
+    from matplotlib.figure import Figure
+
 MAP_INCHES = 9.6
 DOTS_PER_INCH = 100
+PNG_LEVEL = 3  # of zlib: in half the time of the usual 6, a twentieth larger
 
 
 def read_png(path: str | Path) -> np.ndarray:
@@ -31,11 +34,11 @@ def read_png(path: str | Path) -> np.ndarray:
 def write_png(path: str | Path, pixels: np.ndarray):
     """Write uint8 [H, W, 3]."""
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG")
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=PNG_LEVEL)
     write(path, buffer.getvalue())
 
 
-def write_figure(path: str | Path, figure: Figure, **options):
+def write_figure(path: str | Path, figure: "Figure", **options):
     """Write a matplotlib figure as PNG. options: for its `savefig`."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", **options)
@@ -47,6 +50,8 @@ def write_error_map(path: str | Path, image: np.ndarray, reference: np.ndarray, 
 
     The scale is that of the error's square root, so that single levels stay visible.
     """
+    from matplotlib.colors import PowerNorm
+
     error = channel_error(image, reference)
     norm = PowerNorm(0.5, vmin=0, vmax=max(int(error.max()), 1))
     _write_map(path, error, title, f"error in levels of {LEVELS}", norm, "inferno")
@@ -54,6 +59,8 @@ def write_error_map(path: str | Path, image: np.ndarray, reference: np.ndarray, 
 
 def write_heat_map(path: str | Path, tile_list: np.ndarray, title: str):
     """Draw the length of each tile's list [rows, columns] of splats, on a logarithmic scale."""
+    from matplotlib.colors import LogNorm
+
     norm = LogNorm(vmin=1, vmax=max(int(tile_list.max()), 2))
     drawn = np.ma.masked_equal(tile_list, 0)  # empty tiles stay black
     _write_map(path, drawn, title, f"splats in a tile of {TILE}×{TILE} pixels", norm, "viridis")
@@ -61,6 +68,8 @@ def write_heat_map(path: str | Path, tile_list: np.ndarray, title: str):
 
 def _write_map(path, values, title, label, norm, colours):
     """Draw [H, W] values as a picture with a title and a colour bar."""
+    from matplotlib.figure import Figure
+
     height, width = values.shape
     figure = Figure((MAP_INCHES, MAP_INCHES * min(height / width, 2) + 1.2), DOTS_PER_INCH)
     axes = figure.subplots()

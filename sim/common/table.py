@@ -1,4 +1,4 @@
-"""Tables on the terminal, names on the left, numbers on the right; and as CSV."""
+"""Tables on the terminal, names on the left, numbers on the right; in Markdown and as CSV."""
 
 import csv
 import io
@@ -36,6 +36,19 @@ def print_whole(table: Table):
     """Print a table as wide as it is, on any terminal."""
     room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
     Console(width=room).print(table)
+
+
+def in_markdown(titles: Sequence[str], rows: Sequence[dict]) -> str:
+    """A table in Markdown: a title in front of each row, whose keys are the headings."""
+    if not rows:
+        return "none"
+    names = list(rows[0])
+    lines = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    lines += [
+        f"| {title} | " + " | ".join(str(row[name]) for name in names) + " |"
+        for title, row in zip(titles, rows, strict=True)
+    ]
+    return "\n".join(lines)
 
 
 def comma_separated(rows: Sequence[dict]) -> str:

@@ -3,7 +3,6 @@
 import time
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from splatcore.model.cameras.orbit import moved
 from splatcore.sim.common.output import progress_bar
@@ -23,6 +22,8 @@ STEP = np.radians(0.25)
 def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
     """Cameras on a circle around what a camera looks at: the place in front of it that is as deep
     as the points [N, 3] that it sees, on the average (median), 1 if there are none."""
+    from scipy.spatial.transform import Rotation  # takes half a second
+
     axis, forward = camera.rotation[1], camera.rotation[2]
     x, y, z = (points @ camera.rotation.T + camera.translation).T
     across, down = camera.tan_half_fov

@@ -10,6 +10,7 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.main import COMMANDS as FILES
+from splatcore.sim.cli.main import register
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.metric import Compared, Result, against, difference, told
 from splatcore.sim.common.picture import read_png
@@ -38,6 +39,16 @@ def test_render(folder, capsys):
     assert picture.shape == (48, 64, 3) and picture.std() > 5
     assert read_png("tiles.png").shape[2] == 3
     assert "contributions" in capsys.readouterr().out
+
+
+def test_golden_compares_unless_told_not_to(folder):
+    run("pack scene.ply -o m.splatcore --quality faithful --camera cameras.json")
+    for name, more in (("a", ""), ("b", " --no-compare")):
+        files = f"-o {name}.png --json {name}.json"
+        assert run(f"render m.splatcore --camera cameras.json --engine golden {files}{more}") == 0
+    a, b = load(folder / "a.json"), load(folder / "b.json")
+    assert (read_png("a.png") == read_png("b.png")).all() and a["counts"] == b["counts"]
+    assert a["psnr_db_machine"] > 40 and b["psnr_db_machine"] is None
 
 
 def test_size_scales_the_intrinsics(folder):
@@ -187,10 +198,11 @@ def test_memories(folder, capsys):
 
 
 def test_commands_are_in_the_order_of_their_files():
+    register()
     found = [*app.registered_commands, *bench.registered_commands]
     names = """scene info train compress pack render compare error hard programs verilog registers
         synth fpga memories cycles power fit report
-        sort scenes sweep ablation work quality compression differentiable"""
+        sort scenes sweep ablation work rule quality compression differentiable"""
     assert [command.name for command in found] == names.split()
     files = dict.fromkeys(command.callback.__module__.split(".")[-1] for command in found)
     assert list(files) == FILES

@@ -111,6 +111,7 @@ BAD = {
     "render scene.ply --size big -o a.png": "--size 'big'",
     "render scene.ply --engine golden --original -o a.png": "golden: no --original",
     "render scene.ply --engine rtl --heat-map h.png -o a.png": "rtl: no --original",
+    "render scene.ply --engine rtl --no-compare -o a.png": "rtl: no --no-compare",
     "render scene.ply --engine rtl --preset tiny -o a.png": "1920x1080.*64x64",
     "render scene.ply --frames 2 -o a.png": "--frames: goes with --engine rtl",
     "render scene.ply --engine rtl --frames 0 -o a.png": "--frames 0",

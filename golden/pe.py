@@ -1,0 +1,69 @@
+"""The PEs of a program, compiled: products and sums of float64 values, each rounded at once.
+
+`spec.number.Float.round` says what a rounded value is; here it is found from float64's own bits.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from splatcore.spec.number import Float
+
+ABSENT = -1  # number of an operand that a step has not
+PLACES = 52  # bits of float64's fraction
+ONES = 2.0**PLACES  # the sum of it and a smaller number is a whole number
+
+
+class Rounding(NamedTuple):
+    """What rounding to a `Float` needs. cut: bits of float64's fraction that are dropped; unit: the
+    step of values below `lowest`; most: what those above `largest` become."""
+
+    cut: int
+    lowest: float
+    unit: float
+    largest: float
+    most: float
+    signed: bool
+    zero_sign: bool  # −0 stays
+
+
+def rounding(format: Float) -> Rounding:
+    """That of a format."""
+    infinite = format.overflow == "infinity"
+    return Rounding(
+        PLACES - format.fraction, format.min_normal, format.min_subnormal, format.max,
+        np.inf if infinite else format.max, format.signed, infinite,
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def rounded(value, to):
+    """A float64 value as the format holds it, to the nearest, a tie to even; NaN stays."""
+    size = abs(value)
+    bits = np.float64(size).view(np.int64)
+    bits = bits + ((1 << to.cut >> 1) - 1) + (bits >> to.cut & 1) >> to.cut << to.cut
+    near = np.int64(bits).view(np.float64)
+    near = to.most if near > to.largest else near
+    near = (size / to.unit + ONES - ONES) * to.unit if size < to.lowest else near
+    near = np.copysign(near, value) if to.signed or value > 0 else 0.0
+    near = near if to.zero_sign else near + 0.0
+    return near if value == value else np.nan
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def evaluate(steps, values, to):
+    """Steps [S, 5] (numbers of result, a, b and c, whether the product is subtracted) on values
+    [V, N]."""
+    for s in range(len(steps)):
+        made, a, b, c, negate = steps[s]
+        product = values[made]
+        for k in range(len(product)):
+            product[k] = values[a, k] if b == ABSENT else rounded(values[a, k] * values[b, k], to)
+        if c != ABSENT:
+            sign = -1.0 if negate else 1.0
+            for k in range(len(product)):
+                product[k] = rounded(values[c, k] + sign * product[k], to)
+        elif negate:
+            for k in range(len(product)):
+                product[k] = -product[k]
