@@ -17,7 +17,7 @@ from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.scene import Scene
 
 FOG, FOG_ALPHA = 5_000, 1.2 * ALPHA_MIN
-LAYERS = 106
+LAYERS = 92
 EACH, SHARE = 2.0**-11, (0.95, 1.05)
 """What is just too faint of T, and what a black and a white layer take of it."""
 

@@ -69,7 +69,7 @@ def test_alternating_layers():
     alpha, left = case.scene.opacity[2:], np.prod(1 - case.scene.opacity[:2])
     black, white = alpha[::2], alpha[1::2]
     before = left * np.concatenate([[1], np.cumprod(1 - white)[:-1]]) * 2**BELOW
-    assert (np.diff(z) > 0).all() and left < 1 / 32 and len(white) == len(black) == 53
+    assert (np.diff(z) > 0).all() and left < 1 / 32 and len(white) == len(black) == 46
     assert (before * black > 0.9).all() and (before * black < 1).all()
     assert (before * white > 1).all() and (before * white < 1.1).all()
 
