@@ -32,7 +32,7 @@ class Top(wiring.Component):
         self.config = config
         self.registers, self.frame, self.axi = Registers(config), Frame(config), Axi(config)
         self.preprocess, self.render = Preprocess(config), Render(config)
-        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi()), "interrupt": Out(1)})
+        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi(config)), "interrupt": Out(1)})
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -103,6 +103,9 @@ class Config:
     burst: int = size(4, 2, 16, power=True)  # list entries written at a time
     page: int = size(128, 4, power=True)  # list entries for which memory is taken at a time
 
+    # Bits of a beat of the memory port.
+    port: int = size(128, 128, 256, power=True)
+
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
     # By OR-trees over all entries, digit by digit, or by a cascade of merges.
     sub_sorter: Literal["trees", "cascade"] = "cascade"

@@ -3,11 +3,12 @@
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded
 from splatcore.hdl.lib.stream import Register
-from splatcore.hdl.memory.bus import FIXED, axi
+from splatcore.hdl.memory.bus import axi, fixed
 from splatcore.spec import axi as spec
 from splatcore.spec.config import Config
 
@@ -22,9 +23,14 @@ CLIENT_ERROR = data.StructLayout({"valid": 1, "client": spec.ID_BITS})
 """A beat or burst of a client has been answered by an error."""
 
 
-def read_beat() -> data.StructLayout:
+def read_beat(config: Config) -> data.StructLayout:
     """The layout of a beat that was read. last: of its burst."""
-    return data.StructLayout({"beat": spec.DATA_BITS, "last": 1})
+    return data.StructLayout({"beat": config.port, "last": 1})
+
+
+def write_data(config: Config, write: data.View) -> Value:
+    """All data of a `write_record`."""
+    return Cat(write[f"data{k}"] for k in range(config.port // spec.WRITE_BITS))
 
 
 def of_half(clients: dict[str, int], half: int) -> int:
@@ -94,11 +100,13 @@ class Axi(wiring.Component):
     """
 
     def __init__(self, config: Config):
+        self.config = config
+        write = layout(spec.write_record(config))
         ports = {
-            "m_axi": Out(axi()),
+            "m_axi": Out(axi(config)),
             "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
-            "data": Out(stream.Signature(read_beat())).array(len(spec.READERS)),
-            "writes": In(stream.Signature(layout(spec.write_record()))).array(len(spec.WRITERS)),
+            "data": Out(stream.Signature(read_beat(config))).array(len(spec.READERS)),
+            "writes": In(stream.Signature(write)).array(len(spec.WRITERS)),
             "failing": In(len(HALVES)),
             "idle": Out(len(HALVES)),
             "settled": Out(len(spec.WRITERS)),
@@ -109,7 +117,7 @@ class Axi(wiring.Component):
         }
         super().__init__(ports)
         request = data.StructLayout({"client": spec.ID_BITS, "burst": layout(spec.read_record())})
-        beat = data.StructLayout({"data": spec.DATA_BITS, "strobe": spec.BEAT, "last": 1})
+        beat = data.StructLayout({"data": config.port, "strobe": config.port // 8, "last": 1})
         self.ar, self.aw, self.w = Register(request), Register(request), Register(beat)
 
     def elaborate(self, platform) -> Module:
@@ -135,13 +143,14 @@ class Axi(wiring.Component):
 
     def _address(self, m: Module, channel: str, request):
         """An address channel of the port, from its register."""
+        below = exact_log2(spec.port_beats(self.config))  # bits within the port's beat
         wires = {
             "id": request.payload.client,
-            "addr": request.payload.burst.beat << spec.BEAT_BITS,
+            "addr": Cat(Const(0, spec.BEAT_BITS + below), request.payload.burst.beat[below:]),
             "len": request.payload.burst.length,
             "valid": request.valid,
         }
-        wires |= {name: value for name, (_, value) in FIXED.items()}
+        wires |= {name: value for name, (_, value) in fixed(self.config).items()}
         for name, value in wires.items():
             m.d.comb += getattr(self.m_axi, channel + name).eq(value)
         m.d.comb += request.ready.eq(getattr(self.m_axi, f"{channel}ready"))
@@ -165,7 +174,7 @@ class Axi(wiring.Component):
         """
         m_axi = self.m_axi
         full = Signal()
-        beat = Signal(read_beat(), reset_less=True)
+        beat = Signal(read_beat(self.config), reset_less=True)
         client = Signal(spec.ID_BITS, reset_less=True)
         error = Signal(reset_less=True)
         target, fire = Signal(len(spec.READERS)), Signal(len(spec.READERS))
@@ -232,7 +241,7 @@ class Axi(wiring.Component):
             Signal(count, name=name) for name in ("owner", "current", "full", "began")
         )
         address, beat = self.aw.i, self.w.i
-        given = Signal(layout(spec.write_record()))
+        given = Signal(layout(spec.write_record(self.config)))
         abandoned, takes = Signal(), Signal()
         m.d.comb += [
             turns.wants.eq(valid & ~failing & ~full),
@@ -244,7 +253,7 @@ class Axi(wiring.Component):
             address.payload.client.eq(encoded(turns.chosen)),
             address.payload.burst.beat.eq(given.beat),
             address.payload.burst.length.eq(given.length),
-            beat.payload.data.eq(Cat(given.low, given.high)),
+            beat.payload.data.eq(write_data(self.config, given)),
             beat.payload.strobe.eq(Mux(abandoned, 0, given.strobe)),
             beat.payload.last.eq(Mux(inside, left == 1, given.length == 0)),
         ]

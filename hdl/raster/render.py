@@ -64,7 +64,7 @@ class Render(wiring.Component):
         self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
         self.long_lists = ListReader(config, LONG_BEATS_WAITING, LONG_BURST)
         self.lists = ListReader(config)
-        self.buckets, self.features = Store(LINE_BEATS), Features(config)
+        self.buckets, self.features = Store(config, LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
         counters = {name: part.counters.shape() for name, part in parts.items()}
@@ -72,8 +72,8 @@ class Render(wiring.Component):
             "start": In(1),
             "job": In(job_layout(config)),
             "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
-            "data": In(stream.Signature(read_beat())).array(len(READING)),
-            "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+            "data": In(stream.Signature(read_beat(config))).array(len(READING)),
+            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
             "settled": In(len(WRITING)),
             "done": Out(1),
             "counters": Out(data.StructLayout(counters)),
