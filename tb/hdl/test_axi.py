@@ -7,8 +7,9 @@ from splatcore.hdl.memory.axi import OUTSTANDING_BITS, Axi
 from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Result
-from splatcore.spec.axi import DATA_BITS, READERS, WRITERS, read_record, write_record
+from splatcore.spec.axi import READERS, WRITERS, read_record, write_record
 from splatcore.spec.config import DEFAULT
+from tb.helpers.ports import other_port
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
@@ -18,7 +19,12 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("name, part", [("axi", Axi), ("registers", Registers)])
 def test_under_cocotbext(name, part, seed):
     """Clients and memories; the host on the registers' AXI4-Lite."""
-    run_testbench(part(DEFAULT), f"tb.testbenches.{name}", seed=seed)
+    run_testbench(part(DEFAULT), f"tb.testbenches.{name}", seed=seed, port=DEFAULT.port)
+
+
+def test_other_port_under_cocotbext():
+    config = other_port(DEFAULT)
+    run_testbench(Axi(config), "tb.testbenches.axi", port=config.port)
 
 
 NAMES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
@@ -35,10 +41,13 @@ def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
         return record.pack(fields | codes)
 
     count = writes * beats
-    data = {name: rng.integers(0, 1 << 63, count) for name in ("low", "high")}
-    data["strobe"] = np.full(count, 0xFFFF)
+    words = DEFAULT.port // 64
+    data = {f"data{k}": rng.integers(0, 1 << 63, count) for k in range(words)}
+    data["strobe"] = np.full(count, (1 << DEFAULT.port // 8) - 1)
     inputs = {f"reads__{k}": rows(read_record(), reads) for k in range(len(READERS))}
-    inputs |= {f"writes__{k}": rows(write_record(), count, **data) for k in range(len(WRITERS))}
+    inputs |= {
+        f"writes__{k}": rows(write_record(DEFAULT), count, **data) for k in range(len(WRITERS))
+    }
     wires = ("arready", "awready", "wready", "bvalid", "bid", "bresp", "rvalid", "rid", "rlast")
     wires += ("rdata", "rresp")
     constants = {f"m_axi__{name}": port.get(name, 0) for name in wires}
@@ -75,7 +84,7 @@ def test_a_beat_read_every_cycle():
     rng = np.random.default_rng(1)
     count = 500
     client = rng.integers(0, len(READERS), count)
-    data = rng.integers(0, 256, (count, DATA_BITS // 8)).astype(np.uint8)
+    data = rng.integers(0, 256, (count, DEFAULT.port // 8)).astype(np.uint8)
     last = rng.integers(0, 2, count).astype(np.uint64)
     valid = np.append(np.ones(count, np.uint64), 0).astype(np.uint64)
     result = run(rvalid=valid, rid=client.astype(np.uint64), rdata=data, rlast=last)
