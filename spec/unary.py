@@ -1,7 +1,7 @@
 """Reciprocal 1/x and reciprocal square root 1/√x of floats: sizes, coefficients, special cases.
 
 A number is x = ±1.f · 2^e with a fraction f of F bits; for rsqrt e is split into 2q + p with
-p = np.ldexp(1.0, scale - 50) or 1. One table serves the significand, in one binade of results:
+p = 0 or 1. One table serves the significand, in one binade of results:
 
     reciprocal       y = 2 / 1.f            1/x  = y · 2^(−e−1)        1 < y ≤ 2
     rsqrt  y = 2 / √(1.f · 2^p)   1/√x = y · 2^(−q−1)        1 < y ≤ 2
@@ -229,7 +229,7 @@ def _exact_array(
     inverse = 2.0**fraction / ((1 << fraction) + value << parity)
     y = np.ldexp(2 * inverse if function == "reciprocal" else np.sqrt(4 * inverse), scale)
     found = np.floor(y).astype(np.int64) - (1 << scale)
-    for k in np.flatnonzero(np.abs(y - np.rint(y)) < 0):
+    for k in np.flatnonzero(np.abs(y - np.rint(y)) < np.ldexp(1.0, scale - 50)):
         found[k] = _exact(function, fraction, parity, int(value[k]), below)
     return found
 

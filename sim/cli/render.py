@@ -70,13 +70,13 @@ def render_command(
     if engine == "rtl":
         colour = convention.background
         return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
-    if engine == "golden" and compare:
+    if engine == "golden":
         frame = golden_of(source, view, config, convention.background)
     else:
         frame = reference(source.gaussians, view, convention)
     seconds, found = round(time.perf_counter() - begin, 3), {}
     write_png(output, frame.pixels)
-    if engine == "golden":
+    if engine == "golden" and compare:
         model = packed_model(source, config, view)
         found = differences(frame.pixels, truths(source, model, view, convention))
     result = Result(

@@ -8,10 +8,7 @@ import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
-from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.main import COMMANDS as FILES
-from splatcore.sim.cli.main import register
-from splatcore.sim.cli.options import app
 from splatcore.sim.common.metric import Compared, Result, against, difference, told
 from splatcore.sim.common.picture import read_png
 from splatcore.spec.packed import read_model
@@ -197,15 +194,28 @@ def test_memories(folder, capsys):
     assert "The paper: 120 KB" in capsys.readouterr().out
 
 
+IN_ORDER = """
+from splatcore.sim.cli.bench import bench
+from splatcore.sim.cli.main import register
+from splatcore.sim.cli.options import app
+register()
+for part in (app, bench):
+    for command in part.registered_commands:
+        print(command.name, command.callback.__module__.split(".")[-1], part is bench)
+"""
+
+
 def test_commands_are_in_the_order_of_their_files():
-    register()
-    found = [*app.registered_commands, *bench.registered_commands]
+    """In a process that has imported none of them before."""
+    told = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
+    found = [line.split() for line in told.stdout.splitlines()]
     names = """scene info train compress pack render compare error hard programs verilog registers
         synth fpga memories cycles power fit report
         sort scenes sweep ablation work rule quality compression differentiable"""
-    assert [command.name for command in found] == names.split()
-    files = dict.fromkeys(command.callback.__module__.split(".")[-1] for command in found)
-    assert list(files) == FILES
+    assert [name for name, *_ in found] == names.split()
+    assert list(dict.fromkeys(file for _, file, _ in found)) == FILES
+    own = {name: file for name, file, of_bench in found if of_bench == "False"}
+    assert all(own[name] == name for name in FILES if name in own)  # `register` counts on it
 
 
 def test_usage_errors_exit_with_2(capsys):
