@@ -104,7 +104,7 @@ class Config:
     page: int = size(128, 4, power=True)  # list entries for which memory is taken at a time
 
     # Bits of a beat of the memory port.
-    port: int = size(128, 128, 256, power=True)
+    port: int = size(256, 128, 256, power=True)
 
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
     # By OR-trees over all entries, digit by digit, or by a cascade of merges.
@@ -231,6 +231,7 @@ TINY = Config(
     height_max=64,
     group=2,
     page=8,
+    port=128,
     sub_sorter_entries=16,
     merge_ways=4,
     rasterizers=2,

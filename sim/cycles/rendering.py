@@ -25,7 +25,7 @@ MERGE_PACE = 2  # cycles from a merged entry to the next one
 FEATURE_LATENCY = 12  # from a merged entry to its splat's coming to stage 3
 PAGE_LATENCY = 6  # from a page's last beat to the next one's request and back
 GROUP_TURN = 1  # from a group to the next one, in writing
-DEALT_TO_MEMORY = 2.75  # an entry that is dealt, as measured, with the port between
+DEALT_TO_MEMORY = 2.65  # an entry that is dealt, as measured, with the port between
 BEGIN = 40  # from a frame's start to its first entry, and from its last pixel to its end
 
 
