@@ -51,20 +51,24 @@ class Turns(wiring.Component):
     """A round-robin arbiter: chooses one of those that request.
 
     Members
-        wants: a bit for each. chosen: at most one of them. served: the chosen one has had its turn.
+        wants: a bit for each; favoured: those that come before all others. chosen: at most one of
+            them. served: the chosen one has had its turn.
 
     **Timing**: combinational from `wants` to `chosen`.
     """
 
     def __init__(self, count: int):
-        super().__init__({"wants": In(count), "chosen": Out(count), "served": In(1)})
+        bits = dict.fromkeys(("wants", "favoured"), In(count))
+        super().__init__(bits | {"chosen": Out(count), "served": In(1)})
 
     def elaborate(self, platform) -> Module:
         m = Module()
         count = len(self.wants)
         later = Signal(count)  # those whose turn comes before the others'
-        preferred = self.wants & later
-        first = Mux(preferred.any(), preferred, self.wants)
+        favoured = self.wants & self.favoured
+        wants = Mux(favoured.any(), favoured, self.wants)
+        preferred = wants & later
+        first = Mux(preferred.any(), preferred, wants)
         before = Cat(first[:k].any() for k in range(count))  # someone below comes first
         m.d.comb += self.chosen.eq(first & ~before)
         with m.If(self.served):
@@ -84,6 +88,7 @@ class Axi(wiring.Component):
             streams of `read_beat`. A reader that does not take its beats keeps all others waiting.
         writes: by index in `WRITERS` a stream of `write_record`; after a burst's first beat
             a writer offers the others without waiting for anything else.
+        favoured: a bit for each half: its clients come before the other's.
         failing: a bit for each half. While it is high, nothing new is begun for the half, what
             comes back for it is dropped, and a burst that it has begun to write is brought to its
             end without writing anything. Its clients may be reset meanwhile; they are to be, as
@@ -107,6 +112,7 @@ class Axi(wiring.Component):
             "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
             "data": Out(stream.Signature(read_beat(config))).array(len(spec.READERS)),
             "writes": In(stream.Signature(write)).array(len(spec.WRITERS)),
+            "favoured": In(len(HALVES)),
             "failing": In(len(HALVES)),
             "idle": Out(len(HALVES)),
             "settled": Out(len(spec.WRITERS)),
@@ -155,9 +161,9 @@ class Axi(wiring.Component):
             m.d.comb += getattr(self.m_axi, channel + name).eq(value)
         m.d.comb += request.ready.eq(getattr(self.m_axi, f"{channel}ready"))
 
-    def _failing(self, clients: dict[str, int]) -> Value:
+    def _of_halves(self, bits: Value, clients: dict[str, int]) -> Value:
         """A bit for each client: its half's."""
-        return Cat(self.failing[half] for half in clients.values())
+        return Cat(bits[half] for half in clients.values())
 
     def _outstanding(self, m: Module, name: str, begins: Value, ends: Value) -> Signal:
         """The count of what has begun and not ended."""
@@ -178,7 +184,8 @@ class Axi(wiring.Component):
         client = Signal(spec.ID_BITS, reset_less=True)
         error = Signal(reset_less=True)
         target, fire = Signal(len(spec.READERS)), Signal(len(spec.READERS))
-        ready = Cat(o.ready for o in self.data) | self._failing(spec.READERS)
+        failing = self._of_halves(self.failing, spec.READERS)
+        ready = Cat(o.ready for o in self.data) | failing
         m.d.comb += [
             target.eq(Mux(full, Const(1) << client, 0)),
             fire.eq(target & ready),
@@ -207,6 +214,7 @@ class Axi(wiring.Component):
         blocked = Cat(self.failing[half] | full[half] for half in spec.READERS.values())
         m.d.comb += [
             turns.wants.eq(Cat(i.valid for i in self.reads) & ~blocked),
+            turns.favoured.eq(self._of_halves(self.favoured, spec.READERS)),
             turns.served.eq(request.valid & request.ready),
             request.valid.eq(turns.wants.any()),
             request.payload.client.eq(encoded(turns.chosen)),
@@ -235,7 +243,10 @@ class Axi(wiring.Component):
         """Bursts to be written: a writer has the port for its burst."""
         m.submodules.write_turns = turns = Turns(len(spec.WRITERS))
         count = len(spec.WRITERS)
-        valid, failing = Cat(i.valid for i in self.writes), self._failing(spec.WRITERS)
+        valid, failing = (
+            Cat(i.valid for i in self.writes),
+            self._of_halves(self.failing, spec.WRITERS),
+        )
         inside, left = Signal(), Signal(spec.LENGTH_BITS)  # within a burst; its beats still to come
         owner, current, full, began = (
             Signal(count, name=name) for name in ("owner", "current", "full", "began")
@@ -245,6 +256,7 @@ class Axi(wiring.Component):
         abandoned, takes = Signal(), Signal()
         m.d.comb += [
             turns.wants.eq(valid & ~failing & ~full),
+            turns.favoured.eq(self._of_halves(self.favoured, spec.WRITERS)),
             turns.served.eq(~inside & takes),
             current.eq(Mux(inside, owner, turns.chosen)),
             given.eq(selected(current, [i.payload for i in self.writes])),

@@ -7,7 +7,7 @@ from splatcore.hdl.memory.axi import OUTSTANDING_BITS, Axi
 from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Result
-from splatcore.spec.axi import READERS, WRITERS, read_record, write_record
+from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS, read_record, write_record
 from splatcore.spec.config import DEFAULT
 from tb.helpers.ports import other_port
 from tb.helpers.runs import compiled
@@ -32,7 +32,7 @@ SAMPLES = tuple(f"m_axi__{name}" for name in NAMES)
 CYCLES = 1400
 
 
-def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
+def run(reads: int = 0, writes: int = 0, beats: int = 1, favoured: int = 0, **port) -> Result:
     """So many bursts for each reader and each writer, and what the port's inputs are."""
     rng = np.random.default_rng(0)
 
@@ -52,7 +52,9 @@ def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
     wires += ("rdata", "rresp")
     constants = {f"m_axi__{name}": port.get(name, 0) for name in wires}
     simulation = compiled(Axi, DEFAULT, samples=SAMPLES)
-    return simulation.run(inputs, constants=constants | {"failing": 0}, cycles_max=CYCLES)
+    return simulation.run(
+        inputs, constants=constants | {"failing": 0, "favoured": favoured}, cycles_max=CYCLES
+    )
 
 
 def gaps(signal: np.ndarray) -> int:
@@ -67,6 +69,17 @@ def test_a_read_every_cycle():
     assert valid.sum() == 60 * len(READERS) and gaps(valid) == 0
     taken = client[valid == 1].reshape(-1, len(READERS))
     assert (np.sort(taken, axis=1) == np.arange(len(READERS))).all()  # in turns
+
+
+@pytest.mark.parametrize("half", [PREPROCESSING, RENDERING])
+def test_a_half_comes_first(half):
+    """What the favoured half asks for comes before all of the other one's, reads and writes."""
+    found = run(60, 40, favoured=1 << half, arready=1, awready=1, wready=1).samples
+    for channel, clients, count in (("ar", READERS, 60), ("aw", WRITERS, 40)):
+        order = found[f"m_axi__{channel}id"][found[f"m_axi__{channel}valid"] == 1]
+        of_half = np.array([of == half for of in clients.values()])[order]
+        assert of_half.sum() == count * sum(of == half for of in clients.values())
+        assert len(of_half) == count * len(clients) and (np.diff(of_half.astype(int)) <= 0).all()
 
 
 @pytest.mark.parametrize("beats", [1, 2, 5])

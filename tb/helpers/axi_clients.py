@@ -104,6 +104,7 @@ class Bench:
     async def start(self):
         dut = self.dut
         dut.failing.value = 0
+        dut.favoured.value = random.randrange(1 << len(HALVES))
         await start(dut, [*self.reads, *self.writes], self.data)
         cocotb.start_soon(self.watch_port())
         cocotb.start_soon(self.watch())
