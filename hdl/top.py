@@ -9,7 +9,7 @@ from splatcore.hdl.lib.counters import Counters
 from splatcore.hdl.memory.axi import HALVES, Axi
 from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.hdl.points.preprocess import Preprocess
-from splatcore.hdl.raster.render import Render
+from splatcore.hdl.raster.render import WRITING, Render
 from splatcore.hdl.registers import Registers
 from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
@@ -58,6 +58,10 @@ class Top(wiring.Component):
             self.preprocess.settled.eq(settled[PREPROCESSING].all()),
             self.render.job.eq(frame.job),
             self.render.settled.eq(settled[RENDERING]),
+            *(
+                self.axi.patient[list(WRITERS).index(name)].eq(patient)
+                for name, patient in zip(WRITING, self.render.patient, strict=True)
+            ),
         ]
         self._host(m)
         return m

@@ -88,7 +88,8 @@ class Axi(wiring.Component):
             streams of `read_beat`. A reader that does not take its beats keeps all others waiting.
         writes: by index in `WRITERS` a stream of `write_record`; after a burst's first beat
             a writer offers the others without waiting for anything else.
-        favoured: a bit for each half: its clients come before the other's.
+        favoured: a bit for each half: its writers come before the other's. patient: a bit for each
+            writer: it comes after all others. Both are about what is begun next.
         failing: a bit for each half. While it is high, nothing new is begun for the half, what
             comes back for it is dropped, and a burst that it has begun to write is brought to its
             end without writing anything. Its clients may be reset meanwhile; they are to be, as
@@ -113,6 +114,7 @@ class Axi(wiring.Component):
             "data": Out(stream.Signature(read_beat(config))).array(len(spec.READERS)),
             "writes": In(stream.Signature(write)).array(len(spec.WRITERS)),
             "favoured": In(len(HALVES)),
+            "patient": In(len(spec.WRITERS)),
             "failing": In(len(HALVES)),
             "idle": Out(len(HALVES)),
             "settled": Out(len(spec.WRITERS)),
@@ -214,7 +216,6 @@ class Axi(wiring.Component):
         blocked = Cat(self.failing[half] | full[half] for half in spec.READERS.values())
         m.d.comb += [
             turns.wants.eq(Cat(i.valid for i in self.reads) & ~blocked),
-            turns.favoured.eq(self._of_halves(self.favoured, spec.READERS)),
             turns.served.eq(request.valid & request.ready),
             request.valid.eq(turns.wants.any()),
             request.payload.client.eq(encoded(turns.chosen)),
@@ -248,14 +249,15 @@ class Axi(wiring.Component):
             self._of_halves(self.failing, spec.WRITERS),
         )
         inside, left = Signal(), Signal(spec.LENGTH_BITS)  # within a burst; its beats still to come
-        owner, current, full, began = (
-            Signal(count, name=name) for name in ("owner", "current", "full", "began")
+        owner, current, full, began, wants = (
+            Signal(count, name=name) for name in ("owner", "current", "full", "began", "wants")
         )
         address, beat = self.aw.i, self.w.i
         given = Signal(layout(spec.write_record(self.config)))
         abandoned, takes = Signal(), Signal()
         m.d.comb += [
-            turns.wants.eq(valid & ~failing & ~full),
+            wants.eq(valid & ~failing & ~full),
+            turns.wants.eq(Mux((wants & ~self.patient).any(), wants & ~self.patient, wants)),
             turns.favoured.eq(self._of_halves(self.favoured, spec.WRITERS)),
             turns.served.eq(~inside & takes),
             current.eq(Mux(inside, owner, turns.chosen)),

@@ -51,6 +51,7 @@ class Pixels(wiring.Component):
         empty: stream of `position_record`, the groups without.
         i: streams of `pixels_record`, one for each rasterizer: the blocks within the image of the
             groups with splats.
+        plain: the group without a splat is at work.
         through: the image's last span has been given.
         writes: to memory.
 
@@ -76,6 +77,7 @@ class Pixels(wiring.Component):
             "positions": position,
             "empty": position,
             "i": pixels,
+            "plain": Out(1),
             "through": Out(1),
             "writes": Out(stream.Signature(layout(write_record(config)))),
         }
@@ -89,7 +91,6 @@ class Pixels(wiring.Component):
         # Each group's span: its number in a row of a tile's blocks, that row, the tile.
         self.counts = exact_log2(BLOCKS // self.span), exact_log2(BLOCKS), 2 * self.side
         self.blocks_span, self.empty_span = Signal(sum(self.counts)), Signal(sum(self.counts))
-        self.plain = Signal()  # the group without a splat is at work
         self.pixel_row, self.beat = Signal(exact_log2(BLOCK)), Signal(2)
         # The group at work.
         self.span_number = Mux(self.plain, self.empty_span, self.blocks_span)

@@ -52,6 +52,7 @@ class Render(wiring.Component):
         start: begin a frame. job: what it is, until `done`.
         reads, data, writes: to and from memory, for each of `READING` and `WRITING`.
         settled: for each of `WRITING`: all that was written is in memory.
+        patient: for each of `WRITING`: what it offers may wait for what all others do.
         done: the frame's pixels are in memory.
         counters: those of `hdl.sorting.sort` and `hdl.raster.raster`.
 
@@ -75,6 +76,7 @@ class Render(wiring.Component):
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
             "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
             "settled": In(len(WRITING)),
+            "patient": Out(len(WRITING)),
             "done": Out(1),
             "counters": Out(data.StructLayout(counters)),
         }
@@ -148,6 +150,7 @@ class Render(wiring.Component):
             self.pixels.groups.eq(self.groups.groups),
             self.pixels.pixels_at.eq(job.pixels),
             self.pixels.stride_beats.eq(job.stride),
+            self.patient[WRITING.index("pixels")].eq(self.pixels.plain),
             self.counters.sort.eq(self.sort.counters),
             self.counters.raster.eq(self.raster.counters),
         ]

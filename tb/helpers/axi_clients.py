@@ -105,6 +105,7 @@ class Bench:
         dut = self.dut
         dut.failing.value = 0
         dut.favoured.value = random.randrange(1 << len(HALVES))
+        dut.patient.value = random.getrandbits(len(axi.WRITERS))
         await start(dut, [*self.reads, *self.writes], self.data)
         cocotb.start_soon(self.watch_port())
         cocotb.start_soon(self.watch())
