@@ -33,7 +33,7 @@ from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
 
-SPAN_CYCLES = 12  # of `DEFAULT`: four rows of three beats
+SPAN_CYCLES = BLOCK * -(-BLOCKS * BLOCK * PIXEL // axi.port_bytes(DEFAULT))  # of `DEFAULT`
 GROUP_CYCLES = 16 * BLOCKS * SPAN_CYCLES + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
@@ -294,10 +294,12 @@ def test_pace(empty):
 def test_idle_time():
     """Spans of groups without splats are written while blocks of the others do not come."""
     held = np.zeros(3 * GROUP_CYCLES, np.uint64)
-    held[:1000], held[1100:1200], held[1301:1900] = 1, 1, 1
+    first = GROUP_CYCLES * 13 // 10
+    for begin, end in ((0, 130), (143, 156), (169, 247)):  # percents of a group's cycles
+        held[GROUP_CYCLES * begin // 100 : GROUP_CYCLES * end // 100] = 1
     found = cycles([1, 1, 0, 1], constants={"hold": held})
     assert found.cycles <= 4 * GROUP_CYCLES + SLACK + 3 * 8
-    assert found.cycles < held.sum() + GROUP_CYCLES + 3 * GROUP_CYCLES - 1000
+    assert found.cycles < held.sum() + GROUP_CYCLES + 3 * GROUP_CYCLES - first
     late = cycles([0, 1, 0, 0], constants={"hold": np.append(np.ones(5000, np.uint64), 0)})
     assert late.cycles <= 5000 + 3 * GROUP_CYCLES + SLACK
 
