@@ -28,6 +28,7 @@ class Frame(wiring.Component):
             half's work area has been handed over.
         area, job: their parameters.
         read_error, write_error: from the bus. idle: nothing of a half is under way there.
+        favoured: the half that took longer for the last frame: memory serves it first.
         failing: a half is to begin nothing more. reset: resets a half.
 
     **Timing**: two cycles from one half to the other.
@@ -56,6 +57,7 @@ class Frame(wiring.Component):
             "read_error": In(CLIENT_ERROR),
             "write_error": In(CLIENT_ERROR),
             "idle": In(halves),
+            "favoured": Out(halves),
             "failing": Out(halves),
             "reset": Out(halves),
         }
@@ -79,6 +81,7 @@ class Frame(wiring.Component):
         for half in HALVES:
             self._half(m, half, begins[half], ends[half], faults[half])
         self._areas(m)
+        self._favour(m)
         was_ready = Signal(init=1)
         m.d.sync += was_ready.eq(self.ready)
         m.d.comb += [self.taken.eq(self.handing), self.ready_event.eq(self.ready & ~was_ready)]
@@ -129,6 +132,15 @@ class Frame(wiring.Component):
         with m.If(self.fails.valid & ~self.failing[PREPROCESSING]):
             m.d.comb += self.error.eq(self.fails)
         return faults
+
+    def _favour(self, m: Module):
+        """The first half is through and waits for the second one, or it is the other way round."""
+        waits = Signal()
+        with m.If(self.handing):
+            first = Mux(self.finished.any(), 1 << PREPROCESSING, 0)  # nothing known as yet
+            m.d.sync += [self.favoured.eq(Mux(waits, 1 << RENDERING, first)), waits.eq(0)]
+        with m.Elif(self.done[PREPROCESSING] & self.working.all()):
+            m.d.sync += waits.eq(1)
 
     def _areas(self, m: Module):
         """Frames take the work areas in turn; the second half's parameters stay for its frame."""

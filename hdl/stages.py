@@ -64,7 +64,7 @@ CONTROL: dict[str, Build] = {
     "groups": Groups,
     "long_lists": lambda config: ListReader(config, LONG_BEATS_WAITING, LONG_BURST),
     "lists": ListReader,
-    "buckets": lambda config: Store(LINE_BEATS),
+    "buckets": lambda config: Store(config, LINE_BEATS),
     "deal": Deal,
     "features": Features,
     "pixels": Pixels,

@@ -9,7 +9,7 @@ from splatcore.hdl.lib.counters import Counters
 from splatcore.hdl.memory.axi import HALVES, Axi
 from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.hdl.points.preprocess import Preprocess
-from splatcore.hdl.raster.render import Render
+from splatcore.hdl.raster.render import WRITING, Render
 from splatcore.hdl.registers import Registers
 from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
@@ -32,7 +32,7 @@ class Top(wiring.Component):
         self.config = config
         self.registers, self.frame, self.axi = Registers(config), Frame(config), Axi(config)
         self.preprocess, self.render = Preprocess(config), Render(config)
-        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi()), "interrupt": Out(1)})
+        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi(config)), "interrupt": Out(1)})
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -46,7 +46,7 @@ class Top(wiring.Component):
             self._count(m, name, half)
         connect(m, flipped(self).s_axi, self.registers.s_axi)
         connect(m, self.axi.m_axi, flipped(self).m_axi)
-        m.d.comb += frame.fails.eq(self.preprocess.error)
+        m.d.comb += [frame.fails.eq(self.preprocess.error), self.axi.favoured.eq(frame.favoured)]
         settled = [
             Cat(self.axi.settled[k] for k, of in enumerate(WRITERS.values()) if of == half)
             for half in HALVES
@@ -58,6 +58,10 @@ class Top(wiring.Component):
             self.preprocess.settled.eq(settled[PREPROCESSING].all()),
             self.render.job.eq(frame.job),
             self.render.settled.eq(settled[RENDERING]),
+            *(
+                self.axi.patient[list(WRITERS).index(name)].eq(patient)
+                for name, patient in zip(WRITING, self.render.patient, strict=True)
+            ),
         ]
         self._host(m)
         return m

@@ -1,16 +1,19 @@
 """The machine's two AXI ports: who reads and writes memory, and how much at a time.
 
-One AXI4 master of `DATA_BITS` (INCR bursts, full beats) and one AXI4-Lite slave (`spec.registers`).
-Addresses inside the machine count beats. A reader has the ID of its place in `READERS`, a writer of
-its place in `WRITERS`; what has one ID stays in order, and nothing relies on more.
+One AXI4 master of `Config.port` bits (INCR bursts, full beats) and one AXI4-Lite slave
+(`spec.registers`). Addresses inside the machine count beats of 128 bits whatever the port's width;
+a beat of a wider port is two of them, the first at an even address. A reader has the ID of its
+place in `READERS`, a writer of its place in `WRITERS`; what has one ID stays in order, and nothing
+relies on more.
 """
 
+from splatcore.spec.config import Config
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 
 DATA_BITS = 128
 BEAT = DATA_BITS // 8
-"""Bytes of a beat."""
+"""Bytes of a beat inside the machine."""
 
 BEAT_BITS = BEAT.bit_length() - 1
 
@@ -23,11 +26,15 @@ BOUNDARY = 4096
 """Bytes: no AXI burst crosses a multiple of this."""
 
 BURST_BEATS = 16
-"""Longest burst of a sequential reader; it ends at a multiple of this many beats."""
+"""Longest burst of a sequential reader, in the machine's beats; it ends at a multiple of so
+many."""
 
 LINE_BEATS = 2
 LINE = LINE_BEATS * BEAT
 """Bytes of a line: what is gathered before it is written."""
+
+WRITE_BITS = 64
+"""Bits of a field of `write_record`'s data."""
 
 LENGTH_BITS = 8
 """Width of AXI's length, the beats of a burst less one."""
@@ -53,18 +60,29 @@ OKAY, SLAVE_ERROR = 0, 2
 """Responses; what is over 1 is an error."""
 
 
+def port_beats(config: Config) -> int:
+    """Beats of the machine in one of the port's."""
+    return config.port // DATA_BITS
+
+
+def port_bytes(config: Config) -> int:
+    """Bytes of a beat of the port."""
+    return config.port // 8
+
+
 def read_record() -> Record:
-    """A burst to be read. length: its beats less one."""
+    """A burst to be read. beat: where it begins; length: the port's beats less one."""
     return Record("read", {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS)})
 
 
 def range_record(count_bits: int) -> Record:
-    """Consecutive beats to be read, at least one."""
+    """Consecutive beats of the machine to be read, at least one; the first is the port's, too."""
     return Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(count_bits)})
 
 
-def write_record() -> Record:
-    """A beat to be written. beat: where the burst begins, the same for all its beats, as is length
-    (its beats less one)."""
-    data = {"strobe": Bits(BEAT), "low": Bits(64), "high": Bits(64)}
-    return Record("write", dict(read_record().fields) | data)
+def write_record(config: Config) -> Record:
+    """A beat of the port to be written. beat: where the burst begins, the same for all its beats,
+    as is length (its beats less one)."""
+    fields = dict(read_record().fields) | {"strobe": Bits(port_bytes(config))}
+    words = range(config.port // WRITE_BITS)
+    return Record("write", fields | {f"data{k}": Bits(WRITE_BITS) for k in words})

@@ -130,7 +130,7 @@ def frame_registers(config: Config) -> list[Register]:
         Register("FEATURES_MAX", SPLAT_BITS, "frame", "features of a work area"),
         address("SCRATCH", "address of scratch memory"),
         address("PIXELS", "address of the image"),
-        Register("STRIDE", STRIDE_BITS, "frame", "bytes from a row to the next, a multiple of 16"),
+        Register("STRIDE", STRIDE_BITS, "frame", "bytes from a row to the next, a multiple of 32"),
     ]
     registers += [
         Register(f"BACKGROUND_{name.upper()}", colour, "frame", f"{name}, units of 2^-9·255/256")

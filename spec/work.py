@@ -33,8 +33,8 @@ PIXEL = 3
 STRIDE_BITS = 16
 """Width of the bytes from a row of the image to the next."""
 
-STRIDE_ALIGNMENT = 16
-"""Rows of the image begin at multiples of this many bytes."""
+STRIDE_ALIGNMENT = 32
+"""Rows of the image begin at multiples of this many bytes: beats of the widest port."""
 
 
 def table_record() -> Record:

@@ -46,7 +46,7 @@ class Binned(wiring.Component):
             "exceeded": Out(1),
             "finish": In(1),
             "empty": Out(1),
-            "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
         }
         super().__init__(ports)
 
@@ -58,7 +58,7 @@ class Binned(wiring.Component):
         return m
 
     def _features(self, m: Module):
-        m.submodules.features = store = Store(FEATURE // BEAT)
+        m.submodules.features = store = Store(self.config, FEATURE // BEAT)
         connect(m, store.writes, flipped(self.writes[WRITING.index("features")]))
         number, i = Signal(SPLAT_BITS), self.features
         room = number != self.features_max
@@ -78,7 +78,7 @@ class Binned(wiring.Component):
 
     def _lists(self, m: Module):
         beats = self.config.burst * SLOT // BEAT
-        m.submodules.lists = store = Store(beats)
+        m.submodules.lists = store = Store(self.config, beats)
         connect(m, store.writes, flipped(self.writes[WRITING.index("lists")]))
         burst = self.bursts.payload
         m.d.comb += store.i.valid.eq(self.bursts.valid)
@@ -86,7 +86,7 @@ class Binned(wiring.Component):
         m.d.comb += [store.i.payload.data.eq(Cat(burst.slots)), self.bursts.ready.eq(store.i.ready)]
 
     def _groups(self, m: Module):
-        m.submodules.groups = line = WriteCombiner()
+        m.submodules.groups = line = WriteCombiner(self.config)
         connect(m, line.writes, flipped(self.writes[WRITING.index("groups")]))
         number, i = Signal(range(groups_max(self.config) + 1)), self.groups
         m.d.comb += [

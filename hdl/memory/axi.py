@@ -3,11 +3,12 @@
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded
 from splatcore.hdl.lib.stream import Register
-from splatcore.hdl.memory.bus import FIXED, axi
+from splatcore.hdl.memory.bus import axi, fixed
 from splatcore.spec import axi as spec
 from splatcore.spec.config import Config
 
@@ -22,9 +23,14 @@ CLIENT_ERROR = data.StructLayout({"valid": 1, "client": spec.ID_BITS})
 """A beat or burst of a client has been answered by an error."""
 
 
-def read_beat() -> data.StructLayout:
+def read_beat(config: Config) -> data.StructLayout:
     """The layout of a beat that was read. last: of its burst."""
-    return data.StructLayout({"beat": spec.DATA_BITS, "last": 1})
+    return data.StructLayout({"beat": config.port, "last": 1})
+
+
+def write_data(config: Config, write: data.View) -> Value:
+    """All data of a `write_record`."""
+    return Cat(write[f"data{k}"] for k in range(config.port // spec.WRITE_BITS))
 
 
 def of_half(clients: dict[str, int], half: int) -> int:
@@ -45,20 +51,24 @@ class Turns(wiring.Component):
     """A round-robin arbiter: chooses one of those that request.
 
     Members
-        wants: a bit for each. chosen: at most one of them. served: the chosen one has had its turn.
+        wants: a bit for each; favoured: those that come before all others. chosen: at most one of
+            them. served: the chosen one has had its turn.
 
     **Timing**: combinational from `wants` to `chosen`.
     """
 
     def __init__(self, count: int):
-        super().__init__({"wants": In(count), "chosen": Out(count), "served": In(1)})
+        bits = dict.fromkeys(("wants", "favoured"), In(count))
+        super().__init__(bits | {"chosen": Out(count), "served": In(1)})
 
     def elaborate(self, platform) -> Module:
         m = Module()
         count = len(self.wants)
         later = Signal(count)  # those whose turn comes before the others'
-        preferred = self.wants & later
-        first = Mux(preferred.any(), preferred, self.wants)
+        favoured = self.wants & self.favoured
+        wants = Mux(favoured.any(), favoured, self.wants)
+        preferred = wants & later
+        first = Mux(preferred.any(), preferred, wants)
         before = Cat(first[:k].any() for k in range(count))  # someone below comes first
         m.d.comb += self.chosen.eq(first & ~before)
         with m.If(self.served):
@@ -78,6 +88,8 @@ class Axi(wiring.Component):
             streams of `read_beat`. A reader that does not take its beats keeps all others waiting.
         writes: by index in `WRITERS` a stream of `write_record`; after a burst's first beat
             a writer offers the others without waiting for anything else.
+        favoured: a bit for each half: its writers come before the other's. patient: a bit for each
+            writer: it comes after all others. Both are about what is begun next.
         failing: a bit for each half. While it is high, nothing new is begun for the half, what
             comes back for it is dropped, and a burst that it has begun to write is brought to its
             end without writing anything. Its clients may be reset meanwhile; they are to be, as
@@ -94,11 +106,15 @@ class Axi(wiring.Component):
     """
 
     def __init__(self, config: Config):
+        self.config = config
+        write = layout(spec.write_record(config))
         ports = {
-            "m_axi": Out(axi()),
+            "m_axi": Out(axi(config)),
             "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
-            "data": Out(stream.Signature(read_beat())).array(len(spec.READERS)),
-            "writes": In(stream.Signature(layout(spec.write_record()))).array(len(spec.WRITERS)),
+            "data": Out(stream.Signature(read_beat(config))).array(len(spec.READERS)),
+            "writes": In(stream.Signature(write)).array(len(spec.WRITERS)),
+            "favoured": In(len(HALVES)),
+            "patient": In(len(spec.WRITERS)),
             "failing": In(len(HALVES)),
             "idle": Out(len(HALVES)),
             "settled": Out(len(spec.WRITERS)),
@@ -109,7 +125,7 @@ class Axi(wiring.Component):
         }
         super().__init__(ports)
         request = data.StructLayout({"client": spec.ID_BITS, "burst": layout(spec.read_record())})
-        beat = data.StructLayout({"data": spec.DATA_BITS, "strobe": spec.BEAT, "last": 1})
+        beat = data.StructLayout({"data": config.port, "strobe": config.port // 8, "last": 1})
         self.ar, self.aw, self.w = Register(request), Register(request), Register(beat)
 
     def elaborate(self, platform) -> Module:
@@ -135,20 +151,21 @@ class Axi(wiring.Component):
 
     def _address(self, m: Module, channel: str, request):
         """An address channel of the port, from its register."""
+        below = exact_log2(spec.port_beats(self.config))  # bits within the port's beat
         wires = {
             "id": request.payload.client,
-            "addr": request.payload.burst.beat << spec.BEAT_BITS,
+            "addr": Cat(Const(0, spec.BEAT_BITS + below), request.payload.burst.beat[below:]),
             "len": request.payload.burst.length,
             "valid": request.valid,
         }
-        wires |= {name: value for name, (_, value) in FIXED.items()}
+        wires |= {name: value for name, (_, value) in fixed(self.config).items()}
         for name, value in wires.items():
             m.d.comb += getattr(self.m_axi, channel + name).eq(value)
         m.d.comb += request.ready.eq(getattr(self.m_axi, f"{channel}ready"))
 
-    def _failing(self, clients: dict[str, int]) -> Value:
+    def _of_halves(self, bits: Value, clients: dict[str, int]) -> Value:
         """A bit for each client: its half's."""
-        return Cat(self.failing[half] for half in clients.values())
+        return Cat(bits[half] for half in clients.values())
 
     def _outstanding(self, m: Module, name: str, begins: Value, ends: Value) -> Signal:
         """The count of what has begun and not ended."""
@@ -165,11 +182,12 @@ class Axi(wiring.Component):
         """
         m_axi = self.m_axi
         full = Signal()
-        beat = Signal(read_beat(), reset_less=True)
+        beat = Signal(read_beat(self.config), reset_less=True)
         client = Signal(spec.ID_BITS, reset_less=True)
         error = Signal(reset_less=True)
         target, fire = Signal(len(spec.READERS)), Signal(len(spec.READERS))
-        ready = Cat(o.ready for o in self.data) | self._failing(spec.READERS)
+        failing = self._of_halves(self.failing, spec.READERS)
+        ready = Cat(o.ready for o in self.data) | failing
         m.d.comb += [
             target.eq(Mux(full, Const(1) << client, 0)),
             fire.eq(target & ready),
@@ -226,16 +244,21 @@ class Axi(wiring.Component):
         """Bursts to be written: a writer has the port for its burst."""
         m.submodules.write_turns = turns = Turns(len(spec.WRITERS))
         count = len(spec.WRITERS)
-        valid, failing = Cat(i.valid for i in self.writes), self._failing(spec.WRITERS)
+        valid, failing = (
+            Cat(i.valid for i in self.writes),
+            self._of_halves(self.failing, spec.WRITERS),
+        )
         inside, left = Signal(), Signal(spec.LENGTH_BITS)  # within a burst; its beats still to come
-        owner, current, full, began = (
-            Signal(count, name=name) for name in ("owner", "current", "full", "began")
+        owner, current, full, began, wants = (
+            Signal(count, name=name) for name in ("owner", "current", "full", "began", "wants")
         )
         address, beat = self.aw.i, self.w.i
-        given = Signal(layout(spec.write_record()))
+        given = Signal(layout(spec.write_record(self.config)))
         abandoned, takes = Signal(), Signal()
         m.d.comb += [
-            turns.wants.eq(valid & ~failing & ~full),
+            wants.eq(valid & ~failing & ~full),
+            turns.wants.eq(Mux((wants & ~self.patient).any(), wants & ~self.patient, wants)),
+            turns.favoured.eq(self._of_halves(self.favoured, spec.WRITERS)),
             turns.served.eq(~inside & takes),
             current.eq(Mux(inside, owner, turns.chosen)),
             given.eq(selected(current, [i.payload for i in self.writes])),
@@ -244,7 +267,7 @@ class Axi(wiring.Component):
             address.payload.client.eq(encoded(turns.chosen)),
             address.payload.burst.beat.eq(given.beat),
             address.payload.burst.length.eq(given.length),
-            beat.payload.data.eq(Cat(given.low, given.high)),
+            beat.payload.data.eq(write_data(self.config, given)),
             beat.payload.strobe.eq(Mux(abandoned, 0, given.strobe)),
             beat.payload.last.eq(Mux(inside, left == 1, given.length == 0)),
         ]

@@ -7,21 +7,25 @@ the slave of the registers has no use for (protection).
 
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
 
 from splatcore.spec import axi as spec
+from splatcore.spec.config import Config
 
 RESPONSE_BITS = 2
 
-FIXED = {
-    "size": (3, spec.BEAT_BITS),  # whole beats
-    "burst": (2, 1),  # INCR
-    "cache": (4, 0b0011),  # a memory: bufferable, modifiable, in no cache
-    "prot": (3, 0b010),  # data, not privileged, not secure
-}
-"""Constant signals of an address channel: name behind `ar` or `aw` → width and value."""
+
+def fixed(config: Config) -> dict[str, tuple[int, int]]:
+    """Constant signals of an address channel: name behind `ar` or `aw` → width and value."""
+    return {
+        "size": (3, exact_log2(spec.port_bytes(config))),  # whole beats
+        "burst": (2, 1),  # INCR
+        "cache": (4, 0b0011),  # a memory: bufferable, modifiable, in no cache
+        "prot": (3, 0b010),  # data, not privileged, not secure
+    }
 
 
-def axi() -> wiring.Signature:
+def axi(config: Config) -> wiring.Signature:
     """The signature of the AXI4 port."""
     wires = {}
     for channel in ("aw", "ar"):
@@ -30,14 +34,14 @@ def axi() -> wiring.Signature:
             f"{channel}addr": Out(spec.ADDRESS_BITS),
             f"{channel}len": Out(spec.LENGTH_BITS),
         }
-        wires |= {f"{channel}{name}": Out(width) for name, (width, _) in FIXED.items()}
+        wires |= {f"{channel}{name}": Out(width) for name, (width, _) in fixed(config).items()}
         wires |= {f"{channel}valid": Out(1), f"{channel}ready": In(1)}
     return wiring.Signature(
         wires
-        | {"wdata": Out(spec.DATA_BITS), "wstrb": Out(spec.BEAT), "wlast": Out(1)}
+        | {"wdata": Out(config.port), "wstrb": Out(config.port // 8), "wlast": Out(1)}
         | {"wvalid": Out(1), "wready": In(1)}
         | {"bid": In(spec.ID_BITS), "bresp": In(RESPONSE_BITS), "bvalid": In(1), "bready": Out(1)}
-        | {"rid": In(spec.ID_BITS), "rdata": In(spec.DATA_BITS), "rresp": In(RESPONSE_BITS)}
+        | {"rid": In(spec.ID_BITS), "rdata": In(config.port), "rresp": In(RESPONSE_BITS)}
         | {"rlast": In(1), "rvalid": In(1), "rready": Out(1)}
     )
 

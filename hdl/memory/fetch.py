@@ -1,21 +1,29 @@
-"""Reads ranges of memory beat by beat, through a queue, and cuts beats into slots of 8 bytes."""
+"""Reads ranges of memory beat by beat, through a queue, and cuts beats into slots."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, LENGTH_BITS, read_record
+from splatcore.spec.axi import (
+    BURST_BEATS,
+    DATA_BITS,
+    LENGTH_BITS,
+    port_beats,
+    range_record,
+    read_record,
+)
+from splatcore.spec.config import Config
 from splatcore.spec.group import ENTRY_BITS
 
 RANGES_WAITING = 8  # ranges of slots whose beats may be on their way
 
 
 class Fetch(wiring.Component):
-    """Ranges of beats in, the beats out, in order.
+    """Ranges of beats in, the port's beats out, in order.
 
     A burst is asked for when the queue has room for all of it besides what it holds and what is on
     its way, so that beats that come back never wait. Bursts end at multiples of `burst` beats. The
@@ -23,26 +31,28 @@ class Fetch(wiring.Component):
     memory's latency, long ones ask less often.
 
     Members
-        i: stream of ranges: first beat, count of beats (from 1 on).
+        i: stream of ranges (`range_record`).
         reads, data: to and from the memory port (`hdl.memory.axi`).
-        o: stream of beats.
+        o: stream of the port's beats.
 
     **Timing**: a burst every 2 cycles, asked for 2 cycles after its range or the burst before was
-    taken; a beat a cycle, latency 2 through the queue. Its memory has `depth` rows; one that holds
-    fewer beats than come during the memory's latency slows the reading. No multiplier.
+    taken; a beat a cycle, latency 2 through the queue. Its memory has room for `depth` beats of the
+    machine; one that holds fewer than come during the memory's latency slows the reading. No
+    multiplier.
     """
 
-    def __init__(self, depth: int, count_bits: int, burst: int = BURST_BEATS):
+    def __init__(self, config: Config, depth: int, count_bits: int, burst: int = BURST_BEATS):
         if depth < burst:
             raise ValueError(f"a queue of {depth} beats, below a burst of {burst}")
-        self.burst = burst
-        self.range = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "count": count_bits})
-        self.depth, self.queue = depth, Queue(DATA_BITS, depth, memory=True)
+        self.beats = port_beats(config)
+        self.burst, self.depth = burst // self.beats, depth // self.beats  # of the port's
+        self.range = layout(range_record(count_bits))
+        self.queue = Queue(config.port, self.depth, memory=True)
         ports = {
             "i": In(stream.Signature(self.range)),
             "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat())),
-            "o": Out(stream.Signature(DATA_BITS)),
+            "data": In(stream.Signature(read_beat(config))),
+            "o": Out(stream.Signature(config.port)),
         }
         super().__init__(ports)
 
@@ -59,7 +69,9 @@ class Fetch(wiring.Component):
         rest, more = Signal(self.range, reset_less=True), Signal()
         burst, sized = Signal(layout(read_record()), reset_less=True), Signal()
         beats = Signal(range(self.burst + 1), reset_less=True)
-        offset = rest.beat[: exact_log2(self.burst)]
+        below = exact_log2(self.beats)
+        first, given = rest.beat[below:], self.i.payload
+        offset = first[: exact_log2(self.burst)]
         to_boundary = Signal.like(beats)
         ends = rest.count <= to_boundary
         m.d.comb += [to_boundary.eq(self.burst - offset), self.i.ready.eq(~more)]
@@ -68,14 +80,15 @@ class Fetch(wiring.Component):
         m.d.comb += asked.eq(self.reads.valid & self.reads.ready)
         m.d.comb += fire.eq(self.o.valid & self.o.ready)
         with m.If(~more):
-            m.d.sync += [rest.eq(self.i.payload), more.eq(self.i.valid)]
+            m.d.sync += [rest.beat.eq(given.beat), more.eq(self.i.valid)]
+            m.d.sync += rest.count.eq((given.count + self.beats - 1) >> below)
         with m.Elif(~sized):
             length = Mux(ends, rest.count[: len(beats)], to_boundary)
             m.d.sync += [
                 burst.beat.eq(rest.beat),
                 burst.length.eq((length - 1)[:LENGTH_BITS]),
                 beats.eq(length),
-                rest.beat.eq(Cat(Const(0, len(offset)), rest.beat[len(offset) :] + 1)),
+                first.eq(Cat(Const(0, len(offset)), first[len(offset) :] + 1)),
                 rest.count.eq(rest.count - to_boundary),
                 more.eq(~ends),
             ]
@@ -88,7 +101,7 @@ class Fetch(wiring.Component):
 
 
 class Unpack(wiring.Component):
-    """Cuts ranges of beats into slots, the lower one of a beat first.
+    """Cuts ranges of the port's beats into slots, the lowest one of a beat first.
 
     Members
         counts: stream of how many slots each range has, at least 1. What a range's last beat holds
@@ -96,17 +109,19 @@ class Unpack(wiring.Component):
         beats: stream of the ranges' beats.
         o: stream of slots.
 
-    ranges: how many may wait whose beats have not come.
+    slot: bits of one; ranges: how many may wait whose beats have not come.
 
     **Timing**: a slot a cycle, latency 0 from a beat. A path from `o.ready` to `beats.ready`.
     """
 
-    def __init__(self, count_bits: int, ranges: int = RANGES_WAITING):
-        self.counts_waiting = Queue(count_bits, ranges)
+    def __init__(
+        self, config: Config, count_bits: int, slot: int = ENTRY_BITS, ranges: int = RANGES_WAITING
+    ):
+        self.slot, self.counts_waiting = slot, Queue(count_bits, ranges)
         ports = {
             "counts": In(stream.Signature(count_bits)),
-            "beats": In(stream.Signature(DATA_BITS)),
-            "o": Out(stream.Signature(ENTRY_BITS)),
+            "beats": In(stream.Signature(config.port)),
+            "o": Out(stream.Signature(slot)),
         }
         super().__init__(ports)
 
@@ -114,15 +129,15 @@ class Unpack(wiring.Component):
         m = Module()
         m.submodules.counts_waiting = waiting = self.counts_waiting
         connect(m, flipped(self).counts, waiting.i)
-        left, upper = Signal.like(waiting.o.payload), Signal()  # 0: none is at hand
-        beat = self.beats.payload
+        beat, left = self.beats.payload, Signal.like(waiting.o.payload)  # 0: none is at hand
+        place = Signal(range(len(beat) // self.slot))
         taken, last = Signal(), Signal()
         m.d.comb += [
             self.o.valid.eq(self.beats.valid & left.any()),
-            self.o.payload.eq(Mux(upper, beat[ENTRY_BITS:], beat[:ENTRY_BITS])),
+            self.o.payload.eq(beat.word_select(place, self.slot)),
             taken.eq(self.o.valid & self.o.ready),
             last.eq(left == 1),
-            self.beats.ready.eq(taken & (upper | last)),
+            self.beats.ready.eq(taken & (place.all() | last)),
             waiting.o.ready.eq(~left.any() | (taken & last)),
         ]
         with m.If(waiting.o.ready):
@@ -130,15 +145,51 @@ class Unpack(wiring.Component):
         with m.Elif(taken):
             m.d.sync += left.eq(left - 1)
         with m.If(taken):
-            m.d.sync += upper.eq(~upper & ~last)
+            m.d.sync += place.eq(Mux(last, 0, place + 1))
         return m
 
 
-def unpacked(m: Module, reader: wiring.Component, fetch: Fetch, count_bits: int) -> Unpack:
+class FetchBeats(wiring.Component):
+    """Ranges of beats in, the machine's beats out, in order: `Fetch`, and `Unpack` if the port's
+    beats are larger.
+
+    Members: those of `Fetch`; o: stream of the machine's beats.
+
+    **Timing**: that of `Fetch`.
+    """
+
+    def __init__(self, config: Config, depth: int, count_bits: int):
+        self.config, self.fetch = config, Fetch(config, depth, count_bits)
+        ports = dict(self.fetch.signature.members)
+        super().__init__(ports | {"o": Out(stream.Signature(DATA_BITS))})
+        self.count_bits = count_bits
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.fetch = fetch = self.fetch
+        outside = flipped(self)
+        connect(m, fetch.reads, outside.reads)
+        connect(m, outside.data, fetch.data)
+        if fetch.beats == 1:
+            connect(m, outside.i, fetch.i)
+            connect(m, fetch.o, outside.o)
+            return m
+        m.submodules.unpack = unpack = Unpack(self.config, self.count_bits, DATA_BITS)
+        connect(m, fetch.o, unpack.beats)
+        connect(m, unpack.o, outside.o)
+        m.d.comb += [  # a range goes to both at once
+            fetch.i.payload.eq(self.i.payload),
+            fetch.i.valid.eq(self.i.valid & unpack.counts.ready),
+            unpack.counts.payload.eq(self.i.payload.count),
+            unpack.counts.valid.eq(self.i.valid & fetch.i.ready),
+            self.i.ready.eq(fetch.i.ready & unpack.counts.ready),
+        ]
+        return m
+
+
+def unpacked(m: Module, reader: wiring.Component, fetch: Fetch, unpack: Unpack):
     """A reader of ranges of slots, for a component with the streams `reads` and `data`."""
-    m.submodules.fetch = fetch
-    m.submodules.unpack = unpack = Unpack(count_bits)
+    m.submodules.fetch, m.submodules.unpack = fetch, unpack
     connect(m, fetch.reads, flipped(reader.reads))
     connect(m, flipped(reader.data), fetch.data)
     connect(m, fetch.o, unpack.beats)
-    return unpack

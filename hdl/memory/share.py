@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import read_record
+from splatcore.spec.config import Config
 
 READERS = 2
 
@@ -23,8 +24,9 @@ class Share(wiring.Component):
     pass from the last beat of a burst to the next request. Beats pass at once. No multiplier.
     """
 
-    def __init__(self):
-        request, beat = stream.Signature(layout(read_record())), stream.Signature(read_beat())
+    def __init__(self, config: Config):
+        request = stream.Signature(layout(read_record()))
+        beat = stream.Signature(read_beat(config))
         ports = {"i": In(request).array(READERS), "o": Out(beat).array(READERS)}
         super().__init__(ports | {"reads": Out(request), "data": In(beat)})
 

@@ -6,11 +6,12 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE_BEATS, write_record
+from splatcore.hdl.memory.axi import write_data
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE, LINE_BEATS, write_record
+from splatcore.spec.config import Config
 from splatcore.spec.work import SLOT
 
-BEAT_SLOTS = BEAT // SLOT
-SLOTS = LINE_BEATS * BEAT_SLOTS
+SLOTS = LINE // SLOT
 
 
 class WriteCombiner(wiring.Component):
@@ -28,16 +29,18 @@ class WriteCombiner(wiring.Component):
         empty: all that came has been taken from `writes`.
 
     **Timing**: four consecutive slots every 5 cycles: while the second beat of a line is offered,
-    slots of the next line's first beat are taken. No path, no multiplier.
+    slots of the next line's first beat are taken. No path, no multiplier. A port as wide as a line
+    has no second beat.
     """
 
-    def __init__(self):
-        address = BEAT_ADDRESS_BITS + exact_log2(BEAT_SLOTS)
+    def __init__(self, config: Config):
+        self.config, self.beat_slots = config, config.port // 8 // SLOT
+        address = BEAT_ADDRESS_BITS + exact_log2(BEAT // SLOT)
         slot = data.StructLayout({"slot": address, "data": SLOT * 8})
         ports = {
             "i": In(stream.Signature(slot)),
             "flush": In(1),
-            "writes": Out(stream.Signature(layout(write_record()))),
+            "writes": Out(stream.Signature(layout(write_record(config)))),
             "empty": Out(1),
         }
         super().__init__(ports)
@@ -57,7 +60,7 @@ class WriteCombiner(wiring.Component):
         of_line = Signal(SLOTS)
         behind, fits, room = Signal(), Signal(), Signal()
         m.d.comb += [
-            of_line.eq(Mux(second, present[:BEAT_SLOTS], present)),
+            of_line.eq(Mux(second, present[: self.beat_slots], present)),
             behind.eq((of_line >> position) == 0),
             fits.eq(~of_line.any() | ((address == line) & behind)),
             room.eq(~first & ~(second & position[-1])),
@@ -67,9 +70,10 @@ class WriteCombiner(wiring.Component):
         self._offer(m, gathered, present, written, first, second)
         left = self.writes.valid & self.writes.ready
         with m.If(left & first):
-            m.d.sync += [first.eq(0), second.eq(1), present[:BEAT_SLOTS].eq(0)]
+            two = self.beat_slots < SLOTS
+            m.d.sync += [first.eq(0), second.eq(two), present[: self.beat_slots].eq(0)]
         with m.If(left & second):
-            m.d.sync += [second.eq(0), present[BEAT_SLOTS:].eq(0)]
+            m.d.sync += [second.eq(0), present[self.beat_slots :].eq(0)]
         takes = self.i.valid & self.i.ready
         with m.If(takes):
             m.d.sync += line.eq(address)
@@ -85,14 +89,12 @@ class WriteCombiner(wiring.Component):
 
     def _offer(self, m: Module, gathered, present, written, first: Value, second: Value):
         """A beat of the line."""
-        half = SLOT * 8 * BEAT_SLOTS
-        beat = Signal(half)
-        strobes = Cat(bit.replicate(SLOT) for bit in present)
+        bits, size = self.config.port, self.config.port // 8
+        data, strobes = Value.cast(gathered), Cat(bit.replicate(SLOT) for bit in present)
         m.d.comb += [
-            beat.eq(Mux(second, Value.cast(gathered)[half:], Value.cast(gathered)[:half])),
             self.writes.valid.eq(first | second),
             self.writes.payload.beat.eq(written << exact_log2(LINE_BEATS)),
-            self.writes.payload.length.eq(LINE_BEATS - 1),
-            self.writes.payload.strobe.eq(Mux(second, strobes[BEAT:], strobes[:BEAT])),
-            Cat(self.writes.payload.low, self.writes.payload.high).eq(beat),
+            self.writes.payload.length.eq(SLOTS // self.beat_slots - 1),
+            self.writes.payload.strobe.eq(Mux(second, strobes[size:], strobes[:size])),
+            write_data(self.config, self.writes.payload).eq(Mux(second, data[bits:], data[:bits])),
         ]

@@ -8,7 +8,8 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.hdl.memory.fetch import Fetch
+from splatcore.hdl.memory.fetch import FetchBeats
+from splatcore.hdl.memory.words import Words
 from splatcore.hdl.points.load import Load
 from splatcore.spec import axi
 from splatcore.spec.config import Config
@@ -59,7 +60,7 @@ class ModelReader(wiring.Component):
             "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
             "given": Out(1),
             "reads": Out(stream.Signature(layout(axi.read_record()))).array(len(READING)),
-            "data": In(stream.Signature(read_beat())).array(len(READING)),
+            "data": In(stream.Signature(read_beat(config))).array(len(READING)),
         }
         super().__init__(ports)
         self.chunks = Signal(NUMBER_BITS + 1)
@@ -77,10 +78,10 @@ class ModelReader(wiring.Component):
         self._attributes(m)
         return m
 
-    def _reader(self, m: Module, name: str, count_bits: int) -> Fetch:
+    def _reader(self, m: Module, name: str, count_bits: int) -> FetchBeats:
         """The reader of ranges for one of `READING`."""
         number = READING.index(name)
-        m.submodules[name] = fetch = Fetch(BEATS_WAITING, count_bits)
+        m.submodules[name] = fetch = FetchBeats(self.config, BEATS_WAITING, count_bits)
         connect(m, fetch.reads, flipped(self.reads[number]))
         connect(m, flipped(self.data[number]), fetch.data)
         return fetch
@@ -137,6 +138,18 @@ class ModelReader(wiring.Component):
         """Each Gaussian's beats in a burst, or in two where `BOUNDARY` divides them."""
         number = READING.index("attributes")
         read, back = self.reads[number], self.data[number]
+        if axi.port_beats(self.config) == 1:
+            m.d.comb += [
+                self.attributes.valid.eq(back.valid),
+                self.attributes.payload.eq(back.payload.beat),
+                back.ready.eq(self.attributes.ready),
+            ]
+        else:
+            m.submodules.attributes = words = Words(self.config, 1 << WANTED["count"].width)
+            connect(m, words.reads, flipped(read))
+            connect(m, flipped(back), words.data)
+            connect(m, words.o, flipped(self).attributes)
+            read = words.i
         beat = Signal(axi.BEAT_ADDRESS_BITS, reset_less=True)
         count = Signal(WANTED["count"].width)  # of the beats still to be asked for
         place = beat[: exact_log2(axi.BOUNDARY // axi.BEAT)]
@@ -148,9 +161,6 @@ class ModelReader(wiring.Component):
             read.valid.eq(count.any()),
             read.payload.beat.eq(beat),
             read.payload.length.eq((asked - 1)[: len(count)]),
-            self.attributes.valid.eq(back.valid),
-            self.attributes.payload.eq(back.payload.beat),
-            back.ready.eq(self.attributes.ready),
         ]
         with m.If(~count.any()):
             m.d.sync += beat.eq(self.load.attributes + self.wanted.payload.beat)

@@ -8,7 +8,7 @@ from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec import group, raster, work
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, port_bytes, read_record
 from splatcore.spec.config import Config
 
 FEATURES_WAITING = 48  # features that may be on their way or wait: what hides memory's latency
@@ -40,7 +40,7 @@ class Features(wiring.Component):
             "live": In(config.group**2),
             "stop": Out(1),
             "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat())),
+            "data": In(stream.Signature(read_beat(config))),
         }
         super().__init__(ports)
         self.known = Signal()  # `live` is about the group at `i`
@@ -78,7 +78,7 @@ class Features(wiring.Component):
         m.d.comb += [
             read.valid.eq(i.valid & ~i.payload.end & room & ~drops),
             read.payload.beat.eq(self.features_at + i.payload.splat * (work.FEATURE // BEAT)),
-            read.payload.length.eq(work.FEATURE // BEAT - 1),
+            read.payload.length.eq(work.FEATURE // port_bytes(self.config) - 1),
             taken.eq(read.valid & read.ready),
             order.payload.mask.eq(i.payload.mask),
             order.payload.end.eq(i.payload.end),
@@ -88,13 +88,16 @@ class Features(wiring.Component):
         return taken
 
     def _collect(self, m: Module, features: stream.Interface):
-        """Two beats make a feature; there is always room."""
-        low = Signal(DATA_BITS, reset_less=True)
+        """A beat or two make a feature; there is always room."""
         beat = self.data.payload
         m.d.comb += [self.data.ready.eq(1), features.valid.eq(self.data.valid & beat.last)]
-        m.d.comb += features.payload.eq(Cat(low, beat.beat))
-        with m.If(self.data.valid):
-            m.d.sync += low.eq(beat.beat)
+        feature = beat.beat
+        if self.config.port < work.FEATURE * 8:
+            low = Signal(self.config.port, reset_less=True)
+            feature = Cat(low, beat.beat)
+            with m.If(self.data.valid):
+                m.d.sync += low.eq(beat.beat)
+        m.d.comb += features.payload.eq(feature)
 
     def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
         """Splats with their features; returns a bit: one leaves."""

@@ -11,7 +11,7 @@ from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack
 from splatcore.hdl.memory.share import Share
 from splatcore.spec import convention, work
-from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, port_beats, read_record
 from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.raster import position_record
@@ -90,13 +90,13 @@ class Groups(wiring.Component):
             "groups": Out(range(groups_max(config) + 1)),
             "busy": Out(1),
             "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat())),
+            "data": In(stream.Signature(read_beat(config))),
         }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.share = share = Share()
+        m.submodules.share = share = Share(self.config)
         connect(m, share.reads, flipped(self.reads))
         connect(m, flipped(self.data), share.data)
         known = self._grid(m)
@@ -124,8 +124,8 @@ class Groups(wiring.Component):
     def _table(self, m: Module, known: Value, share: Share) -> stream.Interface:
         """The table's slots; it is asked for when the number of groups is known."""
         bits = len(self.groups)
-        m.submodules.fetch = fetch = Fetch(BURST_BEATS, bits)
-        m.submodules.unpack = unpack = Unpack(bits, ranges=1)
+        m.submodules.fetch = fetch = Fetch(self.config, BURST_BEATS, bits)
+        m.submodules.unpack = unpack = Unpack(self.config, bits, ranges=1)
         connect(m, fetch.reads, share.i[0])
         connect(m, share.o[0], fetch.data)
         connect(m, fetch.o, unpack.beats)
@@ -168,15 +168,15 @@ class Groups(wiring.Component):
         connect(m, queue.o, flipped(self.empty))
         asked = Signal()  # the present group's beat is on its way
         number = Signal.like(self.groups)
-        slots = DATA_BITS // 8 // work.SLOT
+        slots = self.config.port // 8 // work.SLOT
         low = exact_log2(slots)
         group = Signal(layout(group_record()))
         m.d.comb += [
             asks.valid.eq(walk.active & ~asked & queue.i.ready),
-            asks.payload.beat.eq(self.groups_at + number[low:]),
+            asks.payload.beat.eq(self.groups_at + number[low:] * port_beats(self.config)),
             asks.payload.length.eq(0),
             beat.ready.eq(1),
-            group.eq(beat.payload.beat.word_select(number[:low], DATA_BITS // slots)),
+            group.eq(beat.payload.beat.word_select(number[:low], self.config.port // slots)),
             queue.i.valid.eq(beat.valid & ~group.count.any()),
             queue.i.payload.eq(walk.position),
             walk.step.eq(beat.valid),

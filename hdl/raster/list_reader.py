@@ -3,11 +3,12 @@
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack, unpacked
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, read_record
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, read_record
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, entry_record
@@ -49,7 +50,7 @@ class ListReader(wiring.Component):
             "i": In(stream.Signature(layout(listed_record()))),
             "o": Out(stream.Signature(layout(entry_record(config)))),
             "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat())),
+            "data": In(stream.Signature(read_beat(config))),
         }
         super().__init__(ports)
 
@@ -58,8 +59,9 @@ class ListReader(wiring.Component):
         beats, bucket = page_bytes(self.config) // BEAT, half_entries(self.config)
         count_bits = max(self.config.page, bucket).bit_length()
         beat_bits = max(beats, bucket * SLOT // BEAT).bit_length()
-        fetch = Fetch(self.depth, beat_bits, self.burst)
-        unpack = unpacked(m, self, fetch, count_bits)
+        fetch = Fetch(self.config, self.depth, beat_bits, self.burst)
+        unpack = Unpack(self.config, count_bits)
+        unpacked(m, self, fetch, unpack)
         m.d.comb += [self.o.valid.eq(unpack.o.valid), self.o.payload.eq(unpack.o.payload)]
         m.d.comb += unpack.o.ready.eq(self.o.ready)
         self._pages(m, fetch, unpack, beats)
@@ -74,7 +76,8 @@ class ListReader(wiring.Component):
         wanted = Mux(goes_on, beats, (left + slots_a_beat - 1) // slots_a_beat)
         counted = Signal()  # the page's count has gone to `unpack`; only then it is asked for
         ahead = Signal(range(2 * fetch.depth + (1 << len(fetch.i.payload.count))))  # on their way
-        link = self.data.payload.beat[DATA_BITS - ENTRY_BITS :][:PAGE_BITS]
+        of_port = (wanted + fetch.beats - 1) >> exact_log2(fetch.beats)
+        link = self.data.payload.beat[-ENTRY_BITS:][:PAGE_BITS]
         comes = self.data.valid & self.data.ready
         begins = Signal()
         bucket = self.scratch_at + page * (half_entries(self.config) // slots_a_beat)
@@ -102,4 +105,4 @@ class ListReader(wiring.Component):
             with m.State("LINK"), m.If(comes & (ahead == 1)):
                 m.d.sync += page.eq(link)
                 m.next = "PAGE"
-        m.d.sync += ahead.eq(ahead + Mux(begins, wanted, 0) - comes)
+        m.d.sync += ahead.eq(ahead + Mux(begins, of_port, 0) - comes)

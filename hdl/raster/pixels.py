@@ -9,7 +9,15 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Register
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, BEAT_BITS, BOUNDARY, DATA_BITS, write_record
+from splatcore.hdl.memory.axi import write_data
+from splatcore.spec.axi import (
+    BEAT_ADDRESS_BITS,
+    BEAT_BITS,
+    BOUNDARY,
+    port_beats,
+    port_bytes,
+    write_record,
+)
 from splatcore.spec.binning import groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
@@ -43,13 +51,14 @@ class Pixels(wiring.Component):
         empty: stream of `position_record`, the groups without.
         i: streams of `pixels_record`, one for each rasterizer: the blocks within the image of the
             groups with splats.
+        plain: the group without a splat is at work.
         through: the image's last span has been given.
         writes: to memory.
 
-    **Timing**: a row of `span` blocks in ⌈span · 12 / 16⌉ beats (`DEFAULT`: 4 blocks, 3 beats), a
-    beat a cycle without a pause between spans; 1 cycle more for each group, for each change to the
-    other group (2 where it is found out that blocks are not present), and for each span of a group
-    that is not in the image.
+    **Timing**: a row of `span` blocks in the port's beats that it lies in (4 blocks: 3 of 128 bits,
+    2 of 256), a beat a cycle without a pause between spans; 1 cycle more for each group, for each
+    change to the other group (2 where it is found out that blocks are not present), and for each
+    span of a group that is not in the image.
     """
 
     def __init__(self, config: Config):
@@ -68,20 +77,20 @@ class Pixels(wiring.Component):
             "positions": position,
             "empty": position,
             "i": pixels,
+            "plain": Out(1),
             "through": Out(1),
-            "writes": Out(stream.Signature(layout(write_record()))),
+            "writes": Out(stream.Signature(layout(write_record(config)))),
         }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.written = written = Register(layout(write_record()))
-        connect(m, written.o, flipped(self.writes))
-        self.write = written.i
+        m.submodules.written = register = Register(layout(write_record(self.config)))
+        connect(m, register.o, flipped(self.writes))
+        self.write = register.i
         # Each group's span: its number in a row of a tile's blocks, that row, the tile.
         self.counts = exact_log2(BLOCKS // self.span), exact_log2(BLOCKS), 2 * self.side
         self.blocks_span, self.empty_span = Signal(sum(self.counts)), Signal(sum(self.counts))
-        self.plain = Signal()  # the group without a splat is at work
         self.pixel_row, self.beat = Signal(exact_log2(BLOCK)), Signal(2)
         # The group at work.
         self.span_number = Mux(self.plain, self.empty_span, self.blocks_span)
@@ -131,9 +140,10 @@ class Pixels(wiring.Component):
         many words lie before the span."""
         codes = [background_code(self.config, self.background[name]) for name in COLOURS]
         codes = [Mux(code > 255, 255, code)[:8] for code in codes]
+        size = port_bytes(self.config)
         turned = [
-            Cat(codes[(beat * BEAT - words * WORD + k) % PIXEL] for k in range(BEAT))
-            for words in range(BEAT // WORD)
+            Cat(codes[(beat * size - words * WORD + k) % PIXEL] for k in range(size))
+            for words in range(size // WORD)
             for beat in range(1 << len(self.beat))
         ]
         return Array(turned)[Cat(self.beat, skipped)]
@@ -141,9 +151,10 @@ class Pixels(wiring.Component):
     def _beats(self, m: Module, heads: list[Value], first: Value) -> Value:
         """A row of the span as beats; the number of the last one. first: block of the span."""
         words = ROW_BITS // 8 // WORD  # of a row of a block
+        size = port_bytes(self.config)
         # A span begins at a multiple of 4 bytes.
-        skipped = (first * words)[: exact_log2(BEAT // WORD)]
-        if self.span == BLOCKS:
+        skipped = (first * words)[: exact_log2(size // WORD)]
+        if self.span * words * WORD % size == 0:
             skipped = Const(0, len(skipped))
         segment = Cat(heads) << (skipped * WORD * 8)
         pixels = Mux(
@@ -151,16 +162,15 @@ class Pixels(wiring.Component):
             (self.width - first * BLOCK)[: exact_log2(self.span * BLOCK) + 1],
             self.span * BLOCK,
         )
-        begin, size = skipped * WORD, pixels * PIXEL
-        behind = begin + size
+        begin = skipped * WORD
+        behind = begin + pixels * PIXEL
         write = self.write.payload
-        bytes_ = [Cat(self.beat << BEAT_BITS) + k for k in range(BEAT)]
-        of_blocks = segment.word_select(self.beat, DATA_BITS)
-        words_of_beat = Mux(self.plain, self._background(skipped), of_blocks)
-        m.d.comb += write.low.eq(words_of_beat[: DATA_BITS // 2])
-        m.d.comb += write.high.eq(words_of_beat[DATA_BITS // 2 :])
+        bytes_ = [Cat(self.beat << exact_log2(size)) + k for k in range(size)]
+        of_blocks = segment.word_select(self.beat, size * 8)
+        beat = Mux(self.plain, self._background(skipped), of_blocks)
+        m.d.comb += write_data(self.config, write).eq(beat)
         m.d.comb += write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_))
-        return (behind - 1) >> BEAT_BITS
+        return (behind - 1) >> exact_log2(size)
 
     def _control(self, m: Module, place, row: Value, present: Value, end: Value, takes: list):
         """Span after span; the other group's at the end of one, or where blocks are missing.
@@ -168,21 +178,24 @@ class Pixels(wiring.Component):
         place: of the group at work; row: of the span's blocks; end: a row's last beat.
         """
         write, given, inside = self.write, Signal(), Signal()
-        line, following = Signal(BEAT_ADDRESS_BITS), Signal()  # of pixels; the next span is meant
+        size, below = port_bytes(self.config), exact_log2(port_beats(self.config))
+        line = Signal(BEAT_ADDRESS_BITS - below)  # of pixels, in beats of the port
+        following = Signal()  # the next span is meant
+        stride = self.stride_beats[below:]
         # Where this span, or the next one of its group, begins.
         next_column, next_row = self._place(
             (self.span_number + following)[: sum(self.counts)], place
         )
-        at = self.pixels_at + next_row * BLOCK * self.stride_beats
-        at += (next_column * (self.span * ROW_BITS // 8)) >> BEAT_BITS
+        at = self.pixels_at[below:] + next_row * BLOCK * stride
+        at += (next_column * (self.span * ROW_BITS // 8)) >> exact_log2(size)
         m.d.comb += inside.eq(
             (next_column * self.span * BLOCK < self.width) & (next_row * BLOCK < self.height)
         )
-        page = exact_log2(BOUNDARY // BEAT)
+        page = exact_log2(BOUNDARY // size)
         crosses = (line[:page] + end)[page]  # then each beat is a burst of its own
         last_row = (self.pixel_row == BLOCK - 1) | (row * BLOCK + self.pixel_row + 1 >= self.height)
         m.d.comb += [
-            write.payload.beat.eq(line + Mux(crosses, self.beat, 0)),
+            write.payload.beat.eq((line + Mux(crosses, self.beat, 0)) << below),
             write.payload.length.eq(Mux(crosses, 0, end)),
         ]
         with m.FSM():
@@ -203,7 +216,7 @@ class Pixels(wiring.Component):
                     m.d.sync += self.beat.eq(self.beat + 1)
                     with m.If(self.beat == end):
                         m.d.sync += [self.beat.eq(0), self.pixel_row.eq(self.pixel_row + 1)]
-                        m.d.sync += line.eq(line + self.stride_beats)
+                        m.d.sync += line.eq(line + stride)
                         with m.If(last_row):
                             m.d.sync += [self.pixel_row.eq(0), line.eq(at)]
                             m.d.comb += given.eq(1)

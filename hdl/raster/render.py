@@ -52,6 +52,7 @@ class Render(wiring.Component):
         start: begin a frame. job: what it is, until `done`.
         reads, data, writes: to and from memory, for each of `READING` and `WRITING`.
         settled: for each of `WRITING`: all that was written is in memory.
+        patient: for each of `WRITING`: what it offers may wait for what all others do.
         done: the frame's pixels are in memory.
         counters: those of `hdl.sorting.sort` and `hdl.raster.raster`.
 
@@ -64,7 +65,7 @@ class Render(wiring.Component):
         self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
         self.long_lists = ListReader(config, LONG_BEATS_WAITING, LONG_BURST)
         self.lists = ListReader(config)
-        self.buckets, self.features = Store(LINE_BEATS), Features(config)
+        self.buckets, self.features = Store(config, LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
         counters = {name: part.counters.shape() for name, part in parts.items()}
@@ -72,9 +73,10 @@ class Render(wiring.Component):
             "start": In(1),
             "job": In(job_layout(config)),
             "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
-            "data": In(stream.Signature(read_beat())).array(len(READING)),
-            "writes": Out(stream.Signature(layout(write_record()))).array(len(WRITING)),
+            "data": In(stream.Signature(read_beat(config))).array(len(READING)),
+            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
             "settled": In(len(WRITING)),
+            "patient": Out(len(WRITING)),
             "done": Out(1),
             "counters": Out(data.StructLayout(counters)),
         }
@@ -148,6 +150,7 @@ class Render(wiring.Component):
             self.pixels.groups.eq(self.groups.groups),
             self.pixels.pixels_at.eq(job.pixels),
             self.pixels.stride_beats.eq(job.stride),
+            self.patient[WRITING.index("pixels")].eq(self.pixels.plain),
             self.counters.sort.eq(self.sort.counters),
             self.counters.raster.eq(self.raster.counters),
         ]

@@ -117,14 +117,20 @@ def confirm(points: list[Point], facts: dict, view: View, folder: Path):
 
 
 STEPS = {
-    "none": {"culling": "none", "skip_zeros": False, "early_termination": False, "faint": ()},
+    "none": {
+        "culling": "none", "skip_zeros": False, "early_termination": False, "faint": (), "pes": 6,
+        "port": 128,
+    },
     "+ near-plane culling": {"culling": "near"},
     "+ guard band": {"culling": "all"},
     "+ zero skipping": {"skip_zeros": True},
     "+ early termination": {"early_termination": True},
     "+ nothing too faint": {"faint": DEFAULT.faint},
-}
-"""Fields that each step changes in the one before; the names are those of the paper's ablation.
+    "+ nine PEs": {"pes": DEFAULT.pes},
+    "+ port of 256 bits": {"port": DEFAULT.port},
+}  # fmt: skip
+"""Fields that each step changes in the one before; names as in the paper's ablation, then those of
+what is Splatcore's own.
 
 The paper does not say what culling leaves out beside the camera's sides; we tell the two apart.
 """

@@ -24,7 +24,7 @@ from splatcore.spec.packed import PackedModel
 SPEED = (
     "name", "pe_arrays", "pes", "skip_zeros", "multiply_latency", "add_latency", "unary_latency",
     "projection_slots", "sub_sorter", "sub_sorters", "sub_sorter_entries",
-    "merge_ways", "rasterizers", "energy",
+    "merge_ways", "rasterizers", "port", "energy",
 )  # fmt: skip
 """Fields of `Config` that change no pixel and no count of work."""
 

@@ -80,6 +80,7 @@ def points() -> Iterator[Point]:
     yield changed("PEs", 6, pes=6)
     for count in (1, 2, 4):
         yield changed("sub-sorters", f"{count}, OR-trees", sub_sorter="trees", sub_sorters=count)
+    yield changed("port", "128 bits", port=128)
     yield changed("tile test", "3sigma", tile_test="3sigma")
     for tiles in (1, 2):
         yield changed("group", tiles, group=tiles)

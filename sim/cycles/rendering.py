@@ -12,7 +12,7 @@ from splatcore.golden.pipeline import Frame
 from splatcore.golden.sort import jobs
 from splatcore.sim.cycles.raster import END, Raster
 from splatcore.sim.cycles.sort import Timeline
-from splatcore.spec.axi import BEAT
+from splatcore.spec.axi import port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.group import group_grid, group_pixels
@@ -25,7 +25,7 @@ MERGE_PACE = 2  # cycles from a merged entry to the next one
 FEATURE_LATENCY = 12  # from a merged entry to its splat's coming to stage 3
 PAGE_LATENCY = 6  # from a page's last beat to the next one's request and back
 GROUP_TURN = 1  # from a group to the next one, in writing
-DEALT_TO_MEMORY = 2.75  # an entry that is dealt, as measured, with the port between
+DEALT_TO_MEMORY = 2.65  # an entry that is dealt, as measured, with the port between
 BEGIN = 40  # from a frame's start to its first entry, and from its last pixel to its end
 
 
@@ -37,7 +37,7 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
         return stage.entries(entries, first, MERGE_PACE, FEATURE_LATENCY + latency)
 
     # A page is asked for when the one before is there.
-    beats = page_bytes(config) // BEAT + PAGE_LATENCY + latency
+    beats = page_bytes(config) // port_bytes(config) + PAGE_LATENCY + latency
     pace = max(1.0, beats / (config.page - 1))
     timeline = Timeline(config, pace, latency, give, DEALT_TO_MEMORY)
     found = jobs(config, [keys for keys in frame.lists if len(keys)])
@@ -65,5 +65,5 @@ def write_cycles(config: Config, frame: Frame) -> np.ndarray:
     high = np.minimum(height - np.arange(rows) * side, side)
     wide = np.minimum(width - np.arange(columns) * side, side)
     turns = -(-high[:, None] // BLOCK) * -(-wide[None] // (span * BLOCK))
-    beats = -(-span * BLOCK * PIXEL // BEAT)
+    beats = -(-span * BLOCK * PIXEL // port_bytes(config))
     return (turns * BLOCK * beats + GROUP_TURN).ravel()

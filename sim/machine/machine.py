@@ -26,7 +26,6 @@ from splatcore.sim.machine.program import compiled
 from splatcore.sim.machine.script import IDEAL, Report, Script, Timing, execute, open_memory
 from splatcore.sim.rtl.build import FAST, QUICK
 from splatcore.spec import registers
-from splatcore.spec.axi import BEAT
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.counters import counters
@@ -58,11 +57,12 @@ class Job(NamedTuple):
 class Rendered:
     """A frame as far as it came.
 
-    pixels [H, W, 3] uint8. counters: by register, lower case, those of the second half only in a
-    run's last frame (they belong to the next frame early). started, ready, finished: cycles of its
-    start and of its interrupts.
+    beat: bytes of a beat of the port. pixels [H, W, 3] uint8. counters: by register, lower case,
+    those of the second half only in a run's last frame (they belong to the next frame early).
+    started, ready, finished: cycles of its start and of its interrupts.
     """
 
+    beat: int
     pixels: np.ndarray | None = None
     counters: dict[str, int] = field(default_factory=dict)
     started: int | None = None
@@ -74,7 +74,7 @@ class Rendered:
         """Bytes by cause, of the halves whose counters are there."""
         parts = [(name, *name.split("_", 1)) for name in self.counters]
         return {
-            cause: self.counters[name] * BEAT
+            cause: self.counters[name] * self.beat
             for name, half, cause in parts
             if half in ("preprocessing", "rendering") and cause != "cycles"
         }
@@ -141,7 +141,7 @@ class Machine:
         self.config = config
         self.source = source or machine_source(config)
         small = config.width_max * config.height_max <= SMALL
-        self.program = compiled(self.source, trace, toggles, QUICK if small else FAST)
+        self.program = compiled(config, self.source, trace, toggles, QUICK if small else FAST)
 
     def run(
         self,
@@ -268,7 +268,7 @@ def host_script(
 def rendered(report: Report, marks: dict[str, int], job: Job, path: Path) -> Rendered:
     """A frame from the answers to its commands."""
     found = {name: report.answers[k] for name, k in marks.items() if k in report.answers}
-    frame = Rendered()
+    frame = Rendered(report.beat)
     if "START" in found:
         frame.started = found.pop("START").cycle
     if "PIXELS" in found:

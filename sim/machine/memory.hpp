@@ -32,7 +32,7 @@
 
 #define AXI(signal) top.m_axi___05F##signal
 
-constexpr uint32_t WHOLE = (1u << BEAT) - 1, INCREASING = 1;
+constexpr uint32_t WHOLE = (uint64_t(1) << BEAT) - 1, INCREASING = 1;
 constexpr uint8_t OKAY = 0, SLAVE_ERROR = 2, DECODE_ERROR = 3;
 constexpr size_t BEATS_WAITING = 32;  // written ones that wait for their request or for bandwidth
 constexpr size_t OUTSIDE_TOLD = 8;
@@ -197,7 +197,8 @@ struct Memory {
             AXI(rresp) = beat.response;
             AXI(rlast) = beat.last;
         } else if (!reading && scrambled) {
-            uint64_t words[2] = {noise(), noise()};
+            uint64_t words[BEAT / 8];
+            for (auto& word : words) word = noise();
             std::memcpy(&AXI(rdata), words, BEAT);
         }
         AXI(rvalid) = reading;

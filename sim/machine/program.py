@@ -8,7 +8,8 @@ machine's AXI4 master sees. The program writes `report`, and tells on standard o
 from pathlib import Path
 
 from splatcore.sim.rtl.build import CPP, FAST, build
-from splatcore.spec.axi import BEAT, BEAT_BITS, BOUNDARY
+from splatcore.spec.axi import BOUNDARY, port_bytes
+from splatcore.spec.config import Config
 from splatcore.spec.registers import INTERRUPT_ERROR
 
 FOLDER = Path(__file__).parent
@@ -22,12 +23,14 @@ CONFIG = f"""\
 #define WAVES {{waves}}
 #define TOGGLES {{toggles}}
 
-constexpr uint64_t BEAT = {BEAT}, BOUNDARY = {BOUNDARY};
-constexpr uint32_t BEAT_BITS = {BEAT_BITS}, INTERRUPT_ERROR = {INTERRUPT_ERROR};
+constexpr uint64_t BEAT = {{beat}}, BOUNDARY = {BOUNDARY};
+constexpr uint32_t BEAT_BITS = {{beat_bits}}, INTERRUPT_ERROR = {INTERRUPT_ERROR};
 """
 
 
-def compiled(source: str, trace: bool = False, toggles: bool = False, level: str = FAST) -> Path:
+def compiled(
+    config: Config, source: str, trace: bool = False, toggles: bool = False, level: str = FAST
+) -> Path:
     """The program for a machine's Verilog; with `trace` it can write waveforms of the stages'
     ports (VCD), with `toggles` it counts how often each net changes (SAIF). level: of the C++
     compiler."""
@@ -35,5 +38,8 @@ def compiled(source: str, trace: bool = False, toggles: bool = False, level: str
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")
     headers = [*sorted(FOLDER.glob("*.hpp")), CPP / "random.hpp"]
-    config = CONFIG.format(waves=int(trace and not toggles), toggles=int(toggles))
-    return build(source, FOLDER / "program.cpp", headers, {"config.hpp": config}, more, level)
+    beat, waves = port_bytes(config), int(trace and not toggles)
+    settings = CONFIG.format(
+        waves=waves, toggles=int(toggles), beat=beat, beat_bits=beat.bit_length() - 1
+    )
+    return build(source, FOLDER / "program.cpp", headers, {"config.hpp": settings}, more, level)

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from splatcore.sim.rtl.streams import SimulationError
-from splatcore.spec.axi import BEAT, READERS, WRITERS
+from splatcore.spec.axi import READERS, WRITERS, port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
 
@@ -148,11 +148,12 @@ class Answer:
 
 @dataclass
 class Report:
-    """A run. answers: by the number of the command, for those that were done. events: cycle and
-    bits of each interrupt. read, written: beats by reader and writer. regions: bytes read and
-    written. outside: accesses that no region allows, the first ones told. rule: of AXI that was
-    broken. command: that the script was at."""
+    """A run. beat: bytes of a beat of the port. answers: by the number of the command, for those
+    that were done. events: cycle and bits of each interrupt. read, written: beats by reader and
+    writer. regions: bytes read and written. outside: accesses that no region allows, the first ones
+    told. rule: of AXI that was broken. command: that the script was at."""
 
+    beat: int
     result: str = ""
     cycles: int = 0
     command: int = 0
@@ -182,13 +183,13 @@ class Report:
     @property
     def traffic(self) -> dict[str, int]:
         """Bytes by cause, those of strobes that were not set included."""
-        found = {f"read_{name}": beats * BEAT for name, beats in self.read.items()}
-        return found | {f"write_{name}": beats * BEAT for name, beats in self.written.items()}
+        found = {f"read_{name}": beats * self.beat for name, beats in self.read.items()}
+        return found | {f"write_{name}": beats * self.beat for name, beats in self.written.items()}
 
 
-def read_report(path: Path) -> Report:
+def read_report(path: Path, config: Config) -> Report:
     """The report that the program has written."""
-    report, readers, writers = Report(), list(READERS), list(WRITERS)
+    report, readers, writers = Report(port_bytes(config)), list(READERS), list(WRITERS)
     for line in path.read_text().splitlines():
         kind, *rest = line.split()
         if kind.isdigit():
@@ -257,7 +258,7 @@ def execute(
             raise
     if run.returncode:
         raise SimulationError(f"the simulation broke off: {''.join(log[-5:])}")
-    return read_report(folder / "report")
+    return read_report(folder / "report", script.config)
 
 
 def open_memory(folder: Path) -> np.ndarray:

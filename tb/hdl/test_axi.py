@@ -7,8 +7,9 @@ from splatcore.hdl.memory.axi import OUTSTANDING_BITS, Axi
 from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Result
-from splatcore.spec.axi import DATA_BITS, READERS, WRITERS, read_record, write_record
+from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS, read_record, write_record
 from splatcore.spec.config import DEFAULT
+from tb.helpers.ports import other_port
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
@@ -18,7 +19,12 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("name, part", [("axi", Axi), ("registers", Registers)])
 def test_under_cocotbext(name, part, seed):
     """Clients and memories; the host on the registers' AXI4-Lite."""
-    run_testbench(part(DEFAULT), f"tb.testbenches.{name}", seed=seed)
+    run_testbench(part(DEFAULT), f"tb.testbenches.{name}", seed=seed, port=DEFAULT.port)
+
+
+def test_other_port_under_cocotbext():
+    config = other_port(DEFAULT)
+    run_testbench(Axi(config), "tb.testbenches.axi", port=config.port)
 
 
 NAMES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
@@ -26,7 +32,9 @@ SAMPLES = tuple(f"m_axi__{name}" for name in NAMES)
 CYCLES = 1400
 
 
-def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
+def run(
+    reads: int = 0, writes: int = 0, beats: int = 1, favoured: int = 0, patient: int = 0, **port
+) -> Result:
     """So many bursts for each reader and each writer, and what the port's inputs are."""
     rng = np.random.default_rng(0)
 
@@ -35,15 +43,19 @@ def run(reads: int = 0, writes: int = 0, beats: int = 1, **port) -> Result:
         return record.pack(fields | codes)
 
     count = writes * beats
-    data = {name: rng.integers(0, 1 << 63, count) for name in ("low", "high")}
-    data["strobe"] = np.full(count, 0xFFFF)
+    words = DEFAULT.port // 64
+    data = {f"data{k}": rng.integers(0, 1 << 63, count) for k in range(words)}
+    data["strobe"] = np.full(count, (1 << DEFAULT.port // 8) - 1)
     inputs = {f"reads__{k}": rows(read_record(), reads) for k in range(len(READERS))}
-    inputs |= {f"writes__{k}": rows(write_record(), count, **data) for k in range(len(WRITERS))}
+    inputs |= {
+        f"writes__{k}": rows(write_record(DEFAULT), count, **data) for k in range(len(WRITERS))
+    }
     wires = ("arready", "awready", "wready", "bvalid", "bid", "bresp", "rvalid", "rid", "rlast")
     wires += ("rdata", "rresp")
     constants = {f"m_axi__{name}": port.get(name, 0) for name in wires}
+    about = {"failing": 0, "favoured": favoured, "patient": patient}
     simulation = compiled(Axi, DEFAULT, samples=SAMPLES)
-    return simulation.run(inputs, constants=constants | {"failing": 0}, cycles_max=CYCLES)
+    return simulation.run(inputs, constants=constants | about, cycles_max=CYCLES)
 
 
 def gaps(signal: np.ndarray) -> int:
@@ -58,6 +70,18 @@ def test_a_read_every_cycle():
     assert valid.sum() == 60 * len(READERS) and gaps(valid) == 0
     taken = client[valid == 1].reshape(-1, len(READERS))
     assert (np.sort(taken, axis=1) == np.arange(len(READERS))).all()  # in turns
+
+
+@pytest.mark.parametrize("half", [PREPROCESSING, RENDERING])
+def test_a_half_comes_first(half):
+    """What the favoured half writes comes before all of the other one's, patient writers last."""
+    patient = list(WRITERS.values()).index(half)
+    found = run(writes=40, favoured=1 << half, patient=1 << patient, awready=1, wready=1).samples
+    order = found["m_axi__awid"][found["m_axi__awvalid"] == 1]
+    rank = np.array([of != half for of in WRITERS.values()]) + 0
+    rank[patient] = 2
+    assert (np.bincount(order, minlength=len(WRITERS)) == 40).all()
+    assert (np.diff(rank[order]) >= 0).all()
 
 
 @pytest.mark.parametrize("beats", [1, 2, 5])
@@ -75,7 +99,7 @@ def test_a_beat_read_every_cycle():
     rng = np.random.default_rng(1)
     count = 500
     client = rng.integers(0, len(READERS), count)
-    data = rng.integers(0, 256, (count, DATA_BITS // 8)).astype(np.uint8)
+    data = rng.integers(0, 256, (count, DEFAULT.port // 8)).astype(np.uint8)
     last = rng.integers(0, 2, count).astype(np.uint64)
     valid = np.append(np.ones(count, np.uint64), 0).astype(np.uint64)
     result = run(rvalid=valid, rid=client.astype(np.uint64), rdata=data, rlast=last)

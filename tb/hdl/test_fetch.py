@@ -1,35 +1,44 @@
 """Reading ranges of memory: the bursts, the beats, and room for all of them."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from amaranth.hdl import Assert, Cat, Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.fetch import Fetch
-from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, read_record
-from splatcore.spec.number import Bits
-from splatcore.spec.record import Record
+from splatcore.spec.axi import (
+    BEAT_ADDRESS_BITS,
+    BURST_BEATS,
+    port_beats,
+    range_record,
+    read_record,
+)
+from splatcore.spec.config import DEFAULT, Config
 from tb.helpers.parts import forward
+from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
 COUNT_BITS = 10
-RANGE = Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(COUNT_BITS)})
+RANGE = range_record(COUNT_BITS)
 UNDER_WAY = 8  # bursts that the memory takes before it answers the first one
 
 pytestmark = pytest.mark.slow
 
 
 class Memory(wiring.Component):
-    """`Fetch` on a memory whose beats hold their address and its complement.
+    """`Fetch` on a memory whose beats, of the port, hold their number and its complement.
 
     pace: an item for each beat that comes back. bursts: what was asked for.
     """
 
-    def __init__(self, depth: int, burst: int):
-        self.fetch = Fetch(depth, COUNT_BITS, burst)
+    def __init__(self, config: Config, depth: int, burst: int):
+        self.fetch = Fetch(config, depth, COUNT_BITS, burst)
         fetch = self.fetch.signature.members
         pace = In(stream.Signature(1))
         super().__init__({"i": fetch["i"], "bursts": fetch["reads"], "pace": pace, "o": fetch["o"]})
@@ -52,7 +61,7 @@ class Memory(wiring.Component):
         last = place == burst.length
         comes = queue.o.valid & self.pace.valid
         m.d.comb += [
-            beat.eq(burst.beat + place),
+            beat.eq((burst.beat >> exact_log2(fetch.beats)) + place),
             fetch.data.payload.beat.eq(Cat(beat, ~beat)),
             fetch.data.payload.last.eq(last),
             fetch.data.valid.eq(comes),
@@ -68,7 +77,7 @@ class Memory(wiring.Component):
 
 
 def expected(first: np.ndarray, count: np.ndarray, burst: int) -> tuple[list, np.ndarray]:
-    """Bursts (first beat, beats) and the beats of ranges."""
+    """Bursts (first beat, beats) and the beats of ranges, all of the port."""
     bursts = []
     for begin, end in zip(first, first + count, strict=True):
         starts = np.arange(begin // burst, -(-end // burst)) * burst
@@ -78,41 +87,49 @@ def expected(first: np.ndarray, count: np.ndarray, burst: int) -> tuple[list, np
     return bursts, np.concatenate([np.arange(b, b + n) for b, n in bursts])
 
 
-def check(depth: int, first, count, stall: float = 0, seed: int = 0, burst=BURST_BEATS) -> int:
+def check(
+    depth: int, first, count, stall: float = 0, seed: int = 0, burst=BURST_BEATS, config=DEFAULT
+) -> int:
     """The cycles that ranges take, after a look at what was asked for and what came."""
-    bursts, beats = expected(first, count, burst)
-    result = compiled(Memory, depth, burst).run(
+    wide = port_beats(config)
+    bursts, beats = expected(first // wide, -(-count // wide), burst // wide)
+    result = compiled(Memory, config, depth, burst).run(
         {"i": RANGE.pack({"beat": first, "count": count}), "pace": np.zeros((len(beats), 1), "u1")},
         expected={"bursts": len(bursts), "o": len(beats)}, stall=stall, seed=seed,
     )  # fmt: skip
     assert result.finished, result.stopped
     asked = read_record().unpack(result.outputs["bursts"])
-    assert [*zip(asked["beat"], asked["length"] + 1, strict=True)] == bursts
+    assert [*zip(asked["beat"] // wide, asked["length"] + 1, strict=True)] == bursts
+    assert not (asked["beat"] % wide).any()
     words = [int.from_bytes(row.tobytes(), "little") for row in result.outputs["o"]]
     mask = (1 << BEAT_ADDRESS_BITS) - 1
     assert words == [beat | (beat ^ mask) << BEAT_ADDRESS_BITS for beat in beats.tolist()]
-    assert result.outputs["o"].shape[1] * 8 == DATA_BITS
+    assert result.outputs["o"].shape[1] * 8 == config.port
     return result.cycles
 
 
+@pytest.mark.parametrize("config", PORTS.values(), ids=PORTS)
 @pytest.mark.parametrize(("depth", "burst"), [(BURST_BEATS, BURST_BEATS), (40, 16), (30, 4)])
-def test_ranges(depth, burst):
+def test_ranges(depth, burst, config):
+    wide = port_beats(config)
     rng = np.random.default_rng(depth)
     for seed, stall in enumerate((0, 0.3, 0.7)):
         count = np.where(rng.random(120) < 0.3, rng.integers(1, 90, 120), rng.integers(1, 5, 120))
-        first = rng.integers(0, 1 << 20, 120)
-        first[-1] = (1 << BEAT_ADDRESS_BITS) - count[-1]  # the end of memory
-        check(depth, first, count, stall, seed, burst)
+        first = rng.integers(0, 1 << 20, 120) * wide
+        first[-1] = (1 << BEAT_ADDRESS_BITS) - -(-count[-1] // wide) * wide  # the end of memory
+        check(depth, first, count, stall, seed, burst, config)
 
 
-def test_pace():
-    slack = 24
-    assert check(40, np.array([5]), np.array([1000])) < 1000 + slack
+@pytest.mark.parametrize("config", PORTS.values(), ids=PORTS)
+def test_pace(config):
+    slack, wide = 24, port_beats(config)
+    pace = partial(check, 40, config=config)
+    assert pace(np.array([6]), np.array([1000])) < 1000 / wide + slack
     first = np.arange(300) * 100
-    assert check(40, first, np.full(300, 1)) < 2 * 300 + slack  # a burst every 2 cycles
-    assert check(40, first, np.full(300, 4)) < 4 * 300 + slack
+    assert pace(first, np.full(300, 1)) < 2 * 300 + slack  # a burst every 2 cycles
+    assert pace(first, np.full(300, 4 * wide)) < 4 * 300 + slack
 
 
 def test_depth_below_a_burst():
     with pytest.raises(ValueError, match="below a burst"):
-        Fetch(BURST_BEATS - 1, COUNT_BITS)
+        Fetch(DEFAULT, BURST_BEATS - 1, COUNT_BITS)

@@ -8,6 +8,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
@@ -22,17 +23,21 @@ from splatcore.spec.raster import position_record
 from splatcore.spec.record import Record
 from splatcore.spec.work import table_record
 from tb.helpers.parts import forward
+from tb.helpers.ports import other_port
 from tb.helpers.runs import check_run, compiled
 
 pytestmark = pytest.mark.slow
 
 BEATS = 1 << 12  # of the memory
 UNDER_WAY = 4  # bursts that it takes before it answers the first one
-MACHINES = {"DEFAULT": DEFAULT, "TINY": TINY}
+MACHINES = {"DEFAULT": DEFAULT, "TINY": TINY, "port": other_port(DEFAULT)}
 OUTPUTS = (*TAKERS, "empty")
 
-STORED = Record("stored", {"beat": Bits(axi.BEAT_ADDRESS_BITS), "low": Bits(64), "high": Bits(64)})
-"""A beat of the memory."""
+
+def stored_record(config: Config) -> Record:
+    """A beat of the port in memory, and its number."""
+    words = {f"data{k}": Bits(64) for k in range(config.port // 64)}
+    return Record("stored", {"number": Bits(axi.BEAT_ADDRESS_BITS)} | words)
 
 
 def frame_record(config: Config) -> Record:
@@ -53,10 +58,11 @@ class Table(wiring.Component):
 
     def __init__(self, config: Config):
         self.inner, self.record = Groups(config), layout(frame_record(config))
+        self.config = config
         members = self.inner.signature.members
         ports = {name: members[name] for name in (*OUTPUTS, "groups")} | {
             "bursts": members["reads"],
-            "stored": In(stream.Signature(layout(STORED))),
+            "stored": In(stream.Signature(layout(stored_record(config)))),
             "frames": In(stream.Signature(self.record)),
             "pace": In(stream.Signature(1)),
             "hold": In(1),
@@ -86,7 +92,8 @@ class Table(wiring.Component):
 
     def _memory(self, m: Module):
         """Takes some bursts before the first one's end; a beat when the next of `pace` has come."""
-        m.submodules.memory = memory = Memory(shape=axi.DATA_BITS, depth=BEATS, init=[])
+        m.submodules.memory = memory = Memory(shape=self.config.port, depth=BEATS, init=[])
+        below = exact_log2(axi.port_beats(self.config))
         write, read = memory.write_port(), memory.read_port(domain="comb")
         stored, reads, data = self.stored.payload, self.inner.reads, self.inner.data
         m.submodules.queue = queue = Queue(reads.payload.shape(), UNDER_WAY)
@@ -94,9 +101,9 @@ class Table(wiring.Component):
         m.d.comb += [
             self.stored.ready.eq(1),
             write.en.eq(self.stored.valid),
-            write.addr.eq(stored.beat),
-            write.data.eq(stored.as_value()[-axi.DATA_BITS :]),
-            read.addr.eq(burst.beat),
+            write.addr.eq(stored.number),
+            write.data.eq(stored.as_value()[-self.config.port :]),
+            read.addr.eq(burst.beat >> below),
             self.bursts.payload.eq(reads.payload),
             queue.i.payload.eq(reads.payload),
             self.bursts.valid.eq(reads.valid & queue.i.ready),
@@ -111,7 +118,7 @@ class Table(wiring.Component):
         with m.If(queue.o.valid & queue.o.ready):
             m.d.sync += [burst.eq(queue.o.payload), left.eq(queue.o.payload.length + 1)]
         with m.Elif(data.valid & data.ready):
-            m.d.sync += [burst.beat.eq(burst.beat + 1), left.eq(left - 1)]
+            m.d.sync += [burst.beat.eq(burst.beat + (1 << below)), left.eq(left - 1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +140,7 @@ def table(config: Config) -> Simulation:
 
 def frames(config: Config, sizes, seed: int = 0) -> list[Frame]:
     """Of each size images with splats in no group, in all, in one at an end, in some."""
-    rng, found, at = np.random.default_rng(seed), [], 3
+    rng, found, at = np.random.default_rng(seed), [], 6
     for size in sizes:
         groups = int(np.prod(group_grid(config, *size)))
         number = np.arange(groups)
@@ -143,6 +150,7 @@ def frames(config: Config, sizes, seed: int = 0) -> list[Frame]:
             count = np.where(some, rng.integers(1, 1 << COUNT_BITS, groups), 0)
             found.append(Frame(size, count, at))
             at += found[-1].table_beats + int(rng.integers(0, 9))
+            at += at % 2  # the widest port's
     assert at < BEATS
     return found
 
@@ -160,7 +168,9 @@ def inputs(config: Config, given: list[Frame], seed: int) -> dict[str, np.ndarra
         }
         rows = table_record().pack(codes)
         slots[2 * frame.at : 2 * frame.at + groups] = rows.view("<u8")[:, 0]
-    stored = {"beat": np.arange(BEATS), "low": slots[::2], "high": slots[1::2]}
+    words = config.port // 64
+    stored = {"number": np.arange(2 * BEATS // words)}
+    stored |= {f"data{k}": slots[k::words] for k in range(words)}
     codes = {
         "width": np.array([frame.size[0] for frame in given]),
         "height": np.array([frame.size[1] for frame in given]),
@@ -168,7 +178,7 @@ def inputs(config: Config, given: list[Frame], seed: int) -> dict[str, np.ndarra
     }
     pace = sum(frame.table_beats + len(frame.count) for frame in given)
     return {
-        "stored": STORED.pack(stored),
+        "stored": stored_record(config).pack(stored),
         "frames": frame_record(config).pack(codes),
         "pace": np.zeros((pace, 1), np.uint8),
     }
@@ -196,16 +206,17 @@ def outputs(config: Config, given: list[Frame]) -> dict[str, np.ndarray]:
     return {name: np.concatenate(rows) for name, rows in found.items()}
 
 
-def check_bursts(given: list[Frame], rows: np.ndarray):
+def check_bursts(config: Config, given: list[Frame], rows: np.ndarray):
     """Each frame's table is read whole by bursts, and group by group by bursts of a beat."""
-    codes = axi.read_record().unpack(rows)
-    first, length = codes["beat"].astype(int), codes["length"].astype(int)
+    codes, wide = axi.read_record().unpack(rows), axi.port_beats(config)
+    first, length = codes["beat"].astype(int) // wide, codes["length"].astype(int)
     read = np.concatenate([np.arange(b, b + n + 1) for b, n in zip(first, length, strict=True)])
     expected = np.zeros(BEATS, int)
     for frame in given:
         number = np.arange(len(frame.count))
-        np.add.at(expected, frame.at + number // 2, 1)
-        expected[frame.at : frame.at + frame.table_beats] += 1
+        at = frame.at // wide
+        np.add.at(expected, at + number // (2 * wide), 1)
+        expected[at : at + -(-frame.table_beats // wide)] += 1
     assert np.array_equal(np.bincount(read, minlength=BEATS), expected)
 
 
@@ -215,7 +226,7 @@ def run(config: Config, given: list[Frame], stall: float = 0, seed: int = 0) -> 
         table(config), inputs(config, given, seed), expected, constants={"hold": 0},
         first=["stored"], stall=stall, seed=seed,
     )  # fmt: skip
-    check_bursts(given, found.outputs["bursts"])
+    check_bursts(config, given, found.outputs["bursts"])
     assert found.ports["groups"] == len(given[-1].count)
     return found
 
@@ -224,6 +235,7 @@ SIZES = {
     "DEFAULT": ((1920, 1080), (1, 1), (65, 129), (500, 64), (1280, 720)),
     "TINY": ((64, 64), (32, 32), (33, 64), (64, 1), (7, 40)),
 }
+SIZES["port"] = SIZES["DEFAULT"]
 
 
 @pytest.mark.parametrize("stall", [0, 0.3, 0.7])

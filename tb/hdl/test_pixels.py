@@ -27,19 +27,23 @@ from splatcore.spec.raster import (
     position_record,
 )
 from splatcore.spec.record import Codes, Record
-from splatcore.spec.work import PIXEL, STRIDE_BITS, stride
+from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, STRIDE_BITS, stride
+from tb.helpers.ports import other_port
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
 
-SPAN_CYCLES = 12  # of `DEFAULT`: four rows of three beats
+SPAN_CYCLES = BLOCK * -(-BLOCKS * BLOCK * PIXEL // axi.port_bytes(DEFAULT))  # of `DEFAULT`
 GROUP_CYCLES = 16 * BLOCKS * SPAN_CYCLES + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
 OTHERS = {
     "one": replace(TINY, name="ONE", rasterizers=1, group=1),
     "eight": replace(DEFAULT, name="EIGHT", rasterizers=8),
+    "port": other_port(DEFAULT),
+    "small port": other_port(TINY),
 }
+VERIFIED = ("one", "eight")
 CONFIGS = {"DEFAULT": DEFAULT, "TINY": TINY} | OTHERS
 
 SIZES = ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3), (32, 32), (64, 61))
@@ -126,8 +130,9 @@ def image(config: Config, size, empty: np.ndarray, seed: int = 0) -> Image:
         row, column = divmod(int(group), columns)
         area = slice(row * side, (row + 1) * side), slice(column * side, (column + 1) * side)
         pixels[area] = [min(background_code(config, c), 255) for c in colour]
-    beats = stride(width) // axi.BEAT + int(rng.integers(0, 9))
-    return Image(pixels, empty, int(rng.integers(1 << 20)), beats, colour)
+    unit = STRIDE_ALIGNMENT // axi.BEAT
+    beats = stride(width) // axi.BEAT + int(rng.integers(0, 9)) * unit
+    return Image(pixels, empty, int(rng.integers(1 << 20)) * unit, beats, colour)
 
 
 def places(config: Config, size, empty: np.ndarray) -> Codes:
@@ -195,7 +200,7 @@ def run(config: Config, images: list[Image], **options) -> Result:
     assert found.samples["through"].sum() == len(images)
     parts = np.split(found.outputs["writes"], np.cumsum(written)[:-1])
     for part, image in zip(parts, images, strict=True):
-        check(part, image)
+        check(config, part, image)
     return found
 
 
@@ -204,33 +209,38 @@ def beats_of(config: Config, image: Image) -> int:
     height, width = image.pixels.shape[:2]
     step = min(config.rasterizers, BLOCKS) * BLOCK
     begins = np.arange(0, width, step)
-    ends = np.minimum(begins + step, width)
-    return height * int((-(-ends * PIXEL // axi.BEAT) - begins * PIXEL // axi.BEAT).sum())
+    ends, beat = np.minimum(begins + step, width), axi.port_bytes(config)
+    return height * int((-(-ends * PIXEL // beat) - begins * PIXEL // beat).sum())
 
 
-def check(rows: np.ndarray, image: Image):
+def check(config: Config, rows: np.ndarray, image: Image):
     """Bursts are whole and within a page; each byte of the image is written once, nothing else."""
-    codes = axi.write_record().unpack(rows)
-    data = np.stack([codes["low"], codes["high"]], 1).astype("<u8")
-    data = data.view(np.uint8).reshape(-1, axi.BEAT)
+    codes, size = axi.write_record(config).unpack(rows), axi.port_bytes(config)
+    data = np.stack([codes[f"data{k}"] for k in range(size // 8)], 1).astype("<u8")
+    data = data.view(np.uint8).reshape(-1, size)
     height, width = image.pixels.shape[:2]
     memory = np.zeros((height, image.stride * axi.BEAT), int) - 1
+    at, row_beats = image.at * axi.BEAT // size, image.stride * axi.BEAT // size
     left, place, burst = 0, 0, (0, 0)
-    for beat, length, strobe, row in zip(
-        codes["beat"].astype(int), codes["length"].astype(int), codes["strobe"], data, strict=True
+    for first, length, strobe, row in zip(
+        codes["beat"].astype(int) * axi.BEAT,
+        codes["length"].astype(int),
+        codes["strobe"],
+        data,
+        strict=True,
     ):
         if left:
-            assert (beat, length) == burst
+            assert (first, length) == burst
             place += 1
         else:
-            burst, place, left = (beat, length), 0, length + 1
-            pages = beat * axi.BEAT // axi.BOUNDARY, (beat + length) * axi.BEAT // axi.BOUNDARY
-            assert pages[0] == pages[1]
+            burst, place, left = (first, length), 0, length + 1
+            assert first % size == 0
+            assert first // axi.BOUNDARY == (first + length * size) // axi.BOUNDARY
         left -= 1
-        y, x = divmod(beat + place - image.at, image.stride)
+        y, x = divmod(first // size + place - at, row_beats)
         assert 0 <= y < height
-        own = memory[y, x * axi.BEAT : (x + 1) * axi.BEAT]
-        chosen = int(strobe) >> np.arange(axi.BEAT) & 1 == 1
+        own = memory[y, x * size : (x + 1) * size]
+        chosen = int(strobe) >> np.arange(size) & 1 == 1
         assert (own[chosen] == -1).all()
         own[chosen] = row[chosen]
     assert left == 0
@@ -247,7 +257,14 @@ def emptiness(groups: int, seed: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("stall", [0, 0.3, 0.7])
 @pytest.mark.parametrize(
-    "name", ["DEFAULT", "TINY", *(pytest.param(name, marks=pytest.mark.verify) for name in OTHERS)]
+    "name",
+    [
+        "DEFAULT",
+        "TINY",
+        "port",
+        "small port",
+        *(pytest.param(name, marks=pytest.mark.verify) for name in VERIFIED),
+    ],
 )
 def test_images(name, stall):
     """Images that end within groups, tiles and blocks, in one run one after the other."""
@@ -277,10 +294,12 @@ def test_pace(empty):
 def test_idle_time():
     """Spans of groups without splats are written while blocks of the others do not come."""
     held = np.zeros(3 * GROUP_CYCLES, np.uint64)
-    held[:1000], held[1100:1200], held[1301:1900] = 1, 1, 1
+    first = GROUP_CYCLES * 13 // 10
+    for begin, end in ((0, 130), (143, 156), (169, 247)):  # percents of a group's cycles
+        held[GROUP_CYCLES * begin // 100 : GROUP_CYCLES * end // 100] = 1
     found = cycles([1, 1, 0, 1], constants={"hold": held})
     assert found.cycles <= 4 * GROUP_CYCLES + SLACK + 3 * 8
-    assert found.cycles < held.sum() + GROUP_CYCLES + 3 * GROUP_CYCLES - 1000
+    assert found.cycles < held.sum() + GROUP_CYCLES + 3 * GROUP_CYCLES - first
     late = cycles([0, 1, 0, 0], constants={"hold": np.append(np.ones(5000, np.uint64), 0)})
     assert late.cycles <= 5000 + 3 * GROUP_CYCLES + SLACK
 
@@ -289,7 +308,7 @@ def test_blocks_come_first():
     """No span of a group without splats is begun while blocks are present."""
     held = 100
     rows = cycles([1, 0, 1, 0], constants={"hold": np.arange(held + 1) < held}).outputs["writes"]
-    codes, side = axi.write_record().unpack(rows), group_pixels(DEFAULT)
+    codes, side = axi.write_record(DEFAULT).unpack(rows), group_pixels(DEFAULT)
     own = image(DEFAULT, (2 * side, 2 * side), np.array([1, 0, 1, 0], bool))
     empty = codes["beat"].astype(int) % own.stride < side * PIXEL // axi.BEAT
     before = empty[: np.flatnonzero(~empty)[-1]]

@@ -12,10 +12,13 @@ import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 from cocotbext.axi import AxiBus, AxiRam, AxiResp, AxiSlaveRead, AxiSlaveWrite
 
+from splatcore.sim.rtl.cocotb_runner import parameters
 from splatcore.spec import axi
 from tb.helpers.streams import Stream, pause, start
 
 BURSTS = 40  # bursts of each client in a test
+PORT = parameters()["port"]  # bits of the port
+BEAT, WIDE = PORT // 8, PORT // axi.DATA_BITS  # bytes of its beats; the machine's in one
 REGION = 2 * axi.BOUNDARY  # bytes of a client's region; that of the readers is the last one
 
 MEMORY = REGION * (len(axi.WRITERS) + 1)
@@ -34,15 +37,15 @@ class Mixed(AxiSlaveRead):
             while not any(queues.values()) or not self.ar_channel.empty():
                 ar = await self.ar_channel.recv()
                 address, beats = int(ar.araddr), int(ar.arlen) + 1
-                assert address % axi.BOUNDARY + beats * axi.BEAT <= axi.BOUNDARY
-                queues[int(ar.arid)] += [(address + n * axi.BEAT, n + 1) for n in range(beats)]
-                queues[int(ar.arid)][-1] = (address + (beats - 1) * axi.BEAT, 0)
+                assert address % axi.BOUNDARY + beats * BEAT <= axi.BOUNDARY
+                queues[int(ar.arid)] += [(address + n * BEAT, n + 1) for n in range(beats)]
+                queues[int(ar.arid)][-1] = (address + (beats - 1) * BEAT, 0)
             client = random.choice([k for k, queue in queues.items() if queue])
             address, more = queues[client].popleft()
             r = self.r_channel._transaction_obj()
             r.rid, r.rlast, r.rresp, r.rdata = client, not more, AxiResp.OKAY, 0
             try:
-                r.rdata = int.from_bytes(await self._read(address, axi.BEAT), "little")
+                r.rdata = int.from_bytes(await self._read(address, BEAT), "little")
             except OSError:
                 r.rresp = AxiResp.SLVERR
             await self.r_channel.send(r)
@@ -60,7 +63,7 @@ class Memory:
         return self.content[address : address + length].tobytes()
 
     async def write(self, address: int, given: bytes) -> None:
-        if address // axi.BEAT * axi.BEAT in self.broken:
+        if address // BEAT * BEAT in self.broken:
             raise OSError
         self.content[address : address + len(given)] = list(given)
 
@@ -101,6 +104,8 @@ class Bench:
     async def start(self):
         dut = self.dut
         dut.failing.value = 0
+        dut.favoured.value = random.randrange(1 << len(HALVES))
+        dut.patient.value = random.getrandbits(len(axi.WRITERS))
         await start(dut, [*self.reads, *self.writes], self.data)
         cocotb.start_soon(self.watch_port())
         cocotb.start_soon(self.watch())
@@ -120,15 +125,15 @@ class Bench:
                 for _ in range(BURSTS):
                     first, length = self.burst(k * REGION)
                     for n in range(length):
-                        strobe = random.choice([0xFFFF, random.getrandbits(axi.BEAT)])
-                        beat = (first, n, length, strobe, random.getrandbits(axi.DATA_BITS))
+                        strobe = random.choice([(1 << BEAT) - 1, random.getrandbits(BEAT)])
+                        beat = (first, n, length, strobe, random.getrandbits(PORT))
                         self.beats[k].append(beat)
 
     def burst(self, base: int) -> tuple[int, int]:
-        """First beat and beats of a burst that does not cross the boundary."""
-        page, beats = axi.BOUNDARY // axi.BEAT, random.choice([1, 2, random.randint(1, LENGTH_MAX)])
+        """First beat and beats, of the port, of a burst that does not cross the boundary."""
+        page, beats = axi.BOUNDARY // BEAT, random.choice([1, 2, random.randint(1, LENGTH_MAX)])
         place = random.randint(0, page - beats)
-        return (base // axi.BEAT + page * random.randrange(REGION // axi.BOUNDARY) + place), beats
+        return (base // BEAT + page * random.randrange(REGION // axi.BOUNDARY) + place), beats
 
     def fails(self, half: int) -> bool:
         return bool(int(self.dut.failing.value) >> half & 1)
@@ -141,7 +146,7 @@ class Bench:
             stream.valid.value = offers
             if offers:
                 first, beats = self.requests[k][0]
-                stream.payload.value = first | beats - 1 << axi.BEAT_ADDRESS_BITS
+                stream.payload.value = first * WIDE | beats - 1 << axi.BEAT_ADDRESS_BITS
             await RisingEdge(self.dut.clk)
             while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
@@ -163,11 +168,11 @@ class Bench:
             if free and stream.valid.value:
                 found = int(stream.payload.value)
                 beat, last = self.awaited[k].popleft()
-                assert found >> axi.DATA_BITS == last, f"reader {k}: last"
-                address = beat * axi.BEAT
+                assert found >> PORT == last, f"reader {k}: last"
+                address = beat * BEAT
                 if address not in self.memory.broken:
-                    right = self.initial[address : address + axi.BEAT].tobytes()
-                    data = found % (1 << axi.DATA_BITS)
+                    right = self.initial[address : address + BEAT].tobytes()
+                    data = found % (1 << PORT)
                     assert data == int.from_bytes(right, "little"), f"reader {k}: {beat:#x}"
                 self.reading[half] -= last
                 self.passed += 1
@@ -181,9 +186,9 @@ class Bench:
             stream.valid.value = offers
             if offers:
                 first, place, length, strobe, data = self.beats[k][0]
-                value = first | length - 1 << axi.BEAT_ADDRESS_BITS
+                value = first * WIDE | length - 1 << axi.BEAT_ADDRESS_BITS
                 above = axi.BEAT_ADDRESS_BITS + axi.LENGTH_BITS
-                stream.payload.value = value | strobe << above | data << above + axi.BEAT
+                stream.payload.value = value | strobe << above | data << above + BEAT
             await RisingEdge(self.dut.clk)
             while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
@@ -193,10 +198,10 @@ class Bench:
                 self.inside[k] = length - 1 - place
                 self.writing[k] += place == 0
                 self.passed += 1
-                self.put((first + place) * axi.BEAT, strobe, data)
+                self.put((first + place) * BEAT, strobe, data)
 
     def put(self, address: int, strobe: int, data: int):
-        for byte in range(axi.BEAT):
+        for byte in range(BEAT):
             if strobe >> byte & 1:
                 self.expected[address + byte] = data >> 8 * byte & 255
 
@@ -204,7 +209,7 @@ class Bench:
         """Offers are kept; what never changes is right."""
         dut, offered = self.dut, {}
         for channel in ("ar", "aw"):
-            for name, value in (("size", axi.BEAT_BITS), ("burst", 1)):
+            for name, value in (("size", BEAT.bit_length() - 1), ("burst", 1)):
                 assert int(getattr(dut, f"m_axi__{channel}{name}").value) == value
         wires = {
             channel: [
@@ -274,6 +279,6 @@ class Bench:
         """Memory holds what it must."""
         found = self.content()
         wrong = np.flatnonzero(found != self.expected)
-        wrong = [k for k in wrong if k // axi.BEAT * axi.BEAT not in self.memory.broken]
+        wrong = [k for k in wrong if k // BEAT * BEAT not in self.memory.broken]
         assert not wrong, f"{len(wrong)} bytes differ, first {wrong[0]:#x}"
         assert (found != self.initial).any() and self.passed == 0

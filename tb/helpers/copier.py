@@ -27,7 +27,7 @@ class Copier(wiring.Component):
     NAMES = ("MODEL", "PIXELS", "STRIDE", "HEIGHT", "LISTS_PAGES", "FEATURES_MAX")
 
     def __init__(self):
-        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi()), "interrupt": Out(1)})
+        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi(TINY)), "interrupt": Out(1)})
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -10,10 +10,12 @@ from splatcore.model.generate import hard_case
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.spec.axi import port_beats, port_bytes
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.work import FEATURE, SLOT
 from tb.helpers.point_rows import point_counts
 
 NEEDLES = 100
@@ -57,11 +59,23 @@ def counted(config: Config, model: PackedModel, frame: Frame) -> dict[str, int]:
         "bin_kept": len(binned.kept),
         "bin_entries": len(binned.entries["key"]),
         "bin_bursts": len(binned.lists.address),
-        "preprocessing_read_attributes": model.chunk_beats[points.inside // CHUNK].sum(),
-        "preprocessing_write_features": 2 * len(binned.kept),
-        "preprocessing_write_lists": len(binned.lists.address) * config.burst // 2,
+        "preprocessing_write_features": FEATURE // port_bytes(config) * len(binned.kept),
+        "preprocessing_write_lists": (
+            -(-config.burst * SLOT // port_bytes(config)) * len(binned.lists.address)
+        ),
         "sort_entries": len(binned.entries["key"]),
     }
+
+
+def attribute_beats(config: Config, model: PackedModel, frame: Frame) -> tuple[int, int]:
+    """The port's beats in which attributes are read: at least, at most. A port with larger beats
+    reads one of two neighbours once if the second asks for it in time."""
+    inside, each = frame.points.inside, model.chunk_beats.astype(int)
+    chunk, beats = inside // CHUNK, port_beats(config)
+    first = (np.cumsum(each) - each)[chunk] * CHUNK + inside % CHUNK * each[chunk]
+    last = first + each[chunk] - 1
+    most = (last // beats - first // beats + 1).sum()
+    return most - (first[1:] // beats == last[:-1] // beats).sum(), most
 
 
 def check(config: Config, run: Run, *jobs: Job):
@@ -73,3 +87,5 @@ def check(config: Config, run: Run, *jobs: Job):
         assert np.array_equal(rendered.pixels, frame.pixels)
         wanted = {name: n for name, n in counted(config, job.model, frame).items() if name in told}
         assert {name: told[name] for name in wanted} == wanted
+        least, most = attribute_beats(config, job.model, frame)
+        assert least <= told.get("preprocessing_read_attributes", most) <= most

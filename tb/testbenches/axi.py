@@ -5,8 +5,8 @@ import random
 
 from cocotb.triggers import ClockCycles, RisingEdge
 
-from splatcore.spec.axi import BEAT, PREPROCESSING, RENDERING, WRITERS
-from tb.helpers.axi_clients import Bench
+from splatcore.spec.axi import PREPROCESSING, RENDERING, WRITERS
+from tb.helpers.axi_clients import BEAT, Bench
 from tb.helpers.streams import PERIOD, at_random, bursts, mostly, never, timed_test
 
 PATTERNS = [never, at_random, mostly, bursts]

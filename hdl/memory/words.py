@@ -1,0 +1,95 @@
+"""Reads bursts of the machine's beats through a port with beats of two of them."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.memory.axi import read_beat
+from splatcore.spec.axi import DATA_BITS, port_beats, read_record
+from splatcore.spec.config import Config
+
+BURSTS_WAITING = 32  # bursts whose beats may be on their way
+
+
+class Words(wiring.Component):
+    """Bursts of beats in, these beats out, in order; each beat of the port is read once.
+
+    A burst that begins with the upper half of the beat of the port with which the one before ended
+    takes that half from a register: neighbours share what lies between them. It does so while the
+    one before is waited for or given, so that nothing that memory has changed since is kept.
+
+    Members
+        i: stream of `read_record`, lengths in the machine's beats; o: stream of these beats.
+        reads, data: to and from memory.
+
+    **Timing**: a burst asked for every cycle, a beat out every cycle, no latency. A path from
+    `reads.ready` to `i.ready`, and one from `o.ready` to `data.ready`. No multiplier.
+    """
+
+    def __init__(self, config: Config, most: int):
+        if port_beats(config) != 2:
+            raise ValueError(f"a port of {config.port} bits has beats of its own")
+        self.burst = data.StructLayout({"upper": 1, "left": range(most), "kept": 1})
+        self.waiting = Queue(self.burst, BURSTS_WAITING)
+        ports = {
+            "i": In(stream.Signature(layout(read_record()))),
+            "o": Out(stream.Signature(DATA_BITS)),
+            "reads": Out(stream.Signature(layout(read_record()))),
+            "data": In(stream.Signature(read_beat(config))),
+        }
+        super().__init__(ports)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.waiting = waiting = self.waiting
+        busy = self._give(m, waiting.o)
+        self._ask(m, waiting, busy)
+        return m
+
+    def _ask(self, m: Module, waiting: Queue, busy: Signal):
+        """The port's beats of a burst but one that is on its way for the burst before."""
+        i, reads, given = self.i, self.reads, waiting.i
+        first, length = i.payload.beat, i.payload.length
+        upper, end = first[0], Signal.like(i.payload.beat)  # the beat behind the burst before
+        beats = (length + upper >> 1) + 1  # of the port
+        kept, asks, taken = Signal(), Signal(), Signal()
+        wanted = beats - kept
+        m.d.comb += [
+            kept.eq(upper & (first == end) & (waiting.o.valid | busy)),
+            asks.eq(wanted != 0),
+            reads.valid.eq(i.valid & given.ready & asks),
+            reads.payload.beat.eq(Cat(Const(0, 1), first[1:] + kept)),
+            reads.payload.length.eq((wanted - 1)[: len(length)]),
+            taken.eq(i.valid & given.ready & (reads.ready | ~asks)),
+            i.ready.eq(taken),
+            given.valid.eq(taken),
+            given.payload.upper.eq(upper),
+            given.payload.left.eq(length),
+            given.payload.kept.eq(kept),
+        ]
+        with m.If(taken):
+            m.d.sync += end.eq(first + length + 1)
+
+    def _give(self, m: Module, bursts: stream.Interface) -> Signal:
+        """Beats of one burst after the other; returns a bit: one is at hand."""
+        busy, burst = Signal(), Signal(self.burst, reset_less=True)
+        high, o, back = Signal(DATA_BITS, reset_less=True), self.o, self.data
+        beat, fresh, fire = back.payload.beat, Signal(), Signal()
+        m.d.comb += [
+            fresh.eq(~burst.kept),  # the next beat is from the port
+            o.valid.eq(busy & (~fresh | back.valid)),
+            o.payload.eq(Mux(fresh, Mux(burst.upper, beat[DATA_BITS:], beat[:DATA_BITS]), high)),
+            fire.eq(o.valid & o.ready),
+            back.ready.eq(busy & fresh & o.ready),
+            bursts.ready.eq(~busy | (fire & (burst.left == 0))),
+        ]
+        with m.If(fire):
+            m.d.sync += [burst.left.eq(burst.left - 1), burst.upper.eq(~burst.upper)]
+            m.d.sync += burst.kept.eq(fresh & ~burst.upper)
+            with m.If(fresh):
+                m.d.sync += high.eq(beat[DATA_BITS:])
+        with m.If(bursts.ready):
+            m.d.sync += [busy.eq(bursts.valid), burst.eq(bursts.payload)]
+        return busy

@@ -1,0 +1,141 @@
+"""Bursts of 16-byte beats through a port of 32-byte beats: every beat, each of the port's once."""
+
+import numpy as np
+import pytest
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.memory.words import BURSTS_WAITING, Words
+from splatcore.sim.rtl.streams import Result
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, read_record
+from splatcore.spec.number import Bits
+from splatcore.spec.record import Record
+from tb.helpers.parts import forward
+from tb.helpers.ports import PORTS
+from tb.helpers.runs import compiled
+
+MOST = 4  # beats of a burst
+UNDER_WAY = 2 * BURSTS_WAITING  # bursts that memory takes before it answers the first one
+
+WORD = Record("word", {"address": Bits(BEAT_ADDRESS_BITS), "turn": Bits(32)})
+
+pytestmark = pytest.mark.slow
+
+
+class Memory(wiring.Component):
+    """`Words` on a memory whose beats of 16 bytes hold their address, and in how manieth burst of
+    the port they were read. bursts: what was asked for. pace: an item for each of the port's beats.
+    pause: cycles from a burst to the next.
+    """
+
+    def __init__(self):
+        self.words = Words(PORTS[256], MOST)
+        members = self.words.signature.members
+        pace = In(stream.Signature(1))
+        super().__init__(
+            {"i": members["i"], "o": members["o"], "bursts": members["reads"], "pace": pace}
+            | {"pause": In(8)}
+        )
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.words = words = self.words
+        forward(m, self, words, ("o",))
+        left, free = Signal(8), Signal()
+        m.d.comb += [
+            free.eq(left == 0),
+            words.i.payload.eq(self.i.payload),
+            words.i.valid.eq(self.i.valid & free),
+            self.i.ready.eq(words.i.ready & free),
+        ]
+        with m.If(~free):
+            m.d.sync += left.eq(left - 1)
+        with m.Elif(self.i.valid & self.i.ready):
+            m.d.sync += left.eq(self.pause)
+        m.submodules.queue = queue = Queue(layout(read_record()), UNDER_WAY)
+        asked, burst, back = words.reads, queue.o.payload, words.data
+        m.d.comb += [
+            self.bursts.payload.eq(asked.payload),
+            queue.i.payload.eq(asked.payload),
+            self.bursts.valid.eq(asked.valid & queue.i.ready),
+            queue.i.valid.eq(asked.valid & self.bursts.ready),
+            asked.ready.eq(self.bursts.ready & queue.i.ready),
+        ]
+        place, turn = Signal(4), Signal(32)
+        beat = Signal(BEAT_ADDRESS_BITS)
+        fire = back.valid & back.ready
+        word = Signal(DATA_BITS)
+        m.d.comb += [
+            beat.eq(burst.beat + (place << 1)),
+            word.eq(Cat(beat, turn)),
+            back.payload.beat.eq(Cat(word, word | 1)),
+            back.payload.last.eq(place == burst.length),
+            back.valid.eq(queue.o.valid & self.pace.valid),
+            self.pace.ready.eq(queue.o.valid & back.ready),
+            queue.o.ready.eq(fire & back.payload.last),
+        ]
+        with m.If(fire):
+            m.d.sync += place.eq(Mux(back.payload.last, 0, place + 1))
+            m.d.sync += turn.eq(turn + back.payload.last)
+        return m
+
+
+def run(first: np.ndarray, count: np.ndarray, pause: int = 0, **options) -> Result:
+    """Bursts of beats, all of which come in order."""
+    words = np.concatenate([np.arange(b, b + n) for b, n in zip(first, count, strict=True)])
+    codes = {"beat": first, "length": count - 1}
+    inputs = {"i": read_record().pack(codes), "pace": np.zeros((2 * len(words), 1), np.uint8)}
+    result = compiled(Memory).run(
+        inputs, expected={"o": len(words)}, constants={"pause": pause}, **options
+    )
+    assert result.finished, result.stopped
+    found = WORD.unpack(result.outputs["o"][:, : -(-WORD.width // 8)])
+    np.testing.assert_array_equal(found["address"], words)
+    return result
+
+
+def asked(result: Result) -> np.ndarray:
+    """The port's beats that were read."""
+    codes = read_record().unpack(result.outputs["bursts"])
+    assert not (codes["beat"] % 2).any()
+    pairs = zip(codes["beat"].astype(int) // 2, codes["length"].astype(int), strict=True)
+    return np.concatenate([np.arange(b, b + n + 1) for b, n in pairs])
+
+
+@pytest.mark.parametrize("stall", [0, 0.3, 0.7])
+def test_bursts(stall):
+    """Neighbours, bursts with gaps between, the same again, backwards; anything but what is needed
+    is not read."""
+    rng = np.random.default_rng(int(10 * stall))
+    count = rng.integers(1, MOST + 1, 600)
+    gap = rng.choice([0, 0, 0, 1, 2, 5, -4, -1], 600)
+    first = 1000 + np.cumsum(count + gap) - count
+    result = run(first, count, stall=stall, seed=int(10 * stall))
+    last = (first + count - 1) // 2
+    whole = (last - first // 2 + 1).sum()
+    shared = (gap[1:] == 0) & (first[1:] % 2 == 1)
+    read = asked(result)
+    assert whole - shared.sum() <= len(read) <= whole - 0.5 * shared.sum() < whole
+    np.testing.assert_array_equal(np.unique(read), np.unique(np.concatenate(
+        [np.arange(b // 2, e + 1) for b, e in zip(first, last, strict=True)]
+    )))  # fmt: skip
+
+
+@pytest.mark.parametrize("each", range(1, MOST + 1))
+def test_neighbours(each):
+    """What is read without a gap is read once, a beat of 16 bytes a cycle."""
+    count = np.full(200, each)
+    result = run(np.cumsum(count) - count, count)
+    np.testing.assert_array_equal(asked(result), np.arange(-(-200 * each // 2)))
+    assert result.cycles < 200 * each + 20
+
+
+def test_nothing_is_kept():
+    """A neighbour that is asked for later is read again: memory may have changed."""
+    result = run(np.array([0, 1]), np.array([1, 1]), pause=40)
+    assert asked(result).tolist() == [0, 0]
+    turns = WORD.unpack(result.outputs["o"][:, : -(-WORD.width // 8)])["turn"]
+    assert turns.tolist() == [0, 1]
