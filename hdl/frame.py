@@ -28,7 +28,7 @@ class Frame(wiring.Component):
             half's work area has been handed over.
         area, job: their parameters.
         read_error, write_error: from the bus. idle: nothing of a half is under way there.
-        favoured: the half that took longer for the last frame: memory serves it first.
+        favoured: a bit for the half that took longer for the last frame: its writers come first.
         failing: a half is to begin nothing more. reset: resets a half.
 
     **Timing**: two cycles from one half to the other.

@@ -130,7 +130,12 @@ def frame_registers(config: Config) -> list[Register]:
         Register("FEATURES_MAX", SPLAT_BITS, "frame", "features of a work area"),
         address("SCRATCH", "address of scratch memory"),
         address("PIXELS", "address of the image"),
-        Register("STRIDE", STRIDE_BITS, "frame", "bytes from a row to the next, a multiple of 32"),
+        Register(
+            "STRIDE",
+            STRIDE_BITS,
+            "frame",
+            f"bytes from a row to the next, a multiple of {STRIDE_ALIGNMENT}",
+        ),
     ]
     registers += [
         Register(f"BACKGROUND_{name.upper()}", colour, "frame", f"{name}, units of 2^-9·255/256")

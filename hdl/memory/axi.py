@@ -244,10 +244,8 @@ class Axi(wiring.Component):
         """Bursts to be written: a writer has the port for its burst."""
         m.submodules.write_turns = turns = Turns(len(spec.WRITERS))
         count = len(spec.WRITERS)
-        valid, failing = (
-            Cat(i.valid for i in self.writes),
-            self._of_halves(self.failing, spec.WRITERS),
-        )
+        valid = Cat(i.valid for i in self.writes)
+        failing = self._of_halves(self.failing, spec.WRITERS)
         inside, left = Signal(), Signal(spec.LENGTH_BITS)  # within a burst; its beats still to come
         owner, current, full, began, wants = (
             Signal(count, name=name) for name in ("owner", "current", "full", "began", "wants")

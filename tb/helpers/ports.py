@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 
-from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.config import DEFAULT, Config
 
 PORTS = {port: replace(DEFAULT, name=f"PORT{port}", port=port) for port in (128, 256)}
-
-SMALL_PORTS = {port: replace(TINY, name=f"SMALL{port}", port=port) for port in (128, 256)}
 
 
 def other_port(config: Config) -> Config:
