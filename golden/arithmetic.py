@@ -66,9 +66,9 @@ def compare(format: Float, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np
     return (a < b).astype(np.uint8), (a == b).astype(np.uint8)
 
 
-def convert(source: Float, target: Float, code: np.ndarray) -> np.ndarray:
-    """The same number in another format; NaN becomes 0 if that has none."""
-    value = source.decode(code)
+def convert(source: Float, target: Float, code: np.ndarray, scale: int = 0) -> np.ndarray:
+    """The same number, times 2^scale, in another format; NaN becomes 0 if that has none."""
+    value = np.ldexp(source.decode(code), scale)
     if target.overflow == "saturate":
         value = np.where(np.isnan(value), 0.0, value)
     return target.encode(value)

@@ -5,12 +5,21 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from splatcore.golden.arithmetic import convert
 from splatcore.golden.footprint import footprints
 from splatcore.spec import group as records
 from splatcore.spec.binning import PAGE_BITS, bursts_per_page
 from splatcore.spec.colour import CHANNELS, scaled_colours, unscaled_colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.depth import depth_keys
+from splatcore.spec.feature import (
+    FACTOR,
+    FACTOR_SCALE,
+    SHEAR,
+    centre_codes,
+    feature_record,
+    short_colours,
+)
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Codes
@@ -91,22 +100,28 @@ def keys(config: Config, near_code: int, codes: Codes) -> np.ndarray:
 
 def features(config: Config, splats: Codes) -> Codes:
     """Codes [K] of `feature_record` of splats with codes [K] of `splat_record`."""
-    record = records.feature_record(config)
-    found = {name: splats[name] for name in ("u", "v", "shear")}
-    found |= {name: splats[f"power_{name}"] for name in ("across", "along")}
-    for name in ("half_width", "half_height"):
-        found[name] = records.extent_codes(config, splats[name])
+    record = feature_record(config)
+    format, unit = config.arithmetic, config.screen_exponent
+    u, v = (format.decode(splats[name]) for name in "uv")
+    found = centre_codes(np.ldexp(u, unit), np.ldexp(v, unit))
+    found["shear"] = convert(format, SHEAR, splats["shear"])
+    for name in ("across", "along"):
+        scale = FACTOR_SCALE - 2 * unit
+        found[name] = convert(format, FACTOR, splats[f"power_{name}"], scale)
     steps = Fixed(record["opacity"].width, 0)
-    for name, fixed, field in (
-        ("opacity", steps, "attenuation"),
-        *((channel, unscaled_colour_format(config), channel) for channel in CHANNELS),
-    ):
-        source = dict(splat_record(config).fields)[field]
-        value = source.decode(splats[field])
-        found[name] = fixed.encode(np.where(np.isnan(value), 0, value))
+    found["opacity"] = steps.encode(_number(format.decode(splats["attenuation"])))
+    unscaled = unscaled_colour_format(config)
     for channel in CHANNELS:
-        found[channel] = scaled_colours(found[channel].astype(np.int64)).astype(np.uint64)
+        source = dict(splat_record(config).fields)[channel]
+        codes = unscaled.encode(_number(source.decode(splats[channel]))).astype(np.int64)
+        codes = short_colours(config, scaled_colours(codes), np.where)
+        found[channel] = codes.astype(np.uint64)
     return found
+
+
+def _number(values: np.ndarray) -> np.ndarray:
+    """Values, 0 for what is no number."""
+    return np.where(np.isnan(values), 0, values)
 
 
 def splat_codes(config: Config, values: dict[str, np.ndarray]) -> Codes:

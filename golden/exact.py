@@ -7,11 +7,12 @@ import numpy as np
 from splatcore.golden.raster import Entries
 from splatcore.golden.reference import Splats, tile_lists
 from splatcore.spec.camera import Camera
-from splatcore.spec.colour import colour_format
+from splatcore.spec.colour import CHANNELS, colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MIN, SPLATCORE, TILE
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, SHEAR, centre_codes, short_colours
 from splatcore.spec.frame import POWER_SCALE
-from splatcore.spec.group import extent_codes, group_grid
+from splatcore.spec.group import group_grid
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.record import Codes
 from splatcore.spec.scene import Gaussians
@@ -29,23 +30,19 @@ def features_of(config: Config, splats: Splats) -> Codes:
     """Features of splats, rounded once."""
     _, xy, yy = splats.covariance.T
     return encode(
-        config, splats.centre, splats.conic[:, 0], xy / yy, 1 / yy, splats.opacity, splats.colour,
-        splats.extent,
-    )  # fmt: skip
+        config, splats.centre, splats.conic[:, 0], xy / yy, 1 / yy, splats.opacity, splats.colour
+    )
 
 
-def encode(config: Config, centre, across, shear, along, opacity, colour, extent) -> Codes:
+def encode(config: Config, centre, across, shear, along, opacity, colour) -> Codes:
     """Features from float64 values in pixels; across and along as in Q."""
-    format, pixel = config.arithmetic, 2.0**-config.screen_exponent
-    values = {"u": centre[:, 0] * pixel, "v": centre[:, 1] * pixel}
-    values |= {"across": across * POWER_SCALE / pixel**2, "shear": shear}
-    values["along"] = along * POWER_SCALE / pixel**2
-    codes = {name: format.encode(value) for name, value in values.items()}
+    codes = centre_codes(*centre.T) | {"shear": SHEAR.encode(shear)}
+    for name, factor in (("across", across), ("along", along)):
+        codes[name] = FACTOR.encode(np.ldexp(factor * POWER_SCALE, FACTOR_SCALE))
     codes["opacity"] = OPACITY.encode(-np.log2(opacity))
-    for channel, name in enumerate(("red", "green", "blue")):
-        codes[name] = colour_format(config).encode(colour[:, channel] * 255 / 256)
-    for axis, name in enumerate(("half_width", "half_height")):
-        codes[name] = extent_codes(config, format.encode(extent[:, axis] * pixel))
+    for channel, name in enumerate(CHANNELS):
+        whole = colour_format(config).encode(colour[:, channel] * 255 / 256).astype(np.int64)
+        codes[name] = short_colours(config, whole, np.where).astype(np.uint64)
     return codes
 
 

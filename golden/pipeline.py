@@ -62,7 +62,7 @@ def render(
     background: tuple[int, int, int] = (0, 0, 0),
     pages: int = PAGE_MAX,
 ) -> Frame:
-    """Render one frame. background: codes of `spec.group.colour_format`; pages: of list memory.
+    """Render one frame. background: codes of `spec.colour.colour_format`; pages: of list memory.
 
     InputError for a model that the machine does not render.
     """

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, parallel_chunksize, prange
 
-from splatcore.golden.setup import POSITION_FRACTION, prepare, quadratic, setup_constants
+from splatcore.golden.setup import prepare, quadratic
 from splatcore.spec import raster as stage_3
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid
-from splatcore.spec.raster import BLOCK_REACH, BLOCKS, EXTENT, STEPS, owner
-
-EXTENT_FRACTION, EXTENT_LARGEST = EXTENT.fraction, (1 << EXTENT.width) - 1
+from splatcore.spec.raster import BLOCKS, STEPS, owner
 
 WORK = ("marked", "visited", "contributing", "contributions", "ended")
 """Counts by group and rasterizer: blocks that marking could not leave out; those of them
@@ -78,9 +76,10 @@ def rasterize(
 ) -> Raster:
     """Blend every group's entries, front to back.
 
-    features: codes [M] of `spec.group.feature_record`. size: width and height, pixels. background:
-    codes of `spec.group.colour_format`. mark_all: no block is left out, which must give the same
-    picture. rounded: False for the sums themselves, `sum_fraction` − 8 bits finer than pixels.
+    features: codes [M] of `spec.feature.feature_record`. size: width and height, pixels.
+    background: codes of `spec.colour.colour_format`. mark_all: no block is left out, which must
+    give the same picture. rounded: False for the sums themselves, `sum_fraction` − 8 bits finer
+    than pixels.
     """
     (width, height), mask = size, entries.mask.astype(np.int64)
     rows, columns = group_grid(config, width, height)
@@ -93,7 +92,7 @@ def rasterize(
     with parallel_chunksize(AT_ONCE):
         _rasterize_groups(
             prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
-            np.array([columns, config.group]), owners, setup_constants(config),
+            np.array([columns, config.group]), owners, config.exponent_fraction,
             _blend_constants(config, rounded), _levels(config, mark_all),
             np.array(stage_3.power_table(config)),
             np.array(background), pixels, work, pairs, tiles, blocks,
@@ -147,7 +146,7 @@ def _rasterize_groups(
                 live[y // BLOCK, x // BLOCK] += state[y, x, 4]
         left = live.sum()
         level = np.zeros_like(live)
-        coefficients = np.zeros(8, np.int64)
+        coefficients = np.zeros(6, np.int64)
         for k in range(start[group], start[group + 1]):
             if left == 0:
                 break
@@ -182,17 +181,6 @@ def _rasterize_groups(
                 )
 
 
-@njit(inline="always")
-def _near(distance, steps, half):
-    """True if a splat of a half extent (`EXTENT`) reaches the block 2·steps pixels from the centre
-    of a tile that is `distance` away.
-    """
-    if half == EXTENT_LARGEST:
-        return True
-    distance = (distance >> POSITION_FRACTION - EXTENT_FRACTION) + (2 * steps << EXTENT_FRACTION)
-    return abs(distance) <= half + BLOCK_REACH
-
-
 @njit(cache=True)
 def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table, owners, work):
     """Blend a splat into a tile: area [16, 16, 5] pixels, alive and level [4, 4] live pixels and
@@ -200,16 +188,13 @@ def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table
 
     Returns which blocks were marked and visited, and how many pixels ended.
     """
-    e, gx, gy, cxx, cxy, cyy, dx, dy = coefficients
+    e, gx, gy, cxx, cxy, cyy = coefficients
     coarser = blending[2]
-    mark_all = levels[0, 1] == -(1 << 62)
     blocks = ended = 0
     for row in range(BLOCKS):
         for column in range(BLOCKS):
             p, q = STEPS[column], STEPS[row]
             if not alive[row, column]:
-                continue
-            if not mark_all and not (_near(dx, p, splat[15]) and _near(dy, q, splat[16])):
                 continue
             centre = e + 2 * (gx * p + gy * q) - 4 * (cxx * p * p - cxy * p * q + cyy * q * q)
             slope_x = gx - 4 * cxx * p + 2 * cxy * q
@@ -224,7 +209,7 @@ def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table
             )  # fmt: skip
             did = work[owners[row * BLOCKS + column]]
             visited, gone, most = _blend_block(
-                exponents, splat[18:21],
+                exponents, splat[16:19],
                 area[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK],
                 blending, table, did,
             )  # fmt: skip

@@ -6,20 +6,21 @@ from numba import njit
 from splatcore.golden.arithmetic import take_apart
 from splatcore.golden.batches import in_batches
 from splatcore.spec import raster
+from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
-from splatcore.spec.group import extent_format
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, SHEAR, whole_colours
 from splatcore.spec.memory import OPACITY
-from splatcore.spec.raster import EXTENT, POSITION, SHEAR
+from splatcore.spec.raster import SLOPE
 
-POSITION_INTEGER, POSITION_FRACTION = POSITION.integer, POSITION.fraction
-OPACITY_FRACTION, SHEAR_FRACTION = OPACITY.fraction, SHEAR.fraction
+POSITION_FRACTION, POSITION_SIGN = POSITION.fraction, 1 << POSITION.width - 1
+OPACITY_FRACTION, SLOPE_FRACTION = OPACITY.fraction, SLOPE.fraction
 TILE_STEPS, HALF_TILE = TILE << POSITION_FRACTION, (TILE - 1) << POSITION_FRACTION >> 1
 """A tile's side, and the way from its first pixel to its centre, in steps of `POSITION`."""
 
 
 def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
-    """Codes [N] of `spec.group.feature_record` as numbers of `prepared_record`, int64 [N, fields].
+    """Codes [N] of `feature_record` as numbers of `prepared_record`, int64 [N, fields].
 
     Shifts are true ones here; a record has them from `SHIFT_MIN` on.
     """
@@ -32,32 +33,25 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
 
 def _prepared(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
     """The same of some of them."""
-    format, unit = config.arithmetic, config.screen_exponent
-    exponent, significand = {}, {}
-    for name in ("u", "v", "across", "along", "shear"):
-        negative, exponent[name], size = take_apart(format, features[name])
-        significand[name] = np.where(negative, -size, size)
-    far = np.maximum(exponent["u"], exponent["v"]) + unit + 1 - POSITION.integer
-    values = {"scale": np.clip(far, 0, raster.SCALE_MAX)}
+    codes = {name: features[name].astype(np.int64) for name in features}
+    values = {"scale": codes["scale"]}
     for name in ("u", "v"):
-        left = exponent[name] - format.fraction + unit + POSITION.fraction - values["scale"]
-        values[name] = clipped(POSITION, shifted(significand[name], -left))
+        values[name] = (codes[name] ^ POSITION_SIGN) - POSITION_SIGN
     for name, shift_name in (("across", "k"), ("along", "m")):
-        power = exponent[name] - 2 * unit
+        _, power, magnitude = take_apart(FACTOR, codes[name])
+        power -= FACTOR_SCALE
         values[shift_name] = -((power + 1) >> 1)
-        values[name] = significand[name] << ((power & 1) ^ 1)
+        values[name] = magnitude << ((power & 1) ^ 1)
         values[f"{name}_shift"] = values[shift_name] - values["scale"]
-    lean = raster.lean_unit(config) - exponent["shear"]
-    values["lean_shift"] = np.clip(lean, raster.SHIFT_MIN, raster.LEAN_RIGHT_MAX)
-    values["shear"] = significand["shear"]
-    left = exponent["shear"] - format.fraction + SHEAR.fraction - values["k"]
-    values["slope"] = clipped(SHEAR, shifted(significand["shear"], -left))
+    negative, exponent, magnitude = take_apart(SHEAR, codes["shear"])
+    values["shear"] = np.where(negative, -magnitude, magnitude)
+    values["lean_shift"] = raster.lean_unit(config) - exponent
+    right = SHEAR.fraction - exponent - SLOPE.fraction + values["k"]
+    values["slope"] = clipped(SLOPE, shifted(values["shear"], right))
     values |= curvature(config, values)
-    for name in ("half_width", "half_height"):
-        wide = extent_format(config).decode(features[name]) * 2.0**unit
-        values[name] = np.fmin(np.ceil(np.ldexp(wide, EXTENT.fraction)), 2**EXTENT.width - 1)
-    for name in ("opacity", "red", "green", "blue"):
-        values[name] = features[name]
+    values["opacity"] = codes["opacity"]
+    for name in CHANNELS:
+        values[name] = whole_colours(config, codes[name], np.where)
     names = [name for name, _ in raster.prepared_record(config).fields]
     return np.stack([values[name].astype(np.int64) for name in names], axis=1)
 
@@ -65,12 +59,12 @@ def _prepared(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
 def curvature(config: Config, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """E's second differences [N]."""
     k, m, slope = values["k"], values["m"], values["slope"]
-    coarser = raster.factor_fraction(config) - config.exponent_fraction
-    mixed = values["across"] * slope >> SHEAR.fraction
+    coarser = raster.FACTOR_FRACTION - config.exponent_fraction
+    mixed = values["across"] * slope >> raster.mixed_shift(config)
     return {
         "cxx": shifted(values["across"], coarser + 2 * k),
-        "cxy": shifted(mixed, coarser + k - 1),
-        "cyy": shifted(mixed * slope, SHEAR.fraction + coarser)
+        "cxy": shifted(mixed, raster.MIXED_GUARD + k - 1),
+        "cyy": shifted(mixed * slope, SLOPE.fraction + raster.MIXED_GUARD)
         + shifted(values["along"], coarser + 2 * m),
     }
 
@@ -84,11 +78,6 @@ def clipped(format, values: np.ndarray) -> np.ndarray:
 def shifted(values: np.ndarray, right: np.ndarray) -> np.ndarray:
     """values · 2^−right, floor."""
     return values << np.clip(-right, 0, 40) >> np.clip(right, 0, 62)
-
-
-def setup_constants(config: Config) -> tuple[int, int]:
-    """Bits below the point of E's coefficients and of a normalised factor."""
-    return config.exponent_fraction, raster.factor_fraction(config)
 
 
 @njit(inline="always")
@@ -105,13 +94,12 @@ def outside(value, integer, fraction):
 
 
 @njit(cache=True)
-def quadratic(splat, column, row, constants, coefficients):
+def quadratic(splat, column, row, fraction, coefficients):
     """E's coefficients around the tile at (column, row) of the image; False if it is too far away.
 
-    splat: a row of `prepare`. coefficients [8]: e, gx, gy, cxx, cxy, cyy, and the way from the
-    splat's centre to the tile's in steps of `POSITION`.
+    splat: a row of `prepare`. fraction: `Config.exponent_fraction`. coefficients [6]: e, gx, gy,
+    cxx, cxy, cyy.
     """
-    fraction, factor = constants
     u, v, scale, across, along, k, m, across_shift, along_shift, lean_shift, shear, slope = splat[
         :12
     ]
@@ -119,20 +107,19 @@ def quadratic(splat, column, row, constants, coefficients):
     dy = (row * TILE_STEPS + HALF_TILE >> scale) - v
     lean = shift(shear * dy, lean_shift)
     guard = fraction - POSITION_FRACTION
-    if outside(lean, POSITION_INTEGER + 1, fraction):
+    if outside(lean, raster.LEAN_INTEGER, fraction):
         return False
     t = shift((dx << guard) - lean, across_shift)
     d = shift(dy << guard, along_shift)
     if outside(t, raster.LENGTH_INTEGER, fraction) or outside(d, raster.LENGTH_INTEGER, fraction):
         return False
-    slope_t, slope_d = across * t >> factor, along * d >> factor
-    e = -(splat[17] << (fraction - OPACITY_FRACTION))
+    slope_t, slope_d = across * t >> raster.FACTOR_FRACTION, along * d >> raster.FACTOR_FRACTION
+    e = -(splat[15] << (fraction - OPACITY_FRACTION))
     e -= (slope_t * t >> fraction) + (slope_d * d >> fraction)
     gx = -shift(slope_t, k - 1)
-    gy = 2 * (slope * slope_t >> SHEAR_FRACTION) - shift(slope_d, m - 1)
+    gy = 2 * (slope * slope_t >> SLOPE_FRACTION) - shift(slope_d, m - 1)
     coefficients[0], coefficients[1], coefficients[2] = e, gx, gy
     coefficients[3:6] = splat[12:15]
-    coefficients[6], coefficients[7] = dx, dy
     return not (
         outside(e, raster.EXPONENT_INTEGER, fraction)
         or outside(gx, raster.GRADIENT_INTEGER, fraction)

@@ -1,10 +1,10 @@
 """The machine's two AXI ports: who reads and writes memory, and how much at a time.
 
-One AXI4 master of `Config.port` bits (INCR bursts, full beats) and one AXI4-Lite slave
-(`spec.registers`). Addresses inside the machine count beats of 128 bits whatever the port's width;
-a beat of a wider port is two of them, the first at an even address. A reader has the ID of its
-place in `READERS`, a writer of its place in `WRITERS`; what has one ID stays in order, and nothing
-relies on more.
+One AXI4 master of `Config.port` bits (INCR bursts of full beats; a splat's features are read as a
+part of a beat where the port is wider than they are) and one AXI4-Lite slave (`spec.registers`).
+Addresses inside the machine count beats of 128 bits whatever the port's width; a beat of a wider
+port is two of them, the first at an even address. A reader has the ID of its place in `READERS`, a
+writer of its place in `WRITERS`; what has one ID stays in order, and nothing relies on more.
 """
 
 from splatcore.spec.config import Config
@@ -70,9 +70,16 @@ def port_bytes(config: Config) -> int:
     return config.port // 8
 
 
+def read_bytes(config: Config, reader: str) -> int:
+    """Bytes of a beat that comes back to a reader: features are read as parts of a beat."""
+    return BEAT if reader == "features" else port_bytes(config)
+
+
 def read_record() -> Record:
-    """A burst to be read. beat: where it begins; length: the port's beats less one."""
-    return Record("read", {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS)})
+    """A burst to be read. beat: where it begins; length: the port's beats less one. narrow: it is a
+    single beat of the machine, in the part of the port's beat that its address says."""
+    fields = {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS), "narrow": Bits(1)}
+    return Record("read", fields)
 
 
 def range_record(count_bits: int) -> Record:
@@ -83,6 +90,7 @@ def range_record(count_bits: int) -> Record:
 def write_record(config: Config) -> Record:
     """A beat of the port to be written. beat: where the burst begins, the same for all its beats,
     as is length (its beats less one)."""
-    fields = dict(read_record().fields) | {"strobe": Bits(port_bytes(config))}
+    fields = {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS)}
+    fields |= {"strobe": Bits(port_bytes(config))}
     words = range(config.port // WRITE_BITS)
     return Record("write", fields | {f"data{k}": Bits(WRITE_BITS) for k in words})

@@ -138,7 +138,7 @@ class Config:
         11, limits=(7, 16), tried=(9, 10, 13), coarse=10, fine=13, bounds=("transmittance",)
     )
     colour_fraction: int = bits(  # of a splat's colour below the point
-        9, limits=(6, 12), tried=(7, 8, 10), coarse=8, fine=10, in_features=True
+        9, limits=(6, 9), tried=(6, 7, 8), coarse=8, fine=9, in_features=True
     )
     sum_fraction: int = bits(  # of a pixel's colour below the point
         13, limits=(9, 16), tried=(10, 12, 15), coarse=12, fine=15,

@@ -33,7 +33,7 @@ import numpy as np
 from splatcore.spec.colour import CHANNELS, COLOUR_INTEGER, colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
-from splatcore.spec.group import feature_record
+from splatcore.spec.feature import FACTOR, POSITION, SCALE_MAX, SHEAR, feature_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
 from splatcore.spec.record import Array, Format, Record
@@ -45,37 +45,26 @@ STEPS = tuple(range(1 - BLOCKS, BLOCKS, 2))
 """−3, −1, 1, 3: centres of a tile's blocks in steps of 2 pixels, and of a block's pixels in steps
 of half a pixel."""
 
-POSITION = Fixed(13, 8, signed=True)
-"""A splat's centre, in units of 2^scale pixels; scale is 0 but for centres more than 2^13 pixels
-away."""
-
-SCALE_MAX = 15
-"""A centre that is farther away than 2^28 pixels is taken for one at that distance."""
-
 SHIFT = Bits(6)
 """k, m and shifts that follow from them, from `SHIFT_MIN` on."""
 
 SHIFT_MIN = -16
 """No shift is below: k and m are at least −1, scale is at most `SCALE_MAX`."""
 
-LEAN_RIGHT_MAX = 42
-"""From this shift on to the right nothing is left of shear·dy."""
+LEAN_INTEGER = 14
+"""Bits before the point of shear·dy, in units of 2^scale pixels; what is more is too far away."""
 
 LENGTH_INTEGER = 5
 """Bits before the point of a normalised length."""
 
-SHEAR = Fixed(2, 16, signed=True)
+SLOPE = Fixed(2, 16, signed=True)
 """shear / 2^k: below √(2 · 2.41) by the blur."""
 
-EXTENT = Fixed(5, 3)
-"""Half of a splat's width or height in pixels, rounded up; the largest code stands for any
-larger one."""
+FACTOR_FRACTION = FACTOR.fraction + 1
+"""Bits below the point of a normalised factor, which so holds any factor exactly."""
 
-MARK_SLACK = 2
-"""Steps of `EXTENT` that cover the roundings of a centre and of the way to it."""
-
-BLOCK_REACH = (BLOCK - 1 << EXTENT.fraction >> 1) + MARK_SLACK
-"""From a block's centre to its last pixel and the slack, in steps of `EXTENT`."""
+MIXED_GUARD = 3
+"""Bits of factor·slope below those of E's second differences, which follow from it."""
 
 EXPONENT_INTEGER = 9
 """Bits before the point of −E at a tile's centre."""
@@ -93,14 +82,14 @@ HALVING_BITS = (POWER_SHIFTS - 1).bit_length()
 """Width of their number."""
 
 
-def factor_fraction(config: Config) -> int:
-    """Bits below the point of a normalised factor, which so holds any factor exactly."""
-    return config.arithmetic.fraction + 1
+def mixed_shift(config: Config) -> int:
+    """Shift to the right of the product of a factor and a slope."""
+    return SLOPE.fraction + FACTOR_FRACTION - config.exponent_fraction - MIXED_GUARD
 
 
 def lean_unit(config: Config) -> int:
     """Shift of shear·dy to the right to a length, for a shear of exponent 0."""
-    return config.arithmetic.fraction + POSITION.fraction - config.exponent_fraction
+    return SHEAR.fraction + POSITION.fraction - config.exponent_fraction
 
 
 def prepared_record(config: Config) -> Record:
@@ -109,15 +98,14 @@ def prepared_record(config: Config) -> Record:
     u, v, scale: its centre. across, along: normalised factors; k and m. across_shift: k − scale,
     along_shift: m − scale. shear, lean_shift: significand, and by how much the product of it and dy
     is to be shifted to the right to be a length. slope: shear / 2^k. cxx, cxy, cyy: E's second
-    differences. half_width, half_height: pixels.
+    differences.
     """
-    factor = Bits(factor_fraction(config) + 1)
+    factor = Bits(FACTOR_FRACTION + 1)
     fields = {"u": POSITION, "v": POSITION, "scale": Bits(SCALE_MAX.bit_length())}
     fields |= {"across": factor, "along": factor, "k": SHIFT, "m": SHIFT}
     fields |= {"across_shift": SHIFT, "along_shift": SHIFT, "lean_shift": SHIFT}
-    fields |= {"shear": Bits(config.arithmetic.fraction + 2), "slope": SHEAR}
-    fields |= curvature_formats(config)
-    fields |= {"half_width": EXTENT, "half_height": EXTENT, "opacity": OPACITY}
+    fields |= {"shear": Bits(SHEAR.fraction + 2), "slope": SLOPE}
+    fields |= curvature_formats(config) | {"opacity": OPACITY}
     return Record("prepared", fields | colours(config))
 
 
@@ -199,11 +187,8 @@ def pair_record(config: Config) -> Record:
 
 
 def around_record(config: Config) -> Record:
-    """E around a tile. far: it is too far away. columns, rows: those of its blocks that the splat's
-    box reaches.
-    """
-    fields = {"quadratic": quadratic_record(config), "far": Bits(1), "columns": Bits(BLOCKS)}
-    fields |= {"rows": Bits(BLOCKS), "tile": tile_format(config)}
+    """E around a tile. far: it is too far away."""
+    fields = {"quadratic": quadratic_record(config), "far": Bits(1), "tile": tile_format(config)}
     return Record("around", fields | colours(config) | {"end": Bits(1)})
 
 

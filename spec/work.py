@@ -11,7 +11,7 @@ green and blue, 8 bits each.
 
 from dataclasses import dataclass
 
-from splatcore.spec.axi import BOUNDARY, LINE
+from splatcore.spec.axi import BEAT, BOUNDARY
 from splatcore.spec.binning import PAGE_BITS, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, ENTRY_BITS
@@ -24,8 +24,8 @@ WORK_ALIGNMENT = BOUNDARY
 SLOT = ENTRY_BITS // 8
 """Bytes of an entry, and of a group in the table."""
 
-FEATURE = LINE
-"""Bytes from a feature to the next one."""
+FEATURE = BEAT
+"""Bytes of a splat's features."""
 
 PIXEL = 3
 """Bytes of a pixel."""

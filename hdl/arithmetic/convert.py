@@ -11,20 +11,21 @@ from splatcore.spec.number import Fixed, Float
 
 
 class Convert(wiring.Component):
-    """o = i in another floating-point format, rounded once; NaN becomes 0 if that has none.
+    """o = i · 2^scale in another floating-point format, rounded once.
 
     Members
         i: code of `source`.
-        o: code of `target`.
+        o: code of `target`; of a NaN 0, if that has none.
         enable: the pipeline moves; while it is low everything stays where it is.
 
     Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
     """
 
-    def __init__(self, source: Float, target: Float, latency: int):
+    def __init__(self, source: Float, target: Float, latency: int, scale: int = 0):
         self.source, self.target = source, target
+        self.rebias = target.bias - source.bias + scale
         # Subnormal values that are so in the target as well remain as they are.
-        normalise = target.bias > source.bias or not target.subnormal
+        normalise = self.rebias > 0 or not target.subnormal
         self.zeros = source.fraction + 1 if source.subnormal and normalise else 1
         self.registers = spread(latency, Round.cuts(target, self.zeros))
         super().__init__({"i": In(source.width), "o": Out(target.width), "enable": In(1)})
@@ -33,8 +34,7 @@ class Convert(wiring.Component):
         m = Module()
         m.submodules.unpack = unpack = Unpack(self.source)
         i = operand(self.source)
-        rebias = self.target.bias - self.source.bias
-        exponents = range(i.exponents[0] + rebias, i.exponents[-1] + rebias + 1)
+        exponents = range(i.exponents[0] + self.rebias, i.exponents[-1] + self.rebias + 1)
         layout = Unpacked(exponents, self.source.fraction + 2, i.special)
         m.submodules.round = rounder = Round(self.target, layout, self.zeros, self.registers)
         sign = unpack.o.sign
@@ -43,7 +43,7 @@ class Convert(wiring.Component):
         m.d.comb += [
             unpack.i.eq(self.i),
             rounder.i.sign.eq(sign),
-            rounder.i.exponent.eq(unpack.o.exponent + rebias),
+            rounder.i.exponent.eq(unpack.o.exponent + self.rebias),
             rounder.i.significand.eq(unpack.o.significand),
             *rounder.i.flag(unpack.o.infinity, unpack.o.nan),
             rounder.enable.eq(self.enable),

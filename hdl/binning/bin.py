@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.arithmetic.convert import ToFixed
+from splatcore.hdl.arithmetic.convert import Convert, ToFixed
 from splatcore.hdl.binning.gather import Gather
 from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.hdl.binning.outline import Outline
@@ -18,18 +18,23 @@ from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.colour import scaled_colours, unscaled_colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.depth import key_shift, low_bits
-from splatcore.spec.group import (
-    EXTENT_FRACTION,
-    SPLAT_BITS,
+from splatcore.spec.feature import (
+    FACTOR,
+    FACTOR_SCALE,
+    POSITION,
+    SCALE_MAX,
+    SHEAR,
     feature_record,
-    key_format,
+    short_colours,
 )
+from splatcore.spec.group import SPLAT_BITS, key_format
+from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Fixed
 from splatcore.spec.raster import COLOURS
 
 COUNTED = tuple(counters.BIN)
 
-SPLATS_INSIDE = 32  # splats whose features wait until it is known whether they touch a tile
+SPLATS_INSIDE = 32  # splats that wait until it is known whether they touch a tile
 
 
 class Bin(wiring.Component):
@@ -106,35 +111,29 @@ class Bin(wiring.Component):
         """Features and depth keys, which wait until their splats' tiles are known."""
         format, splat = self.config.arithmetic, self.i.payload
         colour = unscaled_colour_format(self.config)
+        floats = dict.fromkeys(("u", "v", "shear", "across", "along"), format.width)
         shape = data.StructLayout(
-            {
-                "feature": layout(feature_record(self.config)),
-                "colours": data.StructLayout(dict.fromkeys(COLOURS, colour.width)),
-                "key": key_format(self.config).width,
-            }
+            floats
+            | {"scale": SCALE_MAX.bit_length(), "opacity": OPACITY.width}
+            | dict.fromkeys(COLOURS, colour.width)
+            | {"key": key_format(self.config).width}
         )
         m.submodules.splats = queue = Queue(shape, SPLATS_INSIDE, memory=True)
-        feature = queue.i.payload.feature
-        for name in ("u", "v", "shear"):
-            m.d.comb += feature[name].eq(splat[name])
-        for name in ("across", "along"):
-            m.d.comb += feature[name].eq(splat[f"power_{name}"])
-        for name in ("half_width", "half_height"):  # rounded up
-            extent = splat[name][format.fraction - EXTENT_FRACTION :]
-            largest = (1 << len(feature[name])) - 1
-            m.d.comb += feature[name].eq(Mux(extent < largest, extent + 1, largest))
-        steps = Fixed(len(feature.opacity), 0)
-        fixed = {}
+        i = queue.i.payload
+        for name in floats:
+            source = splat[f"power_{name}" if name in ("across", "along") else name]
+            m.d.comb += i[name].eq(source)
+        steps = Fixed(OPACITY.width, 0)
+        fixed = {"opacity": (steps, splat.attenuation)}
         for name in COLOURS:
-            code = queue.i.payload.colours[name]
             if self.config.colours == "array":
-                fixed[name] = colour, splat[name], code
+                fixed[name] = colour, splat[name]
             else:
-                m.d.comb += code.eq(splat[name])
-        fixed["opacity"] = steps, splat.attenuation, feature.opacity
-        for name, (target, source, code) in fixed.items():
+                m.d.comb += i[name].eq(splat[name])
+        for name, (target, source) in fixed.items():
             m.submodules[f"fixed_{name}"] = convert = ToFixed(format, target, 0)
-            m.d.comb += [convert.i.eq(source), convert.enable.eq(1), code.eq(convert.o)]
+            m.d.comb += [convert.i.eq(source), convert.enable.eq(1), i[name].eq(convert.o)]
+        m.d.comb += i.scale.eq(self._scale(splat.u, splat.v))
 
         m.d.comb += [
             queue.i.payload.key.eq(self._key(splat)),
@@ -145,6 +144,37 @@ class Bin(wiring.Component):
             queue.i.valid.eq(self.i.valid & self.i.ready & self.outline.seen),
         ]
         return queue.o
+
+    def _scale(self, u: Value, v: Value) -> Value:
+        """`spec.feature.centre_codes`, from the exponents."""
+        format, unit = self.config.arithmetic, self.config.screen_exponent
+        u, v = (code[format.fraction :][: format.exponent] for code in (u, v))
+        farther = Mux(u > v, u, v)
+        beyond = farther - (format.bias - unit - 1 + POSITION.integer)
+        beyond = Mux(beyond < 0, 0, Mux(beyond > SCALE_MAX, SCALE_MAX, beyond))
+        if format.overflow == "infinity":
+            beyond = Mux(farther.all(), SCALE_MAX, beyond)
+        return beyond
+
+    def _features(self, m: Module, splat: data.View) -> dict[str, Value]:
+        """The fields of `feature_record` for what has waited."""
+        format, unit = self.config.arithmetic, self.config.screen_exponent
+        found = {"scale": splat.scale, "opacity": splat.opacity}
+        for name in ("u", "v"):
+            scales = range(unit - SCALE_MAX, unit + 1)
+            m.submodules[name] = fixed = ToFixed(format, POSITION, 0, scales)
+            m.d.comb += fixed.scale.eq(unit - splat.scale)
+            found[name] = fixed
+        for name in ("across", "along"):
+            m.submodules[name] = found[name] = Convert(format, FACTOR, 0, FACTOR_SCALE - 2 * unit)
+        m.submodules.shear = found["shear"] = Convert(format, SHEAR, 0)
+        for name in ("u", "v", "across", "shear", "along"):
+            convert = found[name]
+            m.d.comb += [convert.i.eq(splat[name]), convert.enable.eq(1)]
+            found[name] = convert.o
+        for name in COLOURS:
+            found[name] = short_colours(self.config, scaled_colours(splat[name]), Mux)
+        return found
 
     def _key(self, splat: data.View) -> Value:
         """The key of a splat's depth, by `spec.depth`."""
@@ -193,10 +223,9 @@ class Bin(wiring.Component):
             entry.payload.entry.splat.eq(number),
             entry.payload.entry.mask.eq(part.payload.mask),
             self.features.valid.eq(both & kept & ~had_feature),
-            self.features.payload.eq(splat.payload.feature),
             *(
-                self.features.payload[name].eq(scaled_colours(splat.payload.colours[name]))
-                for name in COLOURS
+                self.features.payload[name].eq(value)
+                for name, value in self._features(m, splat.payload).items()
             ),
             through.eq(
                 both

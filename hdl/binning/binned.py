@@ -10,7 +10,8 @@ from splatcore.hdl.memory.write_combiner import WriteCombiner
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, write_record
 from splatcore.spec.binning import burst_record, group_record, groups_max
 from splatcore.spec.config import Config
-from splatcore.spec.group import SPLAT_BITS, feature_record
+from splatcore.spec.feature import feature_record
+from splatcore.spec.group import SPLAT_BITS
 from splatcore.spec.work import FEATURE, SLOT
 
 WRITING = ("features", "lists", "groups")
@@ -29,7 +30,7 @@ class Binned(wiring.Component):
         finish: nothing more comes. empty: nothing is inside.
         writes: to memory, for each of `WRITING`.
 
-    **Timing**: a feature or a burst of four slots in two cycles, a group in one.
+    **Timing**: two features in three cycles, a burst of four slots in two, a group in one.
     """
 
     def __init__(self, config: Config):
@@ -52,21 +53,22 @@ class Binned(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        self._features(m)
+        features, groups = self._features(m), self._groups(m)
         self._lists(m)
-        self._groups(m)
+        m.d.comb += self.empty.eq(features.empty & groups.empty)
         return m
 
-    def _features(self, m: Module):
-        m.submodules.features = store = Store(self.config, FEATURE // BEAT)
-        connect(m, store.writes, flipped(self.writes[WRITING.index("features")]))
+    def _features(self, m: Module) -> WriteCombiner:
+        m.submodules.features = line = WriteCombiner(self.config, FEATURE)
+        connect(m, line.writes, flipped(self.writes[WRITING.index("features")]))
         number, i = Signal(SPLAT_BITS), self.features
         room = number != self.features_max
         m.d.comb += [
-            store.i.valid.eq(i.valid & room),
-            store.i.payload.beat.eq(self.features_at + number * (FEATURE // BEAT)),
-            store.i.payload.data.eq(i.payload.as_value()),
-            i.ready.eq(store.i.ready | ~room),
+            line.i.valid.eq(i.valid & room),
+            line.i.payload.slot.eq(self.features_at + number),
+            line.i.payload.data.eq(i.payload.as_value()),
+            line.flush.eq(self.finish),
+            i.ready.eq(line.i.ready | ~room),
         ]
         with m.If(i.valid & i.ready):
             with m.If(room):
@@ -75,6 +77,7 @@ class Binned(wiring.Component):
                 m.d.sync += self.exceeded.eq(1)
         with m.If(self.clear):
             m.d.sync += [number.eq(0), self.exceeded.eq(0)]
+        return line
 
     def _lists(self, m: Module):
         beats = self.config.burst * SLOT // BEAT
@@ -85,8 +88,8 @@ class Binned(wiring.Component):
         m.d.comb += store.i.payload.beat.eq(self.lists_at + burst.address * beats)
         m.d.comb += [store.i.payload.data.eq(Cat(burst.slots)), self.bursts.ready.eq(store.i.ready)]
 
-    def _groups(self, m: Module):
-        m.submodules.groups = line = WriteCombiner(self.config)
+    def _groups(self, m: Module) -> WriteCombiner:
+        m.submodules.groups = line = WriteCombiner(self.config, SLOT)
         connect(m, line.writes, flipped(self.writes[WRITING.index("groups")]))
         number, i = Signal(range(groups_max(self.config) + 1)), self.groups
         m.d.comb += [
@@ -95,9 +98,9 @@ class Binned(wiring.Component):
             line.i.payload.data.eq(i.payload.as_value()),
             i.ready.eq(line.i.ready),
             line.flush.eq(self.finish),
-            self.empty.eq(line.empty),
         ]
         with m.If(i.valid & i.ready):
             m.d.sync += number.eq(number + 1)
         with m.If(self.clear):
             m.d.sync += number.eq(0)
+        return line

@@ -152,13 +152,16 @@ class Axi(wiring.Component):
     def _address(self, m: Module, channel: str, request):
         """An address channel of the port, from its register."""
         below = exact_log2(spec.port_beats(self.config))  # bits within the port's beat
-        wires = {
+        burst = request.payload.burst
+        part = Mux(burst.narrow, burst.beat[:below], 0)
+        wires = {name: value for name, (_, value) in fixed(self.config).items()}
+        wires |= {
             "id": request.payload.client,
-            "addr": Cat(Const(0, spec.BEAT_BITS + below), request.payload.burst.beat[below:]),
-            "len": request.payload.burst.length,
+            "addr": Cat(Const(0, spec.BEAT_BITS), part[:below], burst.beat[below:]),
+            "len": burst.length,
+            "size": Mux(burst.narrow, spec.BEAT_BITS, wires["size"]),
             "valid": request.valid,
         }
-        wires |= {name: value for name, (_, value) in fixed(self.config).items()}
         for name, value in wires.items():
             m.d.comb += getattr(self.m_axi, channel + name).eq(value)
         m.d.comb += request.ready.eq(getattr(self.m_axi, f"{channel}ready"))

@@ -1,4 +1,4 @@
-"""Gathers slots of 8 bytes that are written to neighbouring addresses into bursts."""
+"""Gathers slots of a few bytes that are written to neighbouring addresses into bursts."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -9,13 +9,10 @@ from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.axi import write_data
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE, LINE_BEATS, write_record
 from splatcore.spec.config import Config
-from splatcore.spec.work import SLOT
-
-SLOTS = LINE // SLOT
 
 
 class WriteCombiner(wiring.Component):
-    """Slots of 8 bytes in, lines out.
+    """Slots of `size` bytes in, lines out.
 
     A slot is gathered with those before it if it is of their line and behind the last of them.
     The line goes out when its last slot has come, when a slot comes that cannot be gathered with
@@ -28,15 +25,16 @@ class WriteCombiner(wiring.Component):
             for slots that have not come.
         empty: all that came has been taken from `writes`.
 
-    **Timing**: four consecutive slots every 5 cycles: while the second beat of a line is offered,
-    slots of the next line's first beat are taken. No path, no multiplier. A port as wide as a line
-    has no second beat.
+    **Timing**: a line of consecutive slots takes a cycle more than it has slots: while its second
+    beat is offered, slots of the next line's first beat are taken. No path, no multiplier. A port
+    as wide as a line has no second beat.
     """
 
-    def __init__(self, config: Config):
-        self.config, self.beat_slots = config, config.port // 8 // SLOT
-        address = BEAT_ADDRESS_BITS + exact_log2(BEAT // SLOT)
-        slot = data.StructLayout({"slot": address, "data": SLOT * 8})
+    def __init__(self, config: Config, size: int):
+        self.config, self.size = config, size
+        self.slots, self.beat_slots = LINE // size, config.port // 8 // size
+        address = BEAT_ADDRESS_BITS + exact_log2(BEAT // size)
+        slot = data.StructLayout({"slot": address, "data": size * 8})
         ports = {
             "i": In(stream.Signature(slot)),
             "flush": In(1),
@@ -44,12 +42,12 @@ class WriteCombiner(wiring.Component):
             "empty": Out(1),
         }
         super().__init__(ports)
-        self.line_bits = address - exact_log2(SLOTS)
+        self.line_bits = address - exact_log2(self.slots)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        slots = data.ArrayLayout(SLOT * 8, SLOTS)
-        gathered, present = Signal(slots, reset_less=True), Signal(SLOTS)
+        slots = data.ArrayLayout(self.size * 8, self.slots)
+        gathered, present = Signal(slots, reset_less=True), Signal(self.slots)
         line, written = (
             Signal(self.line_bits, name=name, reset_less=True) for name in ("line", "written")
         )
@@ -57,7 +55,7 @@ class WriteCombiner(wiring.Component):
         slot = self.i.payload.slot
         position, address = slot[: -self.line_bits], slot[-self.line_bits :]
         # While the second beat is offered, its slots belong to the line before.
-        of_line = Signal(SLOTS)
+        of_line = Signal(self.slots)
         behind, fits, room = Signal(), Signal(), Signal()
         m.d.comb += [
             of_line.eq(Mux(second, present[: self.beat_slots], present)),
@@ -70,14 +68,14 @@ class WriteCombiner(wiring.Component):
         self._offer(m, gathered, present, written, first, second)
         left = self.writes.valid & self.writes.ready
         with m.If(left & first):
-            two = self.beat_slots < SLOTS
+            two = self.beat_slots < self.slots
             m.d.sync += [first.eq(0), second.eq(two), present[: self.beat_slots].eq(0)]
         with m.If(left & second):
             m.d.sync += [second.eq(0), present[self.beat_slots :].eq(0)]
         takes = self.i.valid & self.i.ready
         with m.If(takes):
             m.d.sync += line.eq(address)
-            for k in range(SLOTS):
+            for k in range(self.slots):
                 with m.If(position == k):
                     m.d.sync += [gathered[k].eq(self.i.payload.data), present[k].eq(1)]
         whole = takes & position.all()
@@ -90,11 +88,11 @@ class WriteCombiner(wiring.Component):
     def _offer(self, m: Module, gathered, present, written, first: Value, second: Value):
         """A beat of the line."""
         bits, size = self.config.port, self.config.port // 8
-        data, strobes = Value.cast(gathered), Cat(bit.replicate(SLOT) for bit in present)
+        data, strobes = Value.cast(gathered), Cat(bit.replicate(self.size) for bit in present)
         m.d.comb += [
             self.writes.valid.eq(first | second),
             self.writes.payload.beat.eq(written << exact_log2(LINE_BEATS)),
-            self.writes.payload.length.eq(SLOTS // self.beat_slots - 1),
+            self.writes.payload.length.eq(self.slots // self.beat_slots - 1),
             self.writes.payload.strobe.eq(Mux(second, strobes[size:], strobes[:size])),
             write_data(self.config, self.writes.payload).eq(Mux(second, data[bits:], data[:bits])),
         ]

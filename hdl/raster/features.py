@@ -1,15 +1,17 @@
 """Reads the features of sorted splats from memory, ahead of rasterizing."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.spec import group, raster, work
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, port_bytes, read_record
+from splatcore.spec import group, raster
+from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, port_beats, read_record
 from splatcore.spec.config import Config
+from splatcore.spec.feature import feature_record
 
 FEATURES_WAITING = 48  # features that may be on their way or wait: what hides memory's latency
 ENDS_WAITING = 8  # groups' ends among them
@@ -28,7 +30,7 @@ class Features(wiring.Component):
             is the same, has any; its further splats are dropped.
         reads, data: to and from memory.
 
-    **Timing**: a splat in two cycles, `FEATURES_WAITING` on their way.
+    **Timing**: a splat in a cycle, `FEATURES_WAITING` on their way.
     """
 
     def __init__(self, config: Config):
@@ -51,12 +53,12 @@ class Features(wiring.Component):
         depth = FEATURES_WAITING + ENDS_WAITING
         m.submodules.order = waiting = Queue(order, depth, memory=True)
         m.submodules.features = features = Queue(
-            layout(group.feature_record(self.config)), FEATURES_WAITING, memory=True
+            layout(feature_record(self.config)), FEATURES_WAITING, memory=True
         )
         reserved = Signal(range(FEATURES_WAITING + 1))  # features on their way or waiting
         ends = Signal(range(depth + 1))  # groups' ends inside
         taken = self._ask(m, waiting.i, reserved)
-        self._collect(m, features.i)
+        self._collect(m, features.i, taken)
         given = self._give(m, waiting.o, features.o)
         i, o = self.i, self.o
         for count, comes, goes in (
@@ -77,8 +79,8 @@ class Features(wiring.Component):
         drops = self.known & ~(i.payload.mask & self.live).any() & ~i.payload.end
         m.d.comb += [
             read.valid.eq(i.valid & ~i.payload.end & room & ~drops),
-            read.payload.beat.eq(self.features_at + i.payload.splat * (work.FEATURE // BEAT)),
-            read.payload.length.eq(work.FEATURE // port_bytes(self.config) - 1),
+            read.payload.beat.eq(self.features_at + i.payload.splat),
+            read.payload.narrow.eq(port_beats(self.config) > 1),
             taken.eq(read.valid & read.ready),
             order.payload.mask.eq(i.payload.mask),
             order.payload.end.eq(i.payload.end),
@@ -87,17 +89,24 @@ class Features(wiring.Component):
         ]
         return taken
 
-    def _collect(self, m: Module, features: stream.Interface):
-        """A beat or two make a feature; there is always room."""
-        beat = self.data.payload
-        m.d.comb += [self.data.ready.eq(1), features.valid.eq(self.data.valid & beat.last)]
-        feature = beat.beat
-        if self.config.port < work.FEATURE * 8:
-            low = Signal(self.config.port, reset_less=True)
-            feature = Cat(low, beat.beat)
-            with m.If(self.data.valid):
-                m.d.sync += low.eq(beat.beat)
-        m.d.comb += features.payload.eq(feature)
+    def _collect(self, m: Module, features: stream.Interface, taken: Signal):
+        """A beat that comes back has a feature in the part that was asked for; there is always
+        room. taken: one is asked for."""
+        beats = port_beats(self.config)
+        part = 0
+        if beats > 1:
+            m.submodules.parts = parts = Queue(exact_log2(beats), FEATURES_WAITING, memory=True)
+            m.d.comb += [
+                parts.i.payload.eq(self.features_at + self.i.payload.splat),
+                parts.i.valid.eq(taken),
+                parts.o.ready.eq(self.data.valid),
+            ]
+            part = parts.o.payload
+        m.d.comb += [
+            self.data.ready.eq(1),
+            features.valid.eq(self.data.valid),
+            features.payload.eq(self.data.payload.beat.word_select(part, DATA_BITS)),
+        ]
 
     def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
         """Splats with their features; returns a bit: one leaves."""

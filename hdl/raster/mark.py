@@ -38,8 +38,7 @@ class Mark(wiring.Component):
     """Marks the blocks in which E can be as high as each of their levels asks for.
 
     A block is left out if the plane that touches E at the block's centre is too low in all of the
-    block (E is concave, so it is nowhere above that plane), or if the splat's box does not reach
-    it. The first test is sharp for large splats, the second for small ones.
+    block: E is concave, so it is nowhere above that plane.
 
     Members
         i: `around_record`.
@@ -67,11 +66,10 @@ class Mark(wiring.Component):
         e, gx, gy, cxy = (i.quadratic[name].as_signed() for name in ("e", "gx", "gy", "cxy"))
         cxx, cyy = i.quadratic.cxx, i.quadratic.cyy
         carried = [i[name] for name in CARRIED]
-        near = Cat(i.columns & (row & ~i.far).replicate(len(STEPS)) for row in i.rows)
         lines = [e + ((times(gy, q) << 1) - (times(cyy, q * q) << 2)) for q in STEPS]
         slopes_x = [gx + (times(cxy, q) << 1) for q in STEPS]
         slopes_y = [gy - (times(cyy, q) << 2) for q in STEPS]
-        near, *rest = pipeline.cut("lines", near, *lines, *slopes_x, *slopes_y, *carried)
+        near, *rest = pipeline.cut("lines", ~i.far, *lines, *slopes_x, *slopes_y, *carried)
         lines, slopes_x, slopes_y, carried = rest[:4], rest[4:8], rest[8:12], rest[12:]
 
         quadratic = carried[0]
@@ -93,7 +91,7 @@ class Mark(wiring.Component):
         for least in higher:
             steps = least - lowest >> self.config.exponent_fraction
             reached.append(Cat(bound >= steps for bound in whole))
-        blocks = [near & level for level in reached]
+        blocks = [Mux(near, level, 0) for level in reached]
         cut = pipeline.cut("marked", *blocks, *carried)
         m.d.comb += self.o.blocks.as_value().eq(Cat(cut[: len(blocks)]))
         for name, value in zip(CARRIED, cut[len(blocks) :], strict=True):

@@ -46,7 +46,7 @@ class Pixels(wiring.Component):
     Members
         start: a frame begins. width, height: of its image, pixels; groups: how many it has;
             pixels_at, stride_beats: its address in memory and the distance of its rows, in beats.
-        background: a colour (`spec.group.colour_format`), that of groups without a splat.
+        background: a colour (`spec.colour.colour_format`), that of groups without a splat.
         positions: stream of `position_record`, the groups with splats in their order.
         empty: stream of `position_record`, the groups without.
         i: streams of `pixels_record`, one for each rasterizer: the blocks within the image of the

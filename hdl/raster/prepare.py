@@ -7,21 +7,20 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Pipe
+from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
-from splatcore.spec.group import extent_format
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, SHEAR, whole_colours
 from splatcore.spec.number import Fixed, Float
 from splatcore.spec.raster import (
     COLOURS,
-    EXTENT,
-    LEAN_RIGHT_MAX,
-    POSITION,
-    SCALE_MAX,
-    SHEAR,
+    FACTOR_FRACTION,
+    MIXED_GUARD,
     SHIFT,
     SHIFT_MIN,
-    factor_fraction,
+    SLOPE,
     featured_record,
     lean_unit,
+    mixed_shift,
     readied_record,
 )
 
@@ -71,12 +70,12 @@ class Prepare(wiring.Component):
         i: stream of `featured_record`: a splat with the tiles it reaches, or a group's end.
         o: stream of `readied_record`, the same in the integers of setup.
 
-    **Timing**: a splat a cycle, `len(CUTS)` cycles; two multipliers of about 18 × 19 bits.
+    **Timing**: a splat a cycle, `len(CUTS)` cycles; two multipliers, of 11 and 18 × 19 bits.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        self.coarser = factor_fraction(config) - config.exponent_fraction
+        self.colour_bits = colour_format(config).width
         ports = {
             "i": In(stream.Signature(layout(featured_record(config)))),
             "o": Out(stream.Signature(layout(readied_record(config)))),
@@ -91,9 +90,9 @@ class Prepare(wiring.Component):
         self.pipeline = Pipeline(m, pipe.enable, dict.fromkeys(CUTS, 1))
         values = self._cut("parts", self._parts())
         values = self._cut("shifted", self._shifted(values))
-        values["mixed"] = (values["across"] * values["slope"]) >> SHEAR.fraction
+        values["mixed"] = (values["across"] * values["slope"]) >> mixed_shift(self.config)
         values = self._cut("mixed", values)
-        right = SHEAR.fraction + self.coarser
+        right = SLOPE.fraction + MIXED_GUARD
         values["squared"] = (values["mixed"] * values["slope"]) >> right
         values = self._cut("squared", values)
         values |= self._curvature(values)
@@ -109,70 +108,44 @@ class Prepare(wiring.Component):
 
     def _parts(self) -> dict[str, Value]:
         """Exponents and significands, and shifts that follow from exponents alone."""
-        format, unit = self.config.arithmetic, self.config.screen_exponent
         i = self.i.payload
-        parts = {
-            name: Parts(format, i.splat[name]) for name in ("u", "v", "across", "along", "shear")
-        }
-        one, other = parts["u"].exponent, parts["v"].exponent
-        far = Mux(one > other, one, other) + (unit + 1 - POSITION.integer)
-        scale = Mux(far < 0, 0, Mux(far > SCALE_MAX, SCALE_MAX, far))
-        values = {"scale": scale[: SCALE_MAX.bit_length()], "mask": i.mask, "end": i.end}
-        for name in ("u", "v", "shear"):
-            values[name] = parts[name].significand
-            values[f"{name}_exponent"] = parts[name].exponent
+        values = {"mask": i.mask, "end": i.end}
+        values |= {name: i.splat[name] for name in ("u", "v", "scale", "opacity")}
         for name, shift in (("across", "k"), ("along", "m")):
-            power = parts[name].exponent - 2 * unit
-            magnitude = parts[name].magnitude
+            factor = Parts(FACTOR, i.splat[name])
+            power = factor.exponent - FACTOR_SCALE
             values[shift] = (-((power + 1) >> 1))[: SHIFT.width].as_signed()
-            values[name] = Mux(power[0], magnitude, magnitude << 1)
-        for name in ("half_width", "half_height"):
-            extent = Parts(extent_format(self.config), i.splat[name])
-            values |= {name: extent.magnitude, f"{name}_exponent": extent.exponent}
-        return values | {name: i.splat[name] for name in ("opacity", *COLOURS)}
+            values[name] = Mux(power[0], factor.magnitude, factor.magnitude << 1)
+        shear = Parts(SHEAR, i.splat.shear)
+        values |= {"shear": shear.significand, "shear_exponent": shear.exponent}
+        for name in COLOURS:
+            values[name] = whole_colours(self.config, i.splat[name], Mux)[: self.colour_bits]
+        return values
 
     def _shifted(self, values: dict[str, Value]) -> dict[str, Value]:
         """Numbers in the formats of `prepared_record`."""
-        format, unit = self.config.arithmetic, self.config.screen_exponent
         done = dict(values)
-        for name in ("u", "v"):
-            right = values["scale"] - done.pop(f"{name}_exponent")
-            right += format.fraction - unit - POSITION.fraction
-            done[name] = fitted(values[name], right, format, POSITION)
-        exponent, k, along = done.pop("shear_exponent"), values["k"], values["m"]
-        right = k - exponent + (format.fraction - SHEAR.fraction)
-        done["slope"] = fitted(values["shear"], right, format, SHEAR)
-        lean = lean_unit(self.config) - exponent
-        lean = Mux(lean < SHIFT_MIN, SHIFT_MIN, Mux(lean > LEAN_RIGHT_MAX, LEAN_RIGHT_MAX, lean))
-        shifts = {"k": k, "m": along, "lean_shift": lean}
-        shifts |= {"across_shift": k - values["scale"], "along_shift": along - values["scale"]}
-        done |= {name: (shift - SHIFT_MIN)[: SHIFT.width] for name, shift in shifts.items()}
-        for name in ("half_width", "half_height"):
-            done[name] = self._extent(values[name], done.pop(f"{name}_exponent"))
-        return done
-
-    def _extent(self, magnitude: Value, exponent: Value) -> Value:
-        """Half a width or height in pixels, rounded up: −⌊−x⌋."""
-        format = extent_format(self.config)
-        right = format.fraction - EXTENT.fraction - self.config.screen_exponent - exponent
-        room = EXTENT.width - format.fraction - 1
-        less = fitted((-magnitude).as_signed(), right, format, EXTENT)
-        return Mux(right < -room, (1 << EXTENT.width) - 1, (-less)[: EXTENT.width])
+        exponent, k, m = done.pop("shear_exponent"), values["k"], values["m"]
+        right = k - exponent + (SHEAR.fraction - SLOPE.fraction)
+        done["slope"] = fitted(values["shear"], right, SHEAR, SLOPE)
+        shifts = {"k": k, "m": m, "lean_shift": lean_unit(self.config) - exponent}
+        shifts |= {"across_shift": k - values["scale"], "along_shift": m - values["scale"]}
+        return done | {name: (shift - SHIFT_MIN)[: SHIFT.width] for name, shift in shifts.items()}
 
     def _curvature(self, values: dict[str, Value]) -> dict[str, Value]:
         """E's second differences."""
-        coarser = self.coarser
-        room = max(2 - coarser, 0)  # k and m are at least −1
-
-        def shifted(value: Value, right: Value) -> Value:
-            amount = (right + (coarser + room)).as_signed()
-            wide = Cat(Const(0, room), value)
-            wide = wide.as_signed() if value.shape().signed else wide
-            return wide >> _clipped(amount, len(wide))
-
         k, m = values["k"] + SHIFT_MIN, values["m"] + SHIFT_MIN
+        coarser = FACTOR_FRACTION - self.config.exponent_fraction
         return {
-            "cxx": shifted(values["across"], k << 1),
-            "cxy": shifted(values["mixed"], k - 1),
-            "cyy": values["squared"] + shifted(values["along"], m << 1),
+            "cxx": _shifted(values["across"], (k << 1) + coarser, coarser - 2),
+            "cxy": _shifted(values["mixed"], k + (MIXED_GUARD - 1), MIXED_GUARD - 2),
+            "cyy": values["squared"] + _shifted(values["along"], (m << 1) + coarser, coarser - 2),
         }
+
+
+def _shifted(value: Value, right: Value, least: int) -> Value:
+    """value · 2^−right, floor; right is never below `least`."""
+    room = max(-least, 0)
+    wide = Cat(Const(0, room), value)
+    wide = wide.as_signed() if value.shape().signed else wide
+    return wide >> _clipped((right + room).as_signed(), len(wide))

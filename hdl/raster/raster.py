@@ -85,7 +85,7 @@ class Raster(wiring.Component):
     Members
         i: stream of `featured_record`: a group's splats front to back, then its end.
         positions: stream of `position_record`: the groups' positions, in their order.
-        width, height: of the image, pixels. background: a colour (`spec.group.colour_format`).
+        width, height: of the image, pixels. background: a colour (`spec.colour.colour_format`).
         live: tiles of the group at `i` that have live pixels; splats of others are not needed.
         o: streams of `pixels_record`, one for each rasterizer: blocks within the image, group after
             group, each once.

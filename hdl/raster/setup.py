@@ -8,19 +8,17 @@ from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
+from splatcore.spec.feature import POSITION
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.raster import (
-    BLOCK_REACH,
     EXPONENT_INTEGER,
-    EXTENT,
+    FACTOR_FRACTION,
     GRADIENT_INTEGER,
+    LEAN_INTEGER,
     LENGTH_INTEGER,
-    POSITION,
-    SHEAR,
     SHIFT_MIN,
-    STEPS,
+    SLOPE,
     around_record,
-    factor_fraction,
     pair_record,
 )
 
@@ -51,7 +49,7 @@ class Setup(wiring.Component):
         enable: the pipeline moves.
         o: `around_record`, `LATENCY` enabled cycles later.
 
-    **Timing**: a pair a cycle; seven multipliers of about 19 × 20 bits.
+    **Timing**: a pair a cycle; six multipliers of 11 to 19 × 20 bits.
     """
 
     LATENCY = len(CUTS)
@@ -102,23 +100,13 @@ class Setup(wiring.Component):
 
     def _product(self, values: dict[str, Value]) -> dict[str, Value]:
         values["product"] = values.pop("shear").as_signed() * values["dy"]
-        for name, way, half in (("columns", "dx", "half_width"), ("rows", "dy", "half_height")):
-            values[name] = self._near(values[way], values.pop(half))
         return values
-
-    def _near(self, way: Value, half: Value) -> Value:
-        """A bit for each column (row) of blocks: a splat `way` from the tile can reach it."""
-        coarse = way >> (POSITION.fraction - EXTENT.fraction)
-        reach = half + BLOCK_REACH
-        distances = [coarse + (2 * step << EXTENT.fraction) for step in STEPS]
-        near = [(distance <= reach) & (-distance <= reach) for distance in distances]
-        return Cat(near) | half.all().replicate(len(STEPS))
 
     def _lean(self, values: dict[str, Value]) -> dict[str, Value]:
         fraction = self.config.exponent_fraction
         lean = shifted(values.pop("product"), values.pop("lean_shift"), -SHIFT_MIN)
-        values["far"] = outside(lean, POSITION.integer + 1, fraction)
-        values["lean"] = lean[: POSITION.integer + 2 + fraction].as_signed()
+        values["far"] = outside(lean, LEAN_INTEGER, fraction)
+        values["lean"] = lean[: LEAN_INTEGER + 1 + fraction].as_signed()
         return values
 
     def _distance(self, values: dict[str, Value]) -> dict[str, Value]:
@@ -139,16 +127,15 @@ class Setup(wiring.Component):
         return values
 
     def _slope(self, values: dict[str, Value]) -> dict[str, Value]:
-        factor = factor_fraction(self.config)
-        values["slope_t"] = (values.pop("across") * values["t"]) >> factor
-        values["slope_d"] = (values.pop("along") * values["d"]) >> factor
+        values["slope_t"] = (values.pop("across") * values["t"]) >> FACTOR_FRACTION
+        values["slope_d"] = (values.pop("along") * values["d"]) >> FACTOR_FRACTION
         return values
 
     def _square(self, values: dict[str, Value]) -> dict[str, Value]:
         fraction = self.config.exponent_fraction
         values["square_t"] = (values["slope_t"] * values.pop("t")) >> fraction
         values["square_d"] = (values["slope_d"] * values.pop("d")) >> fraction
-        values["leaning"] = (values.pop("slope").as_signed() * values["slope_t"]) >> SHEAR.fraction
+        values["leaning"] = (values.pop("slope").as_signed() * values["slope_t"]) >> SLOPE.fraction
         values["gx"] = -self._slope_shifted(values.pop("slope_t"), values.pop("k"))
         values["slope_d"] = self._slope_shifted(values["slope_d"], values.pop("m"))
         return values

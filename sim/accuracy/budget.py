@@ -29,7 +29,6 @@ from splatcore.golden.points import Points
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.accuracy.points import Reference, drawn_splats, fields_of, picture
-from splatcore.sim.accuracy.raster import EXACT
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
@@ -134,7 +133,7 @@ def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
 
 def raster_picture(config: Config, exact: Reference) -> np.ndarray:
     """Stage 3's sums of exact splats, 0 … 1, nothing left out as too faint."""
-    config = replace(config, arithmetic=EXACT, faint=())
+    config = replace(config, faint=())
     size = exact.camera.width, exact.camera.height
     entries = entries_of(config, exact.splats, exact.camera)
     features = features_of(config, exact.splats)

@@ -11,7 +11,7 @@ from rich.table import Table
 from splatcore.golden.exact import features_of
 from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import Splats
-from splatcore.sim.accuracy.raster import EXACT, EXACT_TITLE, exact_view
+from splatcore.sim.accuracy.raster import EXACT_TITLE, exact_view
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
@@ -87,15 +87,15 @@ def reordered(keys: Keys, splats: Splats, entries: Entries) -> tuple[Entries, fl
 def sort_errors(views: dict[str, View]) -> dict:
     """Way → {"scenes": {scene → {psnr_db_float64, max_error_float64, changed_places}}}."""
     found = {name: {"scenes": {}} for name in WAYS}
-    config, total = replace(DEFAULT, arithmetic=EXACT), len(views) * len(WAYS)
+    total = len(views) * len(WAYS)
     with progress_bar("ordering", total) as advance:
         for number, (title, view) in enumerate(views.items()):
             splats, entries, image = exact_view(view)
-            features = features_of(config, splats)
+            features = features_of(DEFAULT, splats)
             for done, (name, keys) in enumerate(WAYS.items()):
                 advance(number * len(WAYS) + done, total)
                 there, share = reordered(keys, splats, entries)
-                pixels = rasterize(config, features, there, image.shape[1::-1]).pixels / 255
+                pixels = rasterize(DEFAULT, features, there, image.shape[1::-1]).pixels / 255
                 found[name]["scenes"][title] = {
                     "psnr_db_float64": psnr(pixels, image),
                     "max_error_float64": float(np.abs(pixels - image).max()),

@@ -9,7 +9,8 @@ from splatcore.sim.machine.areas import WORK_AREAS
 from splatcore.sim.machine.machine import Run
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
-from splatcore.spec.group import feature_record, group_grid
+from splatcore.spec.feature import feature_record
+from splatcore.spec.group import group_grid
 from splatcore.spec.record import Record
 from splatcore.spec.work import FEATURE, SLOT, table_record
 

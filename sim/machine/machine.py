@@ -23,7 +23,16 @@ from splatcore.sim.common.cache import kept_json
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.machine.areas import IMAGES, Areas, make_memory, place_areas
 from splatcore.sim.machine.program import compiled
-from splatcore.sim.machine.script import IDEAL, Report, Script, Timing, execute, open_memory
+from splatcore.sim.machine.script import (
+    IDEAL,
+    PIXELS_WRITTEN,
+    Report,
+    Script,
+    Timing,
+    beat_bytes,
+    execute,
+    open_memory,
+)
 from splatcore.sim.rtl.build import FAST, QUICK
 from splatcore.spec import registers
 from splatcore.spec.camera import Camera
@@ -46,7 +55,7 @@ STATE = ("STATUS", "ERROR", "STARTED", "FINISHED", "NEEDED")
 
 
 class Job(NamedTuple):
-    """A frame to be rendered. background: codes of `spec.group.colour_format`."""
+    """A frame to be rendered. background: codes of `spec.colour.colour_format`."""
 
     model: PackedModel
     camera: Camera
@@ -57,12 +66,12 @@ class Job(NamedTuple):
 class Rendered:
     """A frame as far as it came.
 
-    beat: bytes of a beat of the port. pixels [H, W, 3] uint8. counters: by register, lower case,
-    those of the second half only in a run's last frame (they belong to the next frame early).
-    started, ready, finished: cycles of its start and of its interrupts.
+    config: the machine. pixels [H, W, 3] uint8. counters: by register, lower case, those of the
+    second half only in a run's last frame (they belong to the next frame early). started, ready,
+    finished: cycles of its start and of its interrupts.
     """
 
-    beat: int
+    config: Config
     pixels: np.ndarray | None = None
     counters: dict[str, int] = field(default_factory=dict)
     started: int | None = None
@@ -71,13 +80,17 @@ class Rendered:
 
     @property
     def traffic(self) -> dict[str, int]:
-        """Bytes by cause, of the halves whose counters are there."""
+        """Bytes by cause, of the halves whose counters are there: whole beats, but of pixels only
+        those that are written."""
         parts = [(name, *name.split("_", 1)) for name in self.counters]
-        return {
-            cause: self.counters[name] * self.beat
+        found = {
+            cause: self.counters[name] * beat_bytes(self.config, cause)
             for name, half, cause in parts
             if half in ("preprocessing", "rendering") and cause != "cycles"
         }
+        if PIXELS_WRITTEN in found and self.pixels is not None:
+            found[PIXELS_WRITTEN] = self.pixels.size
+        return found
 
 
 @dataclass
@@ -268,7 +281,7 @@ def host_script(
 def rendered(report: Report, marks: dict[str, int], job: Job, path: Path) -> Rendered:
     """A frame from the answers to its commands."""
     found = {name: report.answers[k] for name, k in marks.items() if k in report.answers}
-    frame = Rendered(report.beat)
+    frame = Rendered(report.config)
     if "START" in found:
         frame.started = found.pop("START").cycle
     if "PIXELS" in found:

@@ -46,7 +46,7 @@ struct Region {
 
 struct Request {
     uint32_t id = 0, address = 0, length = 0, size = 0, burst = 0;
-    uint64_t bytes() const { return (length + 1) * BEAT; }
+    uint64_t bytes() const { return uint64_t(length + 1) << size; }
     bool operator==(const Request& other) const {
         return id == other.id && address == other.address && length == other.length &&
                size == other.size && burst == other.burst;
@@ -165,8 +165,10 @@ struct Memory {
         if (rule.empty()) rule = what;
     }
     void check(const Request& request) {
-        if (request.size != BEAT_BITS || request.burst != INCREASING || request.address % BEAT)
-            break_rule("a burst that is not of whole beats");
+        bool narrow = request.size < BEAT_BITS && request.length == 0;
+        if (!narrow && request.size != BEAT_BITS || request.burst != INCREASING ||
+            request.address % (1 << request.size))
+            break_rule("a burst that is neither of whole beats nor a part of one");
         if (request.address % BOUNDARY + request.bytes() > BOUNDARY)
             break_rule("a burst crosses a boundary");
     }
@@ -264,16 +266,19 @@ struct Memory {
         Region* region = find(request, false);
         if (on_read) on_read(request.address, request.bytes());
         for (uint32_t k = 0; k <= request.length; k++) {
-            uint64_t address = request.address + k * BEAT;
+            uint64_t address = request.address / BEAT * BEAT + k * BEAT;
             ReadBeat beat{cycle + latency, request.id, OKAY, k == request.length,
                           costs(address, k == 0), {}};
             if (read_errors.next()) beat.response = SLAVE_ERROR;
             if (!region) beat.response = DECODE_ERROR;
             for (uint64_t word = 0; word < BEAT; word += 8) {
-                uint64_t value = beat.response == OKAY ? 0 : noise();
+                uint64_t value = beat.response == OKAY && request.size == BEAT_BITS ? 0 : noise();
                 std::memcpy(beat.data + word, &value, 8);
             }
-            if (beat.response == OKAY) std::memcpy(beat.data, data + (address - base), BEAT);
+            if (beat.response == OKAY) {  // of a part of a beat no more than that
+                uint64_t lane = request.address % BEAT, bytes = std::min(request.bytes(), BEAT);
+                std::memcpy(beat.data + lane, data + (address + lane - base), bytes);
+            }
             read_beats.push_back(beat);
         }
         reads_inside++;

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from splatcore.sim.rtl.streams import SimulationError
-from splatcore.spec.axi import READERS, WRITERS, port_bytes
+from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
 
@@ -137,6 +137,15 @@ class Script:
         return self._add("finally")
 
 
+PIXELS_WRITTEN = "write_pixels"
+
+
+def beat_bytes(config: Config, cause: str) -> int:
+    """Bytes of a beat, by "read_" or "write_" and who reads or writes."""
+    kind, _, client = cause.partition("_")
+    return read_bytes(config, client) if kind == "read" else port_bytes(config)
+
+
 @dataclass(frozen=True)
 class Answer:
     """Answer to a command. cycle: when it was through; response: of AXI4-Lite."""
@@ -148,12 +157,12 @@ class Answer:
 
 @dataclass
 class Report:
-    """A run. beat: bytes of a beat of the port. answers: by the number of the command, for those
+    """A run. config: the machine. answers: by the number of the command, for those
     that were done. events: cycle and bits of each interrupt. read, written: beats by reader and
     writer. regions: bytes read and written. outside: accesses that no region allows, the first ones
     told. rule: of AXI that was broken. command: that the script was at."""
 
-    beat: int
+    config: Config
     result: str = ""
     cycles: int = 0
     command: int = 0
@@ -182,14 +191,17 @@ class Report:
 
     @property
     def traffic(self) -> dict[str, int]:
-        """Bytes by cause, those of strobes that were not set included."""
-        found = {f"read_{name}": beats * self.beat for name, beats in self.read.items()}
-        return found | {f"write_{name}": beats * self.beat for name, beats in self.written.items()}
+        """Bytes by cause: whole beats, but of pixels only those that are written."""
+        found = {f"read_{name}": beats for name, beats in self.read.items()}
+        found |= {f"write_{name}": beats for name, beats in self.written.items()}
+        found = {cause: beats * beat_bytes(self.config, cause) for cause, beats in found.items()}
+        images = [written for name, (_, written) in self.regions.items() if "image" in name]
+        return found | ({PIXELS_WRITTEN: sum(images)} if PIXELS_WRITTEN in found else {})
 
 
 def read_report(path: Path, config: Config) -> Report:
     """The report that the program has written."""
-    report, readers, writers = Report(port_bytes(config)), list(READERS), list(WRITERS)
+    report, readers, writers = Report(config), list(READERS), list(WRITERS)
     for line in path.read_text().splitlines():
         kind, *rest = line.split()
         if kind.isdigit():

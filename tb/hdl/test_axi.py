@@ -46,7 +46,10 @@ def run(
     words = DEFAULT.port // 64
     data = {f"data{k}": rng.integers(0, 1 << 63, count) for k in range(words)}
     data["strobe"] = np.full(count, (1 << DEFAULT.port // 8) - 1)
-    inputs = {f"reads__{k}": rows(read_record(), reads) for k in range(len(READERS))}
+    inputs = {
+        f"reads__{k}": rows(read_record(), reads, narrow=np.zeros(reads, int))
+        for k in range(len(READERS))
+    }
     inputs |= {
         f"writes__{k}": rows(write_record(DEFAULT), count, **data) for k in range(len(WRITERS))
     }

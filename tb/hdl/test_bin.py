@@ -13,7 +13,8 @@ from splatcore.spec.colour import colour_format
 from splatcore.spec.config import DEFAULT, TINY, Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.depth import key_shift, whole_codes
-from splatcore.spec.group import entry_record, extent_codes
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, SCALE_MAX, SHEAR, whole_colours
+from splatcore.spec.group import entry_record
 from splatcore.spec.point import splat_record
 from tb.helpers.bin_frames import (
     MACHINES,
@@ -101,21 +102,28 @@ def test_against_reference(name, count):
 
 
 def test_features():
-    """Colours are clamped at 0, saturate, are 255/256 of what they were; codes pass through."""
+    """Colours are clamped at 0, saturate, are 255/256 of what they were and lose low bits where
+    they are bright; centres beyond 2^11 pixels have coarser units; factors lose no leading bit."""
     format, colour = DEFAULT.arithmetic, colour_format(DEFAULT)
-    value = {"red": [-1.0, 0.25, 1e9], "green": [0.5] * 3, "blue": [0] * 3}
-    value |= {"attenuation": [0, 9, 255]}
-    names = ("u", "v", "shear", "power_across", "power_along", "half_width", "half_height")
-    value |= {name: [0.1 * k, -2.5, 1e5] for k, name in enumerate(names)}
+    value = {"red": [-1.0, 0.25, 1e9], "green": [1.25, 1.255, 3], "blue": [0] * 3}
+    value |= {"attenuation": [0, 9, 255], "u": [0.1, -2.5, 1e5], "v": [-2047.9, 7000, 1e9]}
+    value |= {"power_across": [2.4, 1e-30, 0], "power_along": [2**-40 * (1 + 2**-9), 0.3, 1]}
+    value |= {"shear": [-0.1, 1e-6, -1e7]}
     formats = dict(splat_record(DEFAULT).fields)
     codes = {n: formats.get(n, format).encode(np.array(numbers)) for n, numbers in value.items()}
     found = features(DEFAULT, codes)
-    largest = (1 << colour.width) - 2**-3
-    assert list(found["red"]) == [round(c * 255 / 256) for c in (0, 0.25 / colour.step, largest)]
-    assert list(found["opacity"]) == [0, 9, 255]
-    assert (found["across"] == codes["power_across"]).all()
-    assert (found["along"] == codes["power_along"]).all() and (found["u"] == codes["u"]).all()
-    assert (found["half_height"] == extent_codes(DEFAULT, codes["half_height"])).all()
+    whole = {n: whole_colours(DEFAULT, found[n].astype(int), np.where) for n in ("red", "green")}
+    largest = round(((1 << colour.width) - 2**-3) * 255 / 256)
+    assert [0, 128, largest + 8 >> 4 << 4] == whole["red"].tolist()
+    assert whole["green"].tolist() == [638, 640, 1536 - 6 + 8 >> 4 << 4]
+    assert found["opacity"].tolist() == [0, 9, 255]
+    assert found["scale"].tolist() == [0, 2, SCALE_MAX]
+    assert POSITION.decode(found["u"]).tolist() == [26 / 256, -2.5 / 4, round(1e5 / 128) / 256]
+    assert POSITION.decode(found["v"]).tolist() == [-2047.90625, 1750, POSITION.max]
+    across, along = (np.ldexp(FACTOR.decode(found[n]), -FACTOR_SCALE) for n in ("across", "along"))
+    assert across.tolist() == [round(2.4 * 256) / 256, 0, 0]
+    assert along.tolist() == [2**-40 * (1 + 2**-9), round(0.3 * 2048) / 2048, 1]
+    assert SHEAR.decode(found["shear"]).tolist() == [-round(0.1 * 2**14) / 2**14, 0, -SHEAR.max]
 
 
 @pytest.mark.parametrize("name", ["DEFAULT", "TINY"])

@@ -129,10 +129,14 @@ def conversions() -> list[Datapath]:
     mixed = list(product(FIXED, FLOATS[::2]))
     kinds += [(FromFixed, arithmetic.from_fixed, fixed, float) for fixed, float in mixed]
     kinds += [(ToFixed, arithmetic.to_fixed, float, fixed) for fixed, float in mixed]
-    return [
+    found = [
         Datapath(make(*formats, k % 5), k % 5, ("i",), partial(golden, *formats))
         for k, (make, golden, *formats) in enumerate(kinds)
     ]
+    for formats, scale in product(product(FLOATS[::2], FLOATS), (-7, 18)):
+        scaled = partial(arithmetic.convert, *formats, scale=scale)
+        found.append(Datapath(Convert(*formats, 0, scale), 0, ("i",), scaled))
+    return found
 
 
 def test_conversions():

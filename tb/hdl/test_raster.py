@@ -22,8 +22,9 @@ from splatcore.sim.accuracy.points import with_width
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, feature_record
 from splatcore.spec.frame import POWER_SCALE
-from splatcore.spec.group import entry_record, extent_format, feature_record, group_grid
+from splatcore.spec.group import entry_record, group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
 from splatcore.spec.record import Codes
 from tb.helpers.bin_frames import Frame, read_memory
@@ -61,8 +62,6 @@ def test_prepare(config):
     count = 20_000
     rng = np.random.default_rng(3)
     features = random_features(config, count, (1920, 1080), seed=4)
-    for name in ("half_width", "half_height"):  # what is no number in FP16 reaches everywhere
-        features[name][::50] = (1 << extent_format(config).width) - 1
     rest = {
         "mask": rng.integers(0, 1 << config.group**2, count).astype(np.uint64),
         "end": rng.integers(0, 2, count).astype(np.uint64),
@@ -162,9 +161,9 @@ def test_stop():
     features = random_features(TINY, 600, size, 5)
     features["opacity"][:] = 0
     for name in ("across", "along"):
-        features[name][:] = TINY.arithmetic.encode(1e-6)
-    features["half_width"][:] = features["half_height"][:] = (1 << 13) - 1
-    features["u"][:] = features["v"][:] = TINY.arithmetic.encode(16.0)
+        features[name][:] = FACTOR.encode(np.ldexp(1e-6, FACTOR_SCALE))
+    features["u"][:] = features["v"][:] = POSITION.encode(16.0)
+    features["scale"][:] = 0
     entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
     run = run_groups(TINY, features, entries, size)
     assert run.differing == 0 and (run.result.samples["live"] == 0).any()

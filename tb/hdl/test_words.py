@@ -86,7 +86,7 @@ class Memory(wiring.Component):
 def run(first: np.ndarray, count: np.ndarray, pause: int = 0, **options) -> Result:
     """Bursts of beats, all of which come in order."""
     words = np.concatenate([np.arange(b, b + n) for b, n in zip(first, count, strict=True)])
-    codes = {"beat": first, "length": count - 1}
+    codes = {"beat": first, "length": count - 1, "narrow": np.zeros_like(first)}
     inputs = {"i": read_record().pack(codes), "pace": np.zeros((2 * len(words), 1), np.uint8)}
     result = compiled(Memory).run(
         inputs, expected={"o": len(words)}, constants={"pause": pause}, **options

@@ -3,100 +3,116 @@
 import numpy as np
 import pytest
 
-from splatcore.hdl.memory.write_combiner import SLOTS, WriteCombiner
+from splatcore.hdl.memory.write_combiner import WriteCombiner
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE, LINE_BEATS, port_bytes, write_record
 from splatcore.spec.config import Config
 from splatcore.spec.number import Bits
-from splatcore.spec.record import Record
-from splatcore.spec.work import SLOT
+from splatcore.spec.record import Array, Record
+from splatcore.spec.work import FEATURE, SLOT
 from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
-ADDRESS_BITS = BEAT_ADDRESS_BITS + 1
-RECORD = Record("slot", {"slot": Bits(ADDRESS_BITS), "data": Bits(64)})
+WORD = 8  # bytes of the words in which slots are told apart here
 COUNT = 800
 
-pytestmark = pytest.mark.slow
+SIZES = (SLOT, FEATURE)
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.parametrize("size", SIZES),
+    pytest.mark.parametrize("config", PORTS.values(), ids=PORTS),
+]
 
 
-def addresses(rng: np.random.Generator) -> np.ndarray:
+def address_bits(size: int) -> int:
+    return BEAT_ADDRESS_BITS + (BEAT // size).bit_length() - 1
+
+
+def addresses(rng: np.random.Generator, size: int) -> np.ndarray:
     """Runs of neighbours from anywhere, some with holes, some backwards."""
-    found = []
+    found, end = [], 1 << address_bits(size)
     while len(found) < COUNT:
-        first, length = rng.integers(0, 1 << ADDRESS_BITS), rng.integers(1, 14)
+        first, length = rng.integers(0, end), rng.integers(1, 14)
         step = rng.choice([1, 1, 1, 2, 0, -1])
-        found += list((first + step * np.arange(length)) % (1 << ADDRESS_BITS))
+        found += list((first + step * np.arange(length)) % end)
     return np.array(found[:COUNT])
 
 
-def lines(slot: np.ndarray, data: np.ndarray) -> list[dict[int, int]]:
+def lines(slot: np.ndarray, data: np.ndarray, size: int) -> list[dict[int, int]]:
     """Lines gathered, slot → data."""
-    found = [{int(slot[0]): int(data[0])}]
+    found, slots = [{int(slot[0]): int(data[0])}], LINE // size
     for address, value in zip(slot[1:].tolist(), data[1:].tolist(), strict=True):
         before = max(found[-1])
-        if address // SLOTS == before // SLOTS and address > before:
+        if address // slots == before // slots and address > before:
             found[-1][address] = value
         else:
             found.append({address: value})
     return found
 
 
-def written(config: Config, rows: np.ndarray) -> list[dict[int, int]]:
-    """Lines written by bursts, slot → data."""
+def written(config: Config, rows: np.ndarray, size: int) -> list[dict[int, int]]:
+    """Lines written by bursts, slot → its first word; a slot's words count up."""
     codes, count = write_record(config).unpack(rows), LINE // port_bytes(config)
     assert (codes["length"] == count - 1).all() and len(rows) % count == 0
     beat = codes["beat"].astype(np.int64).reshape(-1, count)
     assert (beat == beat[:, :1]).all() and (beat % LINE_BEATS == 0).all()
-    slots = port_bytes(config) // SLOT  # of a beat
-    first = (beat * (BEAT // SLOT) + slots * np.arange(count)).reshape(-1)
+    slots, words = port_bytes(config) // size, size // WORD  # of a beat, of a slot
+    first = (beat * BEAT // size + slots * np.arange(count)).reshape(-1)
     found = [{} for _ in range(len(rows) // count)]
+    whole = (1 << size) - 1
     for place in range(slots):
-        strobe = codes["strobe"] >> 8 * place & 0xFF
-        assert np.isin(strobe, (0, 0xFF)).all()
+        strobe = codes["strobe"].astype(np.int64) >> size * place & whole
+        assert np.isin(strobe, (0, whole)).all()
+        data = [codes[f"data{words * place + k}"] for k in range(words)]
         for k in np.flatnonzero(strobe):
-            found[k // count][int(first[k] + place)] = int(codes[f"data{place}"][k])
+            found[k // count][int(first[k] + place)] = int(data[0][k])
+            assert all(int(word[k]) == int(data[0][k]) + n for n, word in enumerate(data))
     return found
 
 
-def run(config: Config, slot: np.ndarray, flush, stall: float, count: int | None, seed: int = 0):
+def run(
+    config: Config, size: int, slot: np.ndarray, flush, stall: float, count: int | None,
+    seed: int = 0,
+):  # fmt: skip
     """A run and what it has written."""
-    data = np.random.default_rng(seed).integers(0, 1 << 63, len(slot))
+    data = np.random.default_rng(seed).integers(0, 1 << 62, len(slot))
+    words = data[:, None] + np.arange(size // WORD)
+    fields = {"slot": Bits(address_bits(size)), "data": Array(Bits(8 * WORD), size // WORD)}
+    rows = Record("slot", fields).pack({"slot": slot, "data": words})
     expected = None if count is None else {"writes": count * LINE // port_bytes(config)}
-    result = compiled(WriteCombiner, config, samples=("empty", "writes__valid")).run(
-        {"i": RECORD.pack({"slot": slot, "data": data})}, constants={"flush": flush},
+    result = compiled(WriteCombiner, config, size, samples=("empty", "writes__valid")).run(
+        {"i": rows}, constants={"flush": flush},
         expected=expected, stall=stall, seed=seed, idle_max=5000,
     )  # fmt: skip
     assert result.finished, result.stopped
     assert not (result.samples["empty"] & result.samples["writes__valid"]).any()
-    return result, data, written(config, result.outputs["writes"])
+    return result, data, written(config, result.outputs["writes"], size)
 
 
-@pytest.mark.parametrize("config", PORTS.values(), ids=PORTS)
 @pytest.mark.parametrize("stall", [0, 0.3, 0.7])
-def test_lines(config, stall):
-    slot = addresses(np.random.default_rng(int(10 * stall)))
-    slot[-1] = slot[-2] & -SLOTS ^ 1 << 10  # stays inside
-    gathered = len(lines(slot, slot)) - 1
-    result, data, found = run(config, slot, 0, stall, gathered, seed=int(10 * stall))
-    expected = lines(slot, data)
+def test_lines(config, size, stall):
+    slot = addresses(np.random.default_rng(int(10 * stall)), size)
+    slot[-1] = slot[-2] & -(LINE // size) ^ 1 << 10  # stays inside
+    gathered = len(lines(slot, slot, size)) - 1
+    result, data, found = run(config, size, slot, 0, stall, gathered, seed=int(10 * stall))
+    expected = lines(slot, data, size)
     assert found == expected[:-1] and result.ports["empty"] == 0
     assert 0.2 * COUNT < gathered < 0.9 * COUNT
 
 
-@pytest.mark.parametrize("config", PORTS.values(), ids=PORTS)
-def test_flush(config):
+def test_flush(config, size):
     """Whenever it comes, every slot is written once and in order, and none stays inside."""
     rng = np.random.default_rng(3)
     for stall in (0, 0.5):
-        slot = addresses(rng)
+        slot = addresses(rng, size)
         flush = np.append(rng.random(4000) < 0.1, 1).astype(np.uint64)
-        result, data, found = run(config, slot, flush, stall, None)
+        result, data, found = run(config, size, slot, flush, stall, None)
         assert result.ports["empty"] == 1
         pieces = [item for line in found for item in sorted(line.items())]
         assert pieces == [*zip(slot.tolist(), data.tolist(), strict=True)]
 
 
-@pytest.mark.parametrize("config", PORTS.values(), ids=PORTS)
-def test_pace(config):
-    cycles = run(config, np.arange(COUNT), 0, 0, COUNT // SLOTS)[0].cycles
-    assert cycles < 1.25 * COUNT + 8
+def test_pace(config, size):
+    slots = LINE // size
+    cycles = run(config, size, np.arange(COUNT), 0, 0, COUNT // slots)[0].cycles
+    assert cycles < (slots + 1) / slots * COUNT + 8

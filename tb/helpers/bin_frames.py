@@ -15,8 +15,9 @@ from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
+from splatcore.spec.feature import feature_record
 from splatcore.spec.frame import POWER_SCALE
-from splatcore.spec.group import SPLAT_BITS, entry_record, feature_record
+from splatcore.spec.group import SPLAT_BITS, entry_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits
 from splatcore.spec.point import splat_record

@@ -10,7 +10,7 @@ from splatcore.model.generate import hard_case
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.machine import Job, Machine, Run
-from splatcore.spec.axi import port_beats, port_bytes
+from splatcore.spec.axi import LINE, port_beats, port_bytes
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.memory import CHUNK
@@ -59,7 +59,9 @@ def counted(config: Config, model: PackedModel, frame: Frame) -> dict[str, int]:
         "bin_kept": len(binned.kept),
         "bin_entries": len(binned.entries["key"]),
         "bin_bursts": len(binned.lists.address),
-        "preprocessing_write_features": FEATURE // port_bytes(config) * len(binned.kept),
+        "preprocessing_write_features": -(-len(binned.kept) * FEATURE // LINE)
+        * LINE
+        // port_bytes(config),
         "preprocessing_write_lists": (
             -(-config.burst * SLOT // port_bytes(config)) * len(binned.lists.address)
         ),

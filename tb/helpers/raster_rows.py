@@ -69,10 +69,8 @@ def random_features(config: Config, count: int, size: tuple[int, int], seed: int
     schur = xx - xy**2 / yy
     codes = rng.integers(0, 1 << rng.integers(1, OPACITY.width + 1, count))
     opacity = 2.0 ** -OPACITY.decode(codes.astype(np.uint8))
-    reach = np.maximum(2 * np.log(255 * opacity), 0)
-    extent = np.sqrt(reach[:, None] * np.stack([xx, yy], axis=1))
     colour = rng.choice([0, 0.3, 1, 2, 8], (count, 3)) * rng.random((count, 3))
-    return encode(config, centre, 1 / schur, xy / yy, 1 / yy, opacity, colour, extent)
+    return encode(config, centre, 1 / schur, xy / yy, 1 / yy, opacity, colour)
 
 
 def prepared_codes(config: Config, features: Codes) -> Codes:

@@ -15,7 +15,7 @@ from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.waves import signals
 from splatcore.sim.packing.choose import finest
 from splatcore.spec.config import TINY
-from splatcore.spec.group import feature_record
+from splatcore.spec.feature import feature_record
 from splatcore.spec.sort import BUCKETS, half_entries
 from splatcore.spec.work import FEATURE
 from tb.helpers.command import run as command
