@@ -42,12 +42,15 @@ class Round:
 
 @dataclass
 class Dealer:
-    """Deals the long lists of a frame, one after the other."""
+    """Deals the long lists of a frame, one after the other.
+
+    base, shift: how the next list's keys become buckets, at first; area: where it goes next.
+    """
 
     config: Config
-    base: int = 0
-    shift: int = -1  # none yet: that of the first long list
-    area: int = 0
+    base: int = field(init=False, default=0)
+    shift: int = field(init=False)
+    area: int = field(init=False, default=0)
 
     def __post_init__(self):
         self.shift = shift_max(self.config)

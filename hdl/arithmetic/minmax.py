@@ -7,8 +7,8 @@ from amaranth.lib.wiring import In, Out
 from splatcore.spec.number import Float
 
 
-class Clamp(wiring.Component):
-    """o = a within ± b, for b ≥ 0.
+class Choice(wiring.Component):
+    """One of two floats, or of their parts.
 
     Members: codes `a`, `b`, `o` of a signed `format`; `enable`, low to hold the register.
 
@@ -18,6 +18,10 @@ class Clamp(wiring.Component):
     def __init__(self, format: Float):
         code = format.width
         super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+
+
+class Clamp(Choice):
+    """o = a within ± b, for b ≥ 0."""
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -27,17 +31,8 @@ class Clamp(wiring.Component):
         return m
 
 
-class Maximum(wiring.Component):
-    """o = the larger of a and b.
-
-    Members: codes `a`, `b`, `o` of a signed `format`; `enable`, low to hold the register.
-
-    **Timing**: no multiplier, an item a cycle, 1 cycle.
-    """
-
-    def __init__(self, format: Float):
-        code = format.width
-        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+class Maximum(Choice):
+    """o = the larger of a and b."""
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -168,8 +168,8 @@ def ablation(
         {"name": name, "fields": change, "paper_fps": ABLATION.get(name)}
         for name, change in STEPS.items()
     ]  # fmt: skip
-    size = views[0].size
-    return {"preset": config.name, "size": size, "steps": told, "rows": rows, "failed": failed}
+    about = {"preset": config.name, "size": views[0].size, "quality": views[0].quality}
+    return about | {"steps": told, "rows": rows, "failed": failed}
 
 
 def confirmed(

@@ -53,7 +53,7 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
     first = next(iter(machines.values()))
     source = opened(view.scene)
     camera = view.camera_of(source)
-    model = packed_model(source, first, camera)
+    model = packed_model(source, first, camera, view.quality)
     frame = render(first, model, camera)
     facts = against(differences(frame.pixels, exact(view, model))) | {
         "counts": frame.counts | {"front": len(frame.points.front)},

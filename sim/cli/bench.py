@@ -43,10 +43,10 @@ def look(
     return found
 
 
-def view_of(text: str, size: str) -> View:
+def view_of(text: str, size: str, quality: str | None = None) -> View:
     """The view of SCENE[:ID]."""
     scene, _, camera = text.partition(":")
-    return View(scene, camera, size)
+    return View(scene, camera, size, quality=quality)
 
 
 def finish(path: Path, facts: dict):

@@ -106,6 +106,7 @@ def ablation_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     rtl: RtlOption = None,
+    quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
@@ -114,8 +115,8 @@ def ablation_command(
     Each step is a machine of its own, with the features that are off left out of it. Cycles are the
     cycle model's; pictures and counts the golden model's. Writes DIR/ablation.json.
     """
-    config, found = find_preset(preset), bench.look(output, scene, cameras, size)
-    simulated = [bench.view_of(text, found[0].size) for text in rtl or ()]
+    config, found = find_preset(preset), bench.look(output, scene, cameras, size, quality)
+    simulated = [bench.view_of(text, found[0].size, quality) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
     names = [step["name"] for step in facts["steps"]]
     table = new_table("view", names, "frames a second at 800 MHz")

@@ -1,7 +1,9 @@
-"""The commands `scene` and `info`: a generated scene as a file; the contents of a file."""
+"""The commands `scene`, `join` and `info`: a generated scene as a file; scenes side by side in one;
+the contents of a file."""
 
 from pathlib import Path
 
+from splatcore.model.cameras.join import in_view, side_by_side
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
@@ -9,13 +11,22 @@ from splatcore.sim.cli.options import JsonOption, SourceArgument, app, argument,
 from splatcore.sim.common import describe
 from splatcore.sim.common import output as files
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.source import open_source
+from splatcore.sim.common.source import View, open_source
+from splatcore.spec.camera import Camera
+from splatcore.spec.scene import Scene
 
 NameArgument = argument(str, "NAME", "Which scene.")
 OutputOption = option(Path, "FILE.ply", "Where to write it.", "-o")
 CountOption = option(int | None, None, "Number of Gaussians.")
 SeedOption = option(int, None, "Same seed, same scene.")
 CamerasOption = option(Path | None, "FILE.json", "Write the scene's own view, too.")
+ScenesArgument = argument(list[str], "SCENE …", "Scenes, from left to right.")
+BehindOption = option(
+    str | None, "SCENE", "A scene that is put behind the camera: loaded and never seen."
+)
+KeptOption = option(
+    int | None, None, "Number of Gaussians that are kept, picked evenly; those behind go first."
+)
 
 
 @app.command(
@@ -32,11 +43,40 @@ def scene_command(
 ):
     files.check_writable(output, cameras)
     with progress_bar(f"generating {name}"):
-        scene = generate(name, count, seed)
-        with files.whole_file(output) as part:
-            write_ply(part, scene)
-        if cameras:
-            files.write(cameras, cameras_json([generated_camera(name)]).encode())
+        _write(output, cameras, generate(name, count, seed), generated_camera(name))
+
+
+@app.command("join")
+def join_command(
+    scene: ScenesArgument,
+    output: OutputOption,
+    behind: BehindOption = None,
+    count: KeptOption = None,
+    cameras: CamerasOption = None,
+):
+    """Put scenes side by side in front of one camera and write them as one 3DGS PLY.
+
+    The camera is the first scene's: the first in the file beside it, NAME.cameras.json, else a
+    sensible view. Each scene is moved so that its middle comes to the middle of its own column of
+    the picture, of n scenes √n times as far away as from its own camera; none is turned or scaled.
+    --cameras writes the camera. Scenes reach into each other's columns, as real ones have
+    surroundings.
+    """
+    files.check_writable(output, cameras)
+    with progress_bar("joining"):
+        views = [(source.unpacked, camera) for source, camera in (View(s).open() for s in scene)]
+        unseen = open_source(behind).unpacked if behind else None
+        joined, camera = side_by_side(views, unseen, count)
+        _write(output, cameras, joined, camera)
+    console.print(f"{in_view(joined, camera)} Gaussians in view")
+
+
+def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
+    """A scene's files, and a line about them."""
+    with files.whole_file(output) as part:
+        write_ply(part, scene)
+    if cameras:
+        files.write(cameras, cameras_json([camera]).encode())
     console.print(f"{output}: {len(scene)} Gaussians, SH degree {scene.sh_degree}")
 
 

@@ -236,7 +236,9 @@ def test_hardware(name, tmp_path):
         "reason",
     ):
         assert case[key] == golden[key], key
-    assert case["cycles"] > 0.95 * golden["cycles"]  # memory's latency comes on top of the model
+    # The model has memory's latency in it, and in frames as small as these it is up to 4.4 % above
+    # the hardware (not_finite: 18,729 for 17,943 cycles).
+    assert case["cycles"] > 0.95 * golden["cycles"]
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """A cascade of merges, and a sub-sorter around it, against a stable sort; its pace; drops."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -14,8 +13,8 @@ from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, TINY, Config
 from splatcore.spec.sort import batch_record, ranked_record, way_bits
 from tb.helpers.batches import KINDS, batches_of
-from tb.helpers.parts import Variants
 from tb.helpers.runs import check_run, compiled
+from tb.helpers.variants import faults_are_found
 
 MACHINES = {
     "default": DEFAULT,
@@ -110,21 +109,12 @@ RELEASES = {
 }  # fmt: skip
 
 
-@cache
-def faulty_release() -> Simulation:
-    return Simulation(Variants(lambda: Sorter(TINY), RELEASES.values()))
+def check_releases(part: Simulation, fault: int):
+    """Runs that find every fault at a release."""
+    check_release("random", part, fault=fault)
 
 
-@pytest.mark.slow
-def test_releases_without_a_fault():
-    check_release("random", faulty_release(), fault=0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", RELEASES)
-def test_fault_at_a_release_is_found(fault):
-    with pytest.raises(AssertionError):
-        check_release("random", faulty_release(), fault=1 + list(RELEASES).index(fault))
+test_fault_at_a_release_is_found = faults_are_found(lambda: Sorter(TINY), RELEASES, check_releases)
 
 
 FAULTS = {
@@ -139,24 +129,10 @@ FAULTS = {
 }  # fmt: skip
 
 
-@cache
-def faulty() -> Simulation:
-    return Simulation(Variants(lambda: Cascade(TINY), FAULTS.values()))
-
-
-def check_all(number: int):
+def check_all(part: Simulation, fault: int):
     """Runs that find every fault."""
     for seed, stall in enumerate((0, 0.5)):
-        run("tiny", batches_of(TINY, 40, seed), stall, seed, faulty(), fault=number)
+        run("tiny", batches_of(TINY, 40, seed), stall, seed, part, fault=fault)
 
 
-@pytest.mark.slow
-def test_without_a_fault():
-    check_all(0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
-def test_fault_is_found(fault):
-    with pytest.raises(AssertionError):
-        check_all(1 + list(FAULTS).index(fault))
+test_fault_is_found = faults_are_found(lambda: Cascade(TINY), FAULTS, check_all)

@@ -1,7 +1,6 @@
 """Stage 2's front against its golden model: rounds, buckets, jobs."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -23,8 +22,8 @@ from splatcore.spec.sort import (
     line_record,
     listed_record,
 )
-from tb.helpers.parts import Variants
 from tb.helpers.runs import check_run, compiled
+from tb.helpers.variants import faults_are_found
 
 MACHINES = {
     "TINY": TINY,
@@ -160,24 +159,15 @@ FAULTS = {
 }
 
 
-@cache
-def faulty() -> Simulation:
-    faults = [(Deal, *fault) for fault in FAULTS.values()]
-    return Simulation(Variants(lambda: SortStage(MACHINES["NARROW"]), faults))
-
-
-def check_all(number: int):
+def check_all(part: Simulation, fault: int):
     """Runs that find every fault."""
     for seed, stall in enumerate((0, 0.5)):
         for kind in ("equal", "clustered", "random"):
-            check_stage("NARROW", kind, MIXED, stall, seed, faulty(), fault=number)
+            check_stage("NARROW", kind, MIXED, stall, seed, part, fault=fault)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", [None, *FAULTS])
-def test_fault_is_found(fault):
-    if fault is None:
-        check_all(0)
-    else:
-        with pytest.raises(AssertionError):
-            check_all(1 + list(FAULTS).index(fault))
+test_fault_is_found = faults_are_found(
+    lambda: SortStage(MACHINES["NARROW"]),
+    {name: (Deal, *fault) for name, fault in FAULTS.items()},
+    check_all,
+)

@@ -1,7 +1,6 @@
 """Stage 2 against its golden model: order, marks, stops, pace."""
 
 from dataclasses import replace
-from functools import cache
 from itertools import product
 
 import numpy as np
@@ -19,8 +18,8 @@ from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
-from tb.helpers.parts import Variants
 from tb.helpers.runs import check_run, compiled, counters
+from tb.helpers.variants import faults_are_found
 
 MACHINES = {
     "TINY": TINY,
@@ -226,26 +225,12 @@ FAULTS = {
 }
 
 
-@cache
-def faulty() -> Simulation:
-    return Simulation(Variants(lambda: Sort(NARROW), FAULTS.values()))
-
-
-def check_all(number: int):
+def check_all(part: Simulation, fault: int):
     """Runs that find every fault."""
     for seed, stall in enumerate((0, 0.5)):
         for kind, counts in (("equal", [*MIXED, 64, 61]), ("clustered", [*MIXED, 30, 64])):
             last = groups_of(counts, seed)
-            check("NARROW", kind, counts, stall, seed, faulty(), last, fault=number)
+            check("NARROW", kind, counts, stall, seed, part, last, fault=fault)
 
 
-@pytest.mark.slow
-def test_without_a_fault():
-    check_all(0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
-def test_fault_is_found(fault):
-    with pytest.raises(AssertionError):
-        check_all(1 + list(FAULTS).index(fault))
+test_fault_is_found = faults_are_found(lambda: Sort(NARROW), FAULTS, check_all)

@@ -14,7 +14,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.bench import scenes
 from splatcore.sim.bench.campaign import Failure, Task, results
 from splatcore.sim.bench.campaigns import ablation_machines, confirmed, front, summary
-from splatcore.sim.bench.sweep import SPEED, picture_of
+from splatcore.sim.bench.sweep import SPEED, measure, picture_of
 from splatcore.sim.bench.sweep_points import Point, points
 from splatcore.sim.bench.workload import every_camera, tile_density, view_work
 from splatcore.sim.common.source import Source, View
@@ -155,6 +155,15 @@ def test_ablation(tmp_path):
     assert work[4]["contributions"] > work[5]["contributions"]
     frames = [row["cycles"]["frame"] for row in rows]
     assert frames == sorted(frames, reverse=True)
+
+
+def test_ablation_of_a_quality():
+    """Scenes are packed as the option says."""
+    found = {
+        name: measure(View("garden", "", "64x48", quality=name), {"TINY": TINY})["rows"][0]
+        for name in ("compact", "faithful")
+    }
+    assert found["compact"]["psnr_db_scene"] < found["faithful"]["psnr_db_scene"] - 1
 
 
 def test_work():

@@ -67,7 +67,8 @@ def test_parts_and_sums(good):
         assert row["share"] == pytest.approx(share)
         assert (row["max_error"] is None) == (row["part"] == SUM)
     rounded = [good[f"psnr_db_{of}"] - db[of, TITLES[of]] for of in WHOLES]
-    assert -8 < rounded[0] < -3 and rounded[1:] == pytest.approx([0, 0], abs=1.5)
+    # The truth is rounded to 8 bits as well (58.9 dB by itself): at 56.7 dB that costs 1.03 dB.
+    assert -8 < rounded[0] < -3 and rounded[1:] == pytest.approx([0, 0], abs=1.1)
     assert good["quality"] == "faithful" and good["size"] == [128, 72]
 
 
