@@ -73,6 +73,7 @@ class Frame(wiring.Component):
                 & self.working[PREPROCESSING]
                 & ~self.working[RENDERING]
                 & ~self.failing.any()
+                & ~faults[PREPROCESSING]  # in this very cycle: the frame is given up here
             ),
             self.ready.eq(~self.working[PREPROCESSING]),
         ]
