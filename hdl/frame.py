@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import AREA, ERROR, frame_layout
-from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES
+from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES, STRAY
 from splatcore.hdl.raster.render import job_layout
 from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
@@ -27,7 +27,8 @@ class Frame(wiring.Component):
         begin, done, fails: each half's start, its end, its error. taken: the first
             half's work area has been handed over.
         area, job: their parameters.
-        read_error, write_error: from the bus. idle: nothing of a half is under way there.
+        read_error, write_error, stray: from the bus; `stray` fails no half. idle: nothing of a half
+            is under way there.
         favoured: a bit for the half that took longer for the last frame: its writers come first.
         failing: a half is to begin nothing more. reset: resets a half.
 
@@ -56,6 +57,7 @@ class Frame(wiring.Component):
             "job": Out(job_layout(config)),
             "read_error": In(CLIENT_ERROR),
             "write_error": In(CLIENT_ERROR),
+            "stray": In(STRAY),
             "idle": In(halves),
             "favoured": Out(halves),
             "failing": Out(halves),
@@ -116,6 +118,9 @@ class Frame(wiring.Component):
     def _errors(self, m: Module) -> list[Value]:
         """Reports one error; returns a bit for each half that says that it has one."""
         faults = [self.abort | self.fails.valid, self.abort]
+        with m.If(self.stray.valid):
+            m.d.comb += [self.error.valid.eq(1), self.error.code.eq(ErrorCode.STRAY)]
+            m.d.comb += self.error.detail.eq(Cat(self.stray.client, self.stray.written))
         for error, clients, code in (
             (self.read_error, READERS, ErrorCode.READ),
             (self.write_error, WRITERS, ErrorCode.WRITE),

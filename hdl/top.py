@@ -113,6 +113,7 @@ class Top(wiring.Component):
             registers.finished.eq(frame.finished),
             frame.read_error.eq(self.axi.read_error),
             frame.write_error.eq(self.axi.write_error),
+            frame.stray.eq(self.axi.stray),
         ]
         for part in (self.preprocess, self.render):
             for stage in part.counters.shape().members:

@@ -57,6 +57,7 @@ class ErrorCode(IntEnum):
     WRITE = 11  # AXI write error; the detail is the writer
     ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
     DEGREE = 13  # the model's SH degree, the detail, is above SH_DEGREE_MAX
+    STRAY = 14  # an AXI answer that nobody waits for, dropped: the bus is at fault; frames go on
 
 
 FRAME_BITS = 16

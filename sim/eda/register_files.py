@@ -10,7 +10,7 @@ import numpy as np
 from splatcore.sim.common.output import write
 from splatcore.sim.eda.verilog import filled
 from splatcore.spec import registers
-from splatcore.spec.axi import READERS, WRITERS
+from splatcore.spec.axi import ID_BITS, READERS, WRITERS
 from splatcore.spec.binning import groups_max
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
@@ -55,6 +55,7 @@ DETAILS = {
     ErrorCode.READ: ", ".join(f"{k} {name}" for k, name in enumerate(READERS)),
     ErrorCode.WRITE: ", ".join(f"{k} {name}" for k, name in enumerate(WRITERS)),
     ErrorCode.DEGREE: "the model's degree",
+    ErrorCode.STRAY: f"its ID; {1 << ID_BITS} more if it answers a write",
 }
 """The detail, of errors that have one."""
 

@@ -13,7 +13,7 @@ from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing, execute
 from splatcore.spec import registers
-from splatcore.spec.axi import READERS, WRITERS
+from splatcore.spec.axi import ID_BITS, READERS, WRITERS
 from splatcore.spec.colour import EXPONENT_MAX
 from splatcore.spec.config import TINY
 from splatcore.spec.memory import HEADER, MAGIC
@@ -29,7 +29,7 @@ GOOD, BAD = 0, 1
 
 KINDS = (
     "read", "write", "pages", "features", "magic", "version", "format", "degree",
-    "size", "alignment", "reset", "abort", "start", "locked",
+    "size", "alignment", "reset", "abort", "start", "locked", "stray",
 )  # fmt: skip
 """Kinds of what can go wrong."""
 
@@ -175,15 +175,8 @@ def drawn(kind: str, seed: int) -> Fault:
         return int(generator.integers(n))
 
     frame = golden()
-    if kind in ("read", "write"):
-        report, *_ = run_frame(seed)
-        if kind == "read":
-            count, code = sum(report.read.values()), ErrorCode.READ
-        else:
-            bursts = {"features": 2, "lists": 2, "groups": 2, "buckets": 2, "pixels": 3}
-            count = sum(n // bursts[name] for name, n in report.written.items())
-            code = ErrorCode.WRITE
-        return Fault(code, None, timing={f"{kind}_errors": (below(count),)})
+    if kind in ("read", "write", "stray"):
+        return drawn_answer(kind, seed, below)
     if kind == "pages":
         return Fault(ErrorCode.PAGES, values={"LISTS_PAGES": below(frame.binned.lists.needed)})
     if kind == "features":
@@ -209,6 +202,23 @@ def drawn(kind: str, seed: int) -> Fault:
     if kind == "size":
         return drawn_size(below)
     return drawn_host(kind, seed, below)
+
+
+def drawn_answer(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
+    """A beat or a burst is answered by an error, or there is an answer that nobody asked for."""
+    way = kind if kind != "stray" else ("read", "write")[below(2)]
+    report, *_ = run_frame(seed)
+    if way == "read":
+        count, code = sum(report.read.values()), ErrorCode.READ
+    else:
+        bursts = {"features": 2, "lists": 2, "groups": 2, "buckets": 2, "pixels": 3}
+        count = sum(n // bursts[name] for name, n in report.written.items())
+        code = ErrorCode.WRITE
+    if kind == "stray":
+        timing, nobody = {f"{way}_strays": (below(count),)}, (1 << ID_BITS) - 1
+        detail = nobody + (1 << ID_BITS if way == "write" else 0)
+        return Fault(ErrorCode.STRAY, detail, timing=timing, survives=True)
+    return Fault(code, None, timing={f"{way}_errors": (below(count),)})
 
 
 def drawn_size(below: Callable[[int], int]) -> Fault:
