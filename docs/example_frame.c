@@ -128,7 +128,8 @@ void splatcore_start(const struct camera *camera, const struct memory *memory,
     splatcore_write(SPLATCORE_CONTROL, SPLATCORE_CONTROL_START);
 }
 
-/* Wait for one of these events; 0 if it came, else ERROR: a code, and above it a detail. */
+/* Wait for one of these events; 0 if it came, else ERROR: a code, above it a detail, above that
+ * the halves that have given up a frame. */
 uint32_t splatcore_wait(uint32_t events)
 {
     for (;;) {

@@ -1,6 +1,6 @@
 """Frame control: starts both halves on neighbouring frames, and recovers from errors."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -23,7 +23,9 @@ class Frame(wiring.Component):
         frame: the host's registers. start, abort: its commands.
         ready, working: bits of STATUS: START is taken; each half is at work.
         ready_event, frame_event: `ready` has come; a frame is complete.
-        error: an error of the frame or the bus. started, finished: frames so far.
+        error: an error of the frame or the bus, one of those in a cycle. gives_up: a bit for each
+            half: its frame is given up in this cycle by an error, told or not.
+        started, finished: frames so far.
         begin, done, fails: each half's start, its end, its error. taken: the first
             half's work area has been handed over.
         area, job: their parameters.
@@ -47,6 +49,7 @@ class Frame(wiring.Component):
             "ready_event": Out(1),
             "frame_event": Out(1),
             "error": Out(ERROR),
+            "gives_up": Out(halves),
             "started": Out(FRAME_BITS),
             "finished": Out(FRAME_BITS),
             "begin": Out(halves),
@@ -75,14 +78,16 @@ class Frame(wiring.Component):
                 & self.working[PREPROCESSING]
                 & ~self.working[RENDERING]
                 & ~self.failing.any()
-                & ~faults[PREPROCESSING]  # in this very cycle: the frame is given up here
+                & ~(faults[PREPROCESSING] | self.abort)  # in this very cycle: it is given up here
             ),
             self.ready.eq(~self.working[PREPROCESSING]),
         ]
         begins = (self.start & self.ready, self.handing)
         ends = (self.handing, self.done[RENDERING] & ~self.failing[RENDERING])
         for half in HALVES:
-            self._half(m, half, begins[half], ends[half], faults[half])
+            given_up = faults[half] & self.working[half] & ~self.failing[half]
+            m.d.comb += self.gives_up[half].eq(given_up)
+            self._half(m, half, begins[half], ends[half], faults[half] | self.abort)
         self._areas(m)
         self._favour(m)
         was_ready = Signal(init=1)
@@ -117,7 +122,7 @@ class Frame(wiring.Component):
 
     def _errors(self, m: Module) -> list[Value]:
         """Reports one error; returns a bit for each half that says that it has one."""
-        faults = [self.abort | self.fails.valid, self.abort]
+        faults = [self.fails.valid, Const(0, 1)]
         with m.If(self.stray.valid):
             m.d.comb += [self.error.valid.eq(1), self.error.code.eq(ErrorCode.STRAY)]
             m.d.comb += self.error.detail.eq(Cat(self.stray.client, self.stray.written))

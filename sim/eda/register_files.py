@@ -18,7 +18,15 @@ from splatcore.spec.convention import FRUSTUM_MARGIN, PRINCIPAL_POINT_SHIFT
 from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS, frame_constants
 from splatcore.spec.memory import ALIGNMENT, HEADER
 from splatcore.spec.number import Float
-from splatcore.spec.registers import CODE_BITS, FRAME_START, WORD, ErrorCode, register_map
+from splatcore.spec.registers import (
+    CODE_BITS,
+    DETAIL_BITS,
+    FRAME_START,
+    HALVES_AT,
+    WORD,
+    ErrorCode,
+    register_map,
+)
 from splatcore.spec.work import (
     FEATURE,
     PIXEL,
@@ -49,6 +57,9 @@ BITS = {
 }
 """Bits of registers: mask and meaning by name. INTERRUPT_ENABLE has those of INTERRUPT."""
 
+HALVES = ("PREPROCESSING", "RENDERING")
+"""Names of ERROR's bits for the halves that have given up, the lowest first."""
+
 DETAILS = {
     ErrorCode.LOCKED: f"which one: (address − {FRAME_START:#x}) / {WORD}",
     ErrorCode.SIZE: "0 WIDTH, 1 HEIGHT, 2 STRIDE",
@@ -77,7 +88,9 @@ def write_register_files(config: Config, folder: Path) -> list[Path]:
         "constants": camera_constants(config),
         "near_plane": near_plane(config),
         "number": number_facts(config.arithmetic),
+        "halves": HALVES,
     } | {"READERS": READERS, "WRITERS": WRITERS, "WORD": WORD, "CODE_BITS": CODE_BITS}
+    facts |= {"DETAIL_BITS": DETAIL_BITS, "HALVES_AT": HALVES_AT}
     for name in FILES:
         write(folder / name, filled(name, **facts).encode())
     return [folder / name for name in FILES]

@@ -13,7 +13,7 @@ from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing, execute
 from splatcore.spec import registers
-from splatcore.spec.axi import ID_BITS, READERS, WRITERS
+from splatcore.spec.axi import ID_BITS, PREPROCESSING, READERS, WRITERS
 from splatcore.spec.colour import EXPONENT_MAX
 from splatcore.spec.config import TINY
 from splatcore.spec.memory import HEADER, MAGIC
@@ -254,8 +254,14 @@ def drawn_host(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
 
 def check_outcome(fault: Fault, outcome: Outcome):
     """The right error was told; all is quiet, and the good frame is the golden model's."""
-    detail, code = divmod(outcome.error, 1 << registers.CODE_BITS)
+    above, code = divmod(outcome.error, 1 << registers.CODE_BITS)
+    halves, detail = divmod(above, 1 << registers.DETAIL_BITS)
     assert ErrorCode(code) == fault.code
+    bus = {ErrorCode.READ: READERS, ErrorCode.WRITE: WRITERS}
+    if fault.code in bus:  # the other half may have failed, too, by what was read wrong
+        assert halves >> [*bus[fault.code].values()][detail] & 1
+    else:
+        assert halves == (0 if fault.survives or not fault.code else 1 << PREPROCESSING)
     if fault.detail is not None:
         assert detail == fault.detail
     elif fault.code != ErrorCode.NONE:
