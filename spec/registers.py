@@ -58,6 +58,8 @@ class ErrorCode(IntEnum):
     ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
     DEGREE = 13  # the model's SH degree, the detail, is above SH_DEGREE_MAX
     STRAY = 14  # an AXI answer that nobody waits for, dropped: the bus is at fault; frames go on
+    RANGE = 15  # what begins at an address, the detail is its register, ends beyond 4 GiB
+    PARTS = 16  # the model's parts are out of order, or do not hold as many Gaussians as it says
 
 
 FRAME_BITS = 16

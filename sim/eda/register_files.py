@@ -60,8 +60,12 @@ BITS = {
 HALVES = ("PREPROCESSING", "RENDERING")
 """Names of ERROR's bits for the halves that have given up, the lowest first."""
 
+REGISTER = f"which one: (address − {FRAME_START:#x}) / {WORD}"
+
 DETAILS = {
-    ErrorCode.LOCKED: f"which one: (address − {FRAME_START:#x}) / {WORD}",
+    ErrorCode.LOCKED: REGISTER,
+    ErrorCode.ALIGNMENT: REGISTER,
+    ErrorCode.RANGE: REGISTER,
     ErrorCode.SIZE: "0 WIDTH, 1 HEIGHT, 2 STRIDE",
     ErrorCode.READ: ", ".join(f"{k} {name}" for k, name in enumerate(READERS)),
     ErrorCode.WRITE: ", ".join(f"{k} {name}" for k, name in enumerate(WRITERS)),

@@ -16,9 +16,9 @@ from splatcore.spec import registers
 from splatcore.spec.axi import ID_BITS, PREPROCESSING, READERS, WRITERS
 from splatcore.spec.colour import EXPONENT_MAX
 from splatcore.spec.config import TINY
-from splatcore.spec.memory import HEADER, MAGIC
+from splatcore.spec.memory import HEADER, MAGIC, PLACED
 from splatcore.spec.registers import ErrorCode, addresses, frame_registers
-from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, stride
+from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, WORK_ALIGNMENT, stride
 from tb.helpers.machines import garden, machine, view
 
 QUIET = 4_000  # cycles in which whatever was on its way comes to its end
@@ -30,6 +30,7 @@ GOOD, BAD = 0, 1
 KINDS = (
     "read", "write", "pages", "features", "magic", "version", "format", "degree",
     "size", "alignment", "reset", "abort", "start", "locked", "stray",
+    "range", "parts",
 )  # fmt: skip
 """Kinds of what can go wrong."""
 
@@ -201,6 +202,8 @@ def drawn(kind: str, seed: int) -> Fault:
         return Fault(ErrorCode.ALIGNMENT, names.index(name), values={name: value})
     if kind == "size":
         return drawn_size(below)
+    if kind in ("range", "parts"):
+        return drawn_place(kind, below)
     return drawn_host(kind, seed, below)
 
 
@@ -219,6 +222,21 @@ def drawn_answer(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
         detail = nobody + (1 << ID_BITS if way == "write" else 0)
         return Fault(ErrorCode.STRAY, detail, timing=timing, survives=True)
     return Fault(code, None, timing={f"{way}_errors": (below(count),)})
+
+
+def drawn_place(kind: str, below: Callable[[int], int]) -> Fault:
+    """Something ends beyond 4 GiB, or the model's header places its parts wrongly."""
+    at = {name: job().model.value(name) for name in PLACED}
+    if kind == "parts":
+        fields = [{"count": 4 * at["colours"] + 1 + below(1 << 20)}, {"end": at["colours"] - 1}]
+        fields += [{"positions": at["attributes"] + 1 + below(1000)}, {"colours": 0}]
+        return Fault(ErrorCode.PARTS, header=fields[below(len(fields))])
+    names = [register.name for register in frame_registers(TINY)]
+    name = ["MODEL", "GROUPS", "LISTS", "FEATURES", "SCRATCH", "PIXELS"][below(6)]
+    beyond = {"header": {"end": at["end"] + (1 << 26 + below(6))}}
+    if name != "MODEL":
+        beyond = {"values": {name: (1 << 32) - WORK_ALIGNMENT}}
+    return Fault(ErrorCode.RANGE, names.index(name), **beyond)
 
 
 def drawn_size(below: Callable[[int], int]) -> Fault:
