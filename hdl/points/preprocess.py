@@ -1,6 +1,6 @@
 """First half of a frame: the model in memory to splats' features and groups' lists in memory."""
 
-from amaranth.hdl import Cat, Const, Module
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -120,6 +120,7 @@ class Preprocess(wiring.Component):
     def _control(self, m: Module):
         """A frame from its start to the end of its work area."""
         model, points, bin, binned = self.model, self.points, self.bin, self.binned
+        exceeded = Signal()  # the lists have taken more pages than there are
         m.submodules.check = check = Check(self.config)
         m.d.comb += check.frame.eq(self.frame)
         for part in (points, bin, binned):
@@ -145,7 +146,7 @@ class Preprocess(wiring.Component):
             with m.State("FINISH"):
                 m.d.comb += bin.finish.eq(1)
                 with m.If(bin.done):
-                    m.d.sync += self.needed.eq(bin.needed)
+                    m.d.sync += [self.needed.eq(bin.needed), exceeded.eq(bin.exceeded)]
                     m.next = "SETTLE"
             with m.State("SETTLE"):
                 m.d.comb += binned.finish.eq(1)
@@ -153,7 +154,7 @@ class Preprocess(wiring.Component):
                     m.next = "DONE"
                     with m.If(binned.exceeded):
                         self._fail(m, ErrorCode.FEATURES)
-                    with m.Elif(self.needed > self.frame.lists_pages):
+                    with m.Elif(exceeded):
                         self._fail(m, ErrorCode.PAGES)
             with m.State("DONE"):
                 m.d.comb += self.done.eq(1)

@@ -157,7 +157,8 @@ def test_headers(name):
     headers = [(model(format), edit) for format in formats for edit in ({}, *edits)]
     seen = [check_header(config, spoiled(m, **e), k) for k, (m, e) in enumerate(headers)]
     wrong = ErrorCode.MAGIC, ErrorCode.VERSION, ErrorCode.FORMAT, ErrorCode.DEGREE
-    assert set(seen) == {ErrorCode.NONE, *wrong}
+    # codebooks named in a model without them lie beyond its end
+    assert set(seen) - {ErrorCode.PARTS} == {ErrorCode.NONE, *wrong}
 
 
 COUNT_MAX = 100_000  # Gaussians of models whose chunk headers are read
