@@ -128,7 +128,8 @@ void splatcore_start(const struct camera *camera, const struct memory *memory,
     splatcore_write(SPLATCORE_CONTROL, SPLATCORE_CONTROL_START);
 }
 
-/* Wait for one of these events; 0 if it came, else ERROR: a code, and above it a detail. */
+/* Wait for one of these events; 0 if it came, else ERROR: a code, above it a detail, above that
+ * the halves that have given up a frame. */
 uint32_t splatcore_wait(uint32_t events)
 {
     for (;;) {
@@ -162,8 +163,9 @@ uint32_t splatcore_frame(const struct camera *camera, struct memory *memory, uin
         if ((error & SPLATCORE_ERROR_CODE_MASK) != SPLATCORE_ERROR_PAGES)
             return error;
         /* Lists need more pages than there were: as many as the machine says, if there is room. */
-        memory->pages = splatcore_read(SPLATCORE_NEEDED);
-        if (memory->pages > pages_max)
+        uint32_t needed = splatcore_read(SPLATCORE_NEEDED);
+        if (needed > pages_max || needed <= memory->pages) /* it counts no further than its mask */
             return error;
+        memory->pages = needed;
     }
 }

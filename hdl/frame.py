@@ -1,11 +1,11 @@
 """Frame control: starts both halves on neighbouring frames, and recovers from errors."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import AREA, ERROR, frame_layout
-from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES
+from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES, STRAY
 from splatcore.hdl.raster.render import job_layout
 from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
@@ -23,11 +23,14 @@ class Frame(wiring.Component):
         frame: the host's registers. start, abort: its commands.
         ready, working: bits of STATUS: START is taken; each half is at work.
         ready_event, frame_event: `ready` has come; a frame is complete.
-        error: an error of the frame or the bus. started, finished: frames so far.
+        error: an error of the frame or the bus, one of those in a cycle. gives_up: a bit for each
+            half: its frame is given up in this cycle by an error, told or not.
+        started, finished: frames so far.
         begin, done, fails: each half's start, its end, its error. taken: the first
             half's work area has been handed over.
         area, job: their parameters.
-        read_error, write_error: from the bus. idle: nothing of a half is under way there.
+        read_error, write_error, stray: from the bus; `stray` fails no half. idle: nothing of a half
+            is under way there.
         favoured: a bit for the half that took longer for the last frame: its writers come first.
         failing: a half is to begin nothing more. reset: resets a half.
 
@@ -46,6 +49,7 @@ class Frame(wiring.Component):
             "ready_event": Out(1),
             "frame_event": Out(1),
             "error": Out(ERROR),
+            "gives_up": Out(halves),
             "started": Out(FRAME_BITS),
             "finished": Out(FRAME_BITS),
             "begin": Out(halves),
@@ -56,6 +60,7 @@ class Frame(wiring.Component):
             "job": Out(job_layout(config)),
             "read_error": In(CLIENT_ERROR),
             "write_error": In(CLIENT_ERROR),
+            "stray": In(STRAY),
             "idle": In(halves),
             "favoured": Out(halves),
             "failing": Out(halves),
@@ -73,13 +78,16 @@ class Frame(wiring.Component):
                 & self.working[PREPROCESSING]
                 & ~self.working[RENDERING]
                 & ~self.failing.any()
+                & ~(faults[PREPROCESSING] | self.abort)  # in this very cycle: it is given up here
             ),
             self.ready.eq(~self.working[PREPROCESSING]),
         ]
         begins = (self.start & self.ready, self.handing)
         ends = (self.handing, self.done[RENDERING] & ~self.failing[RENDERING])
         for half in HALVES:
-            self._half(m, half, begins[half], ends[half], faults[half])
+            given_up = faults[half] & self.working[half] & ~self.failing[half]
+            m.d.comb += self.gives_up[half].eq(given_up)
+            self._half(m, half, begins[half], ends[half], faults[half] | self.abort)
         self._areas(m)
         self._favour(m)
         was_ready = Signal(init=1)
@@ -114,7 +122,10 @@ class Frame(wiring.Component):
 
     def _errors(self, m: Module) -> list[Value]:
         """Reports one error; returns a bit for each half that says that it has one."""
-        faults = [self.abort | self.fails.valid, self.abort]
+        faults = [self.fails.valid, Const(0, 1)]
+        with m.If(self.stray.valid):
+            m.d.comb += [self.error.valid.eq(1), self.error.code.eq(ErrorCode.STRAY)]
+            m.d.comb += self.error.detail.eq(Cat(self.stray.client, self.stray.written))
         for error, clients, code in (
             (self.read_error, READERS, ErrorCode.READ),
             (self.write_error, WRITERS, ErrorCode.WRITE),

@@ -1,6 +1,6 @@
 """The AXI4-Lite slave: the host's registers (`spec.registers`)."""
 
-from amaranth.hdl import Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
@@ -19,7 +19,7 @@ WORD_BITS = exact_log2(registers.WORD)
 FIRST = registers.FRAME_START // registers.WORD
 
 ERROR = data.StructLayout({"code": registers.CODE_BITS, "detail": registers.DETAIL_BITS})
-"""The value of the register ERROR."""
+"""An error as it stands in the register ERROR, below the halves."""
 
 
 class Registers(wiring.Component):
@@ -41,6 +41,7 @@ class Registers(wiring.Component):
         status: the bits of STATUS.
         ready_event, frame_event: high for a cycle: bits of INTERRUPT.
         error: `valid` high for a cycle: code and detail go to ERROR unless there is one already.
+        gives_up: a bit for each half, which goes to ERROR whatever is there.
         started, finished, needed, counters: values of these registers; counters by stage and name.
 
     **Timing**: a write is done in the cycle after its address and data have come; a read is
@@ -64,6 +65,7 @@ class Registers(wiring.Component):
             "ready_event": In(1),
             "frame_event": In(1),
             "error": In(ERROR_EVENT),
+            "gives_up": In(registers.HALVES_BITS),
             "started": In(self.map[self.address["STARTED"]].width),
             "finished": In(self.map[self.address["FINISHED"]].width),
             "needed": In(PAGE_BITS),
@@ -76,7 +78,7 @@ class Registers(wiring.Component):
         self.value = Signal(LITE_DATA_BITS, reset_less=True)
         self.events = Signal(self.map[self.address["INTERRUPT"]].width)
         self.enabled = Signal(self.map[self.address["INTERRUPT_ENABLE"]].width)
-        self.first_error = Signal(ERROR)
+        self.first_error, self.given_up = Signal(ERROR), Signal(registers.HALVES_BITS)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -146,6 +148,7 @@ class Registers(wiring.Component):
         clears = self._at("ERROR")
         with m.If(clears | (self.first_error.code == registers.ErrorCode.NONE)):
             m.d.sync += self.first_error.eq(Mux(valid, new, 0))
+        m.d.sync += self.given_up.eq(Mux(clears, 0, self.given_up) | self.gives_up)
         events = {
             registers.INTERRUPT_READY: self.ready_event,
             registers.INTERRUPT_FRAME: self.frame_event,
@@ -165,7 +168,7 @@ class Registers(wiring.Component):
             "STATUS": self.status,
             "INTERRUPT": self.events,
             "INTERRUPT_ENABLE": self.enabled,
-            "ERROR": self.first_error,
+            "ERROR": Cat(self.first_error, self.given_up),
             "STARTED": self.started,
             "FINISHED": self.finished,
             "NEEDED": self.needed,

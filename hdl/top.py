@@ -109,10 +109,12 @@ class Top(wiring.Component):
             registers.ready_event.eq(frame.ready_event),
             registers.frame_event.eq(frame.frame_event),
             registers.error.eq(frame.error),
+            registers.gives_up.eq(frame.gives_up),
             registers.started.eq(frame.started),
             registers.finished.eq(frame.finished),
             frame.read_error.eq(self.axi.read_error),
             frame.write_error.eq(self.axi.write_error),
+            frame.stray.eq(self.axi.stray),
         ]
         for part in (self.preprocess, self.render):
             for stage in part.counters.shape().members:

@@ -57,6 +57,9 @@ class ErrorCode(IntEnum):
     WRITE = 11  # AXI write error; the detail is the writer
     ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
     DEGREE = 13  # the model's SH degree, the detail, is above SH_DEGREE_MAX
+    STRAY = 14  # an AXI answer that nobody waits for, dropped: the bus is at fault; frames go on
+    RANGE = 15  # what begins at an address, the detail is its register, ends beyond 4 GiB
+    PARTS = 16  # the model's parts are out of order, or do not hold as many Gaussians as it says
 
 
 FRAME_BITS = 16
@@ -66,6 +69,10 @@ CODE_BITS = 8
 DETAIL_BITS = 8
 """ERROR: the code, above it the detail (`ErrorCode`; else 0). Registers as details are counted from
 the first one of a frame on."""
+
+HALVES_AT, HALVES_BITS = CODE_BITS + DETAIL_BITS, 2
+"""ERROR, above the detail: a bit for each half (`spec.axi`) that has given up its frame by an
+error, this one or a later one, since ERROR was last written. ABORT sets none."""
 
 ALIGNED = {
     "MODEL": ALIGNMENT,
@@ -103,7 +110,12 @@ def control_registers(config: Config) -> list[Register]:
         Register("STATUS", 3, "read", "READY, PREPROCESSING, RENDERING"),
         Register("INTERRUPT", 3, "clear", "READY, FRAME, ERROR"),
         Register("INTERRUPT_ENABLE", 3, "write", "which of them raise the interrupt"),
-        Register("ERROR", CODE_BITS + DETAIL_BITS, "clear", "code, detail << 8; any write clears"),
+        Register(
+            "ERROR",
+            HALVES_AT + HALVES_BITS,
+            "clear",
+            f"code, detail << {CODE_BITS}, halves << {HALVES_AT}; any write clears",
+        ),
         Register("STARTED", FRAME_BITS, "read", "frames that have begun, modulo 2^16"),
         Register("FINISHED", FRAME_BITS, "read", "frames that are complete, modulo 2^16"),
         Register("NEEDED", PAGE_BITS, "read", "list pages that the last frame's points took"),

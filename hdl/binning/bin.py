@@ -53,7 +53,7 @@ class Bin(wiring.Component):
         bursts: stream of `burst_record`.
         groups: stream of `group_record`, one for each group of the image in order.
         needed: pages that the frame takes, valid until the next frame begins. Where they are more
-            than there are, bursts beyond are left out and all else goes on.
+            than there are (exceeded), bursts beyond are left out and all else goes on.
         done: the frame is through.
         counters, clear: events of `COUNTED`; blocked are cycles in which a stream out is not taken.
 
@@ -76,6 +76,7 @@ class Bin(wiring.Component):
             "bursts": Out(stream.Signature(layout(burst_record(config)))),
             "groups": Out(stream.Signature(layout(group_record()))),
             "needed": Out(PAGE_BITS),
+            "exceeded": Out(1),
             "done": Out(1),
             "clear": In(1),
             "counters": Out(counters_layout(COUNTED)),
@@ -98,6 +99,7 @@ class Bin(wiring.Component):
             self.rows.width.eq(self.width),
             self.lists.pages.eq(self.pages),
             self.needed.eq(self.lists.needed),
+            self.exceeded.eq(self.lists.exceeded),
             self.done.eq(self.lists.done),
         ]
         inside = self.outline.o.valid | self.rows.busy | self.gather.busy | self.parts.o.valid

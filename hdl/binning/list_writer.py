@@ -37,7 +37,8 @@ class ListWriter(wiring.Component):
             begins when it is low again.
         bursts: stream of `burst_record`; those that lie in pages beyond the last are left out.
         groups: stream of `group_record`.
-        needed: pages taken so far in the frame, until the next one begins.
+        needed: pages taken so far in the frame, until the next one begins; it stays at its largest
+            value. exceeded: more than `pages` were taken, likewise.
         empty: no entry is inside. taking: entries are taken. done: all groups were given out.
 
     **Timing**: an entry a cycle whatever its group, latency 1; a group a cycle when flushed. After
@@ -66,6 +67,7 @@ class ListWriter(wiring.Component):
             "bursts": Out(stream.Signature(layout(binning.burst_record(config)))),
             "groups": Out(stream.Signature(layout(binning.group_record()))),
             "needed": Out(binning.PAGE_BITS),
+            "exceeded": Out(1),
             "empty": Out(1),
             "taking": Out(1),
             "done": Out(1),
@@ -106,7 +108,7 @@ class ListWriter(wiring.Component):
             with m.Case(State.DONE):
                 m.d.sync += [flushed.eq(0), group.eq(0)]
                 with m.If(~self.finish):
-                    m.d.sync += [state.eq(State.TAKE), self.needed.eq(0)]
+                    m.d.sync += [state.eq(State.TAKE), self.needed.eq(0), self.exceeded.eq(0)]
 
         asked = Mux(state == State.FLUSH, group, self.i.payload.group)
         flushing = state == State.FLUSH
@@ -186,7 +188,9 @@ class ListWriter(wiring.Component):
             write_row.en.eq(through),
             write_row.data.eq(Mux(self.taking, Value.cast(self.new), 0)),
         ]
-        with m.If(through & ~flushing & turn & ~self.needed.all()):
-            m.d.sync += self.needed.eq(self.needed + 1)
+        with m.If(through & ~flushing & turn):
+            m.d.sync += self.needed.eq(self.needed + ~self.needed.all())
+            with m.If(self.needed >= self.pages):
+                m.d.sync += self.exceeded.eq(1)
         for k, port in enumerate(write_entry):
             m.d.comb += [port.data.eq(entry), port.en.eq(through & ~flushing & (self.slot == k))]

@@ -22,6 +22,9 @@ ERROR = 1  # the bit of a response that signals an error
 CLIENT_ERROR = data.StructLayout({"valid": 1, "client": spec.ID_BITS})
 """A beat or burst of a client has been answered by an error."""
 
+STRAY = data.StructLayout({"valid": 1, "client": spec.ID_BITS, "written": 1})
+"""An answer that nobody waits for. client: its ID. written: to a burst written, not a beat read."""
+
 
 def read_beat(config: Config) -> data.StructLayout:
     """The layout of a beat that was read. last: of its burst."""
@@ -97,6 +100,8 @@ class Axi(wiring.Component):
         idle: a bit for each half: nothing that it has asked for or given is on its way.
         settled: a bit for each writer: all that was taken from it before this cycle is in memory.
         read_error, write_error: `CLIENT_ERROR`; several for a burst read are possible.
+        stray: `STRAY`. Such an answer is dropped and changes nothing: its ID is no client's, or
+            nothing of the reader's half, or of the writer, is under way.
         beats_read, beats_written: a bit for each client: a beat has passed.
 
     **Timing**: in every cycle a read can be asked for, a beat come back, and a beat be written; the
@@ -120,6 +125,7 @@ class Axi(wiring.Component):
             "settled": Out(len(spec.WRITERS)),
             "read_error": Out(CLIENT_ERROR),
             "write_error": Out(CLIENT_ERROR),
+            "stray": Out(STRAY),
             "beats_read": Out(len(spec.READERS)),
             "beats_written": Out(len(spec.WRITERS)),
         }
@@ -141,8 +147,8 @@ class Axi(wiring.Component):
             self.m_axi.wvalid.eq(w.valid),
             w.ready.eq(self.m_axi.wready),
         ]
-        returned = self._return(m)
-        reads_idle = self._ask(m, returned)
+        reads_idle = Signal(len(HALVES))
+        self._ask(m, self._return(m, reads_idle), reads_idle)
         self._write(m, self._answers(m))
         for half in HALVES:
             settled = (self.settled | ~of_half(spec.WRITERS, half)).all()
@@ -177,7 +183,7 @@ class Axi(wiring.Component):
             m.d.sync += count.eq(count + Mux(begins, 1, -1))
         return count
 
-    def _return(self, m: Module) -> Value:
+    def _return(self, m: Module, idle: Value) -> Value:
         """Beats that come back; a bit for each half: it has the last one of a burst.
 
         They pass a register that holds one beat: the port's `rready` depends on that beat's
@@ -189,16 +195,21 @@ class Axi(wiring.Component):
         client = Signal(spec.ID_BITS, reset_less=True)
         error = Signal(reset_less=True)
         target, fire = Signal(len(spec.READERS)), Signal(len(spec.READERS))
+        stray, awaited = Signal(), ~self._of_halves(idle, spec.READERS)
         failing = self._of_halves(self.failing, spec.READERS)
         ready = Cat(o.ready for o in self.data) | failing
         m.d.comb += [
-            target.eq(Mux(full, Const(1) << client, 0)),
+            target.eq(Mux(full, (Const(1) << client) & awaited, 0)),
             fire.eq(target & ready),
-            m_axi.rready.eq(~full | fire.any()),
+            stray.eq(full & ~target.any()),
+            m_axi.rready.eq(~full | fire.any() | stray),
             self.beats_read.eq(fire),
             self.read_error.valid.eq(fire.any() & error),
             self.read_error.client.eq(client),
         ]
+        with m.If(stray):
+            m.d.comb += [self.stray.valid.eq(1), self.stray.client.eq(client)]
+            m.d.comb += self.stray.written.eq(0)
         for k, (o, half) in enumerate(zip(self.data, spec.READERS.values(), strict=True)):
             m.d.comb += [o.payload.eq(beat), o.valid.eq(target[k] & ~self.failing[half])]
         with m.If(m_axi.rready):
@@ -211,10 +222,10 @@ class Axi(wiring.Component):
             ]
         return Cat((fire & of_half(spec.READERS, half)).any() & beat.last for half in HALVES)
 
-    def _ask(self, m: Module, returned: Value) -> Value:
-        """Bursts to be read; a bit for each half: none of them is on its way."""
+    def _ask(self, m: Module, returned: Value, idle: Signal):
+        """Bursts to be read. idle: a bit for each half: none of them is on its way."""
         m.submodules.read_turns = turns = Turns(len(spec.READERS))
-        full, idle = Signal(len(HALVES)), Signal(len(HALVES))
+        full = Signal(len(HALVES))
         request, began = self.ar.i, Signal(len(spec.READERS))
         blocked = Cat(self.failing[half] | full[half] for half in spec.READERS.values())
         m.d.comb += [
@@ -231,7 +242,6 @@ class Axi(wiring.Component):
             begins = (began & of_half(spec.READERS, half)).any()
             count = self._outstanding(m, f"reads{half}", begins, returned[half])
             m.d.comb += [full[half].eq(count.all()), idle[half].eq(count == 0)]
-        return idle
 
     def _answers(self, m: Module) -> Value:
         """Answers to bursts written; a bit for each writer."""
@@ -239,9 +249,17 @@ class Axi(wiring.Component):
         full, error = Signal(), Signal()
         client = Signal(spec.ID_BITS, reset_less=True)
         m.d.sync += [full.eq(m_axi.bvalid), client.eq(m_axi.bid), error.eq(m_axi.bresp[ERROR])]
-        m.d.comb += [m_axi.bready.eq(1), self.write_error.valid.eq(full & error)]
-        m.d.comb += self.write_error.client.eq(client)
-        return Cat(full & (client == k) for k in range(len(spec.WRITERS)))
+        answered = Signal(len(spec.WRITERS))
+        m.d.comb += [
+            m_axi.bready.eq(1),
+            answered.eq(Mux(full, (Const(1) << client) & ~self.settled, 0)),
+            self.write_error.valid.eq(answered.any() & error),
+            self.write_error.client.eq(client),
+        ]
+        with m.If(full & ~answered.any()):
+            m.d.comb += [self.stray.valid.eq(1), self.stray.client.eq(client)]
+            m.d.comb += self.stray.written.eq(1)
+        return answered
 
     def _write(self, m: Module, answered: Value):
         """Bursts to be written: a writer has the port for its burst."""

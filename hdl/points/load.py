@@ -5,6 +5,7 @@ from collections.abc import Callable
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
 from splatcore.spec import memory
@@ -12,7 +13,7 @@ from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, range_record
 from splatcore.spec.colour import DEGREES, EXPONENT_MAX, EXPONENT_MIN, SH_EXPONENT_MAX
 from splatcore.spec.config import Config
 from splatcore.spec.point import EXPONENT, GAUSSIAN_BITS
-from splatcore.spec.registers import CODE_BITS, DETAIL_BITS, ErrorCode
+from splatcore.spec.registers import CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
 
 RANGE_BITS = 10  # width of the number of beats of a read: a header, or all codebooks
 
@@ -30,6 +31,11 @@ class Load(wiring.Component):
         positions, attributes: addresses of these parts in beats.
         loaded: the header, and codebooks if there are any, have been read, until the next start.
         error, detail: `ErrorCode`, not NONE: the header does not fit; nothing more happens.
+
+    A header whose parts are in order and end within 4 GiB, with a beat of attributes for each
+    Gaussian, has nothing read beyond the model's end, but for further beats of attributes, which
+    chunk headers tell of: positions take less than attributes. Whether the bytes are the right ones
+    only the host can tell, by the checksum.
 
     **Timing**: a beat a cycle; a header of 4 beats and up to 512 of codebooks for each frame.
     """
@@ -120,9 +126,13 @@ class Load(wiring.Component):
         def in_beat(name: str) -> Value:
             return number == offsets[name] // DATA_BITS
 
-        colours, degree = Signal(BEAT_ADDRESS_BITS), Signal(memory.HEADER["sh_degree"].width)
+        colours, degree = Signal(BEAT_ADDRESS_BITS + 1), Signal(memory.HEADER["sh_degree"].width)
         m.d.comb += self.sh.eq(degree.any())
-        m.d.comb += self.detail.eq(Mux(self.error == ErrorCode.DEGREE, degree, 0))
+        names = [register.name for register in frame_registers(self.config)]
+        with m.If(self.error == ErrorCode.DEGREE):
+            m.d.comb += self.detail.eq(degree)
+        with m.If(self.error == ErrorCode.RANGE):
+            m.d.comb += self.detail.eq(names.index("MODEL"))
         kept = {"count": self.gaussians, "sh_degree": degree}
         kept |= {"position_exponent": self.position_exponent}
         kept = {name: (target, field(name)) for name, target in kept.items()}
@@ -140,22 +150,43 @@ class Load(wiring.Component):
                 with m.If(in_beat(name)):
                     m.d.sync += target.eq(value)
             with m.If(self.error == ErrorCode.NONE):
-                m.d.sync += self.error.eq(self._error(field, in_beat, degree))
+                m.d.sync += self.error.eq(self._error(field, in_beat, degree, colours))
         return colours
 
-    def _error(self, field: Callable, in_beat: Callable, degree: Value) -> Value:
+    def _error(self, field: Callable, in_beat: Callable, degree: Value, colours: Value) -> Value:
         """The first error in a beat of the header, NONE if there is none."""
+        unordered, beyond = self._places(field, colours)
         unfit = [in_beat(name) & ~fit for name, fit in self._fits(field, degree).items()]
         errors = {
             ErrorCode.MAGIC: in_beat("magic") & (field("magic") != memory.MAGIC),
             ErrorCode.VERSION: in_beat("version") & (field("version") != memory.VERSION),
             ErrorCode.DEGREE: in_beat("sh_degree") & (field("sh_degree") > self.config.sh_degree),
             ErrorCode.FORMAT: Cat(unfit).any(),
+            ErrorCode.PARTS: Cat(in_beat(name) & wrong for name, wrong in unordered.items()).any(),
+            ErrorCode.RANGE: Cat(in_beat(name) & wrong for name, wrong in beyond.items()).any(),
         }
         found = Const(ErrorCode.NONE, CODE_BITS)
         for code, wrong in reversed(errors.items()):
             found = Mux(wrong, code, found)
         return found
+
+    def _places(self, field: Callable, colours: Value) -> tuple[dict, dict]:
+        """Fields of the header, and whether parts that they place are out of order or too short;
+        and whether they end beyond the last address. colours: where these begin."""
+        per_unit = memory.ALIGNMENT // BEAT
+        chunks = (self.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
+        headers = (memory.HEADER.size + chunks * memory.CHUNK_HEADER.size) // BEAT
+        attributes = (self.gaussians + per_unit - 1) >> exact_log2(per_unit)
+        end = self._address(field("end"))
+        named = Mux(self.codebooks if self.steps else 1, Array(self.words)[self.sh], 0)
+        unordered = {
+            "positions": headers > field("positions") * per_unit,
+            "attributes": field("positions") > field("attributes"),
+            "colours": field("attributes") + attributes > field("colours"),
+            "end": colours + named > end,
+        }
+        last = 1 << BEAT_ADDRESS_BITS
+        return unordered, {"colours": field("colours") * per_unit >= last, "end": end > last}
 
     def _fits(self, field: Callable[[str], Value], degree: Value) -> dict[str, Value]:
         """Fields of the header, and whether this machine can do with each."""

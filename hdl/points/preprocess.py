@@ -1,29 +1,29 @@
 """First half of a frame: the model in memory to splats' features and groups' lists in memory."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Value
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
-from amaranth.utils import exact_log2
 
 from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import WRITING, Binned
 from splatcore.hdl.lib.record import AREA, ERROR, frame_layout, layout
 from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.points.check import Check
 from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.hdl.points.points import Points
 from splatcore.spec.axi import BEAT_BITS, read_record, write_record
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.frame import fixed_constants
-from splatcore.spec.registers import ALIGNED, DETAIL_BITS, ErrorCode, frame_registers
-from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT
+from splatcore.spec.registers import ErrorCode
 
 
 class Preprocess(wiring.Component):
     """Stages 0 and 1 and binning with their memory side, for one frame after the other.
 
     Members
-        start: begin a frame. frame: its registers, which stay until `done`.
+        start: begin a frame. frame: its registers, which are there `hdl.points.check.LATENCY`
+            cycles before that and stay until `done`.
         area: the work area to be written.
         reads, data: to and from memory for `hdl.points.model_reader`; writes: for
             `hdl.binning.binned`.
@@ -120,20 +120,19 @@ class Preprocess(wiring.Component):
     def _control(self, m: Module):
         """A frame from its start to the end of its work area."""
         model, points, bin, binned = self.model, self.points, self.bin, self.binned
-        wrong, detail = self._size()
-        unaligned, register = self._unaligned()
+        exceeded = Signal()  # the lists have taken more pages than there are
+        m.submodules.check = check = Check(self.config)
+        m.d.comb += check.frame.eq(self.frame)
         for part in (points, bin, binned):
             m.d.comb += part.clear.eq(self.start)
         with m.FSM():
             with m.State("IDLE"), m.If(self.start):
-                m.next = "SIZE"
-            with m.State("SIZE"):
-                m.d.comb += model.start.eq(~wrong & ~unaligned)
+                m.next = "CHECK"
+            with m.State("CHECK"):
+                m.d.comb += model.start.eq(check.error == ErrorCode.NONE)
                 m.next = "LOAD"
-                with m.If(wrong):
-                    self._fail(m, ErrorCode.SIZE, detail)
-                with m.Elif(unaligned):
-                    self._fail(m, ErrorCode.ALIGNMENT, register)
+                with m.If(check.error != ErrorCode.NONE):
+                    self._fail(m, check.error, check.detail)
             with m.State("LOAD"):
                 with m.If(model.error != ErrorCode.NONE):
                     self._fail(m, model.error, model.detail)
@@ -147,7 +146,7 @@ class Preprocess(wiring.Component):
             with m.State("FINISH"):
                 m.d.comb += bin.finish.eq(1)
                 with m.If(bin.done):
-                    m.d.sync += self.needed.eq(bin.needed)
+                    m.d.sync += [self.needed.eq(bin.needed), exceeded.eq(bin.exceeded)]
                     m.next = "SETTLE"
             with m.State("SETTLE"):
                 m.d.comb += binned.finish.eq(1)
@@ -155,7 +154,7 @@ class Preprocess(wiring.Component):
                     m.next = "DONE"
                     with m.If(binned.exceeded):
                         self._fail(m, ErrorCode.FEATURES)
-                    with m.Elif(self.needed > self.frame.lists_pages):
+                    with m.Elif(exceeded):
                         self._fail(m, ErrorCode.PAGES)
             with m.State("DONE"):
                 m.d.comb += self.done.eq(1)
@@ -168,20 +167,3 @@ class Preprocess(wiring.Component):
         """Report an error, and wait for the reset."""
         m.d.comb += [self.error.valid.eq(1), self.error.code.eq(code), self.error.detail.eq(detail)]
         m.next = "FAILED"
-
-    def _unaligned(self) -> tuple[Value, Value]:
-        """A bit that says that an address is not aligned, and its register: the last such one."""
-        names = [register.name for register in frame_registers(self.config)]
-        found, wrong = Const(0, DETAIL_BITS), Const(0, 1)
-        for name, bytes_ in ALIGNED.items():
-            odd = self.frame[name.lower()][: exact_log2(bytes_)].any()
-            found, wrong = Mux(odd, names.index(name), found), wrong | odd
-        return wrong, found
-
-    def _size(self) -> tuple[Value, Value]:
-        """A bit that says that width, height or stride is impossible, and its number: 0, 1, 2."""
-        frame, config = self.frame, self.config
-        width = (frame.width == 0) | (frame.width > config.width_max)
-        height = (frame.height == 0) | (frame.height > config.height_max)
-        stride = (frame.stride < frame.width * PIXEL) | (frame.stride % STRIDE_ALIGNMENT != 0)
-        return width | height | stride, Mux(width, 0, Mux(height, 1, 2))

@@ -10,7 +10,7 @@ import numpy as np
 from splatcore.sim.common.output import write
 from splatcore.sim.eda.verilog import filled
 from splatcore.spec import registers
-from splatcore.spec.axi import READERS, WRITERS
+from splatcore.spec.axi import ID_BITS, READERS, WRITERS
 from splatcore.spec.binning import groups_max
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
@@ -18,7 +18,15 @@ from splatcore.spec.convention import FRUSTUM_MARGIN, PRINCIPAL_POINT_SHIFT
 from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS, frame_constants
 from splatcore.spec.memory import ALIGNMENT, HEADER
 from splatcore.spec.number import Float
-from splatcore.spec.registers import CODE_BITS, FRAME_START, WORD, ErrorCode, register_map
+from splatcore.spec.registers import (
+    CODE_BITS,
+    DETAIL_BITS,
+    FRAME_START,
+    HALVES_AT,
+    WORD,
+    ErrorCode,
+    register_map,
+)
 from splatcore.spec.work import (
     FEATURE,
     PIXEL,
@@ -49,12 +57,20 @@ BITS = {
 }
 """Bits of registers: mask and meaning by name. INTERRUPT_ENABLE has those of INTERRUPT."""
 
+HALVES = ("PREPROCESSING", "RENDERING")
+"""Names of ERROR's bits for the halves that have given up, the lowest first."""
+
+REGISTER = f"which one: (address − {FRAME_START:#x}) / {WORD}"
+
 DETAILS = {
-    ErrorCode.LOCKED: f"which one: (address − {FRAME_START:#x}) / {WORD}",
+    ErrorCode.LOCKED: REGISTER,
+    ErrorCode.ALIGNMENT: REGISTER,
+    ErrorCode.RANGE: REGISTER,
     ErrorCode.SIZE: "0 WIDTH, 1 HEIGHT, 2 STRIDE",
     ErrorCode.READ: ", ".join(f"{k} {name}" for k, name in enumerate(READERS)),
     ErrorCode.WRITE: ", ".join(f"{k} {name}" for k, name in enumerate(WRITERS)),
     ErrorCode.DEGREE: "the model's degree",
+    ErrorCode.STRAY: f"its ID; {1 << ID_BITS} more if it answers a write",
 }
 """The detail, of errors that have one."""
 
@@ -76,7 +92,9 @@ def write_register_files(config: Config, folder: Path) -> list[Path]:
         "constants": camera_constants(config),
         "near_plane": near_plane(config),
         "number": number_facts(config.arithmetic),
+        "halves": HALVES,
     } | {"READERS": READERS, "WRITERS": WRITERS, "WORD": WORD, "CODE_BITS": CODE_BITS}
+    facts |= {"DETAIL_BITS": DETAIL_BITS, "HALVES_AT": HALVES_AT}
     for name in FILES:
         write(folder / name, filled(name, **facts).encode())
     return [folder / name for name in FILES]

@@ -212,7 +212,7 @@ class Machine:
                 setattr(frame, name, cycle)
         state = {name: report.answers[k].value for name, k in last.items() if k in report.answers}
         code = state.get("ERROR", 0)
-        detail = code >> registers.CODE_BITS
+        detail = code >> registers.CODE_BITS & ((1 << registers.DETAIL_BITS) - 1)
         error = ErrorCode(code & ((1 << registers.CODE_BITS) - 1))
         return Run(frames, report, error, detail, state, areas, memory)
 

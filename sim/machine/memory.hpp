@@ -36,6 +36,7 @@ constexpr uint32_t WHOLE = (uint64_t(1) << BEAT) - 1, INCREASING = 1;
 constexpr uint8_t OKAY = 0, SLAVE_ERROR = 2, DECODE_ERROR = 3;
 constexpr size_t BEATS_WAITING = 32;  // written ones that wait for their request or for bandwidth
 constexpr size_t OUTSIDE_TOLD = 8;
+constexpr uint32_t NOBODY = (1 << ID_BITS) - 1;  // an ID that no reader and no writer has
 
 struct Region {
     std::string name;
@@ -104,7 +105,7 @@ struct Memory {
     double bandwidth, tokens = 0;
     size_t outstanding;
     std::vector<Region> regions;
-    Failing read_errors, write_errors;
+    Failing read_errors, write_errors, read_strays, write_strays;
     Stall ar, r, aw, w, b;
     Random noise;
     bool scrambled, turn = false, moved = false, reading = false, answering = false;
@@ -130,6 +131,8 @@ struct Memory {
             regions.push_back({line[0], number(line[1]), number(line[2]), line[3] == "1"});
         for (auto& line : s.all("read_error")) read_errors.numbers.insert(number(line[0]));
         for (auto& line : s.all("write_error")) write_errors.numbers.insert(number(line[0]));
+        for (auto& line : s.all("read_stray")) read_strays.numbers.insert(number(line[0]));
+        for (auto& line : s.all("write_stray")) write_strays.numbers.insert(number(line[0]));
     }
     void forget() {
         read_beats.clear(), bursts.clear(), answers.clear(), write_beats.clear();
@@ -224,6 +227,7 @@ struct Memory {
         write_beats.pop_front();
         if (!last) return;
         burst.due = cycle + latency;
+        if (write_strays.next()) answers.push_back({{NOBODY}, SLAVE_ERROR, nullptr, burst.due, {}});
         answers.push_back(std::move(burst));
         bursts.pop_front();
     }
@@ -269,6 +273,8 @@ struct Memory {
             uint64_t address = request.address / BEAT * BEAT + k * BEAT;
             ReadBeat beat{cycle + latency, request.id, OKAY, k == request.length,
                           costs(address, k == 0), {}};
+            if (read_strays.next())
+                read_beats.push_back({beat.due, NOBODY, SLAVE_ERROR, false, false, {}});
             if (read_errors.next()) beat.response = SLAVE_ERROR;
             if (!region) beat.response = DECODE_ERROR;
             for (uint64_t word = 0; word < BEAT; word += 8) {

@@ -8,7 +8,7 @@ machine's AXI4 master sees. The program writes `report`, and tells on standard o
 from pathlib import Path
 
 from splatcore.sim.rtl.build import CPP, FAST, build
-from splatcore.spec.axi import BOUNDARY, port_bytes
+from splatcore.spec.axi import BOUNDARY, ID_BITS, port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import INTERRUPT_ERROR
 
@@ -25,6 +25,7 @@ CONFIG = f"""\
 
 constexpr uint64_t BEAT = {{beat}}, BOUNDARY = {BOUNDARY};
 constexpr uint32_t BEAT_BITS = {{beat_bits}}, INTERRUPT_ERROR = {INTERRUPT_ERROR};
+constexpr uint32_t ID_BITS = {ID_BITS};
 """
 
 

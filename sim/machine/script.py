@@ -38,7 +38,8 @@ class Timing:
     writes; 0 for any number. granule: bytes that an access moves at least. outstanding: requests of
     a path that memory takes before the first is answered. stall: probability with which a side of
     memory (and of the host) idles in a cycle, drawn from `seed`. read_errors, write_errors: numbers
-    of read beats and of written bursts, from 0 on, that are answered by an error.
+    of read beats and of written bursts, from 0 on, that are answered by an error. read_strays,
+    write_strays: those before whose answer there is one that nobody has asked for.
     """
 
     name: str
@@ -50,14 +51,17 @@ class Timing:
     seed: int = 0
     read_errors: tuple[int, ...] = ()
     write_errors: tuple[int, ...] = ()
+    read_strays: tuple[int, ...] = ()
+    write_strays: tuple[int, ...] = ()
 
     @property
     def settings(self) -> list[str]:
         """Lines for the program."""
         names = ("latency", "bandwidth", "granule", "outstanding", "stall", "seed")
         lines = [f"{name} {getattr(self, name)}" for name in names]
-        lines += [f"read_error {number}" for number in self.read_errors]
-        return lines + [f"write_error {number}" for number in self.write_errors]
+        for kind in ("read_error", "write_error", "read_stray", "write_stray"):
+            lines += [f"{kind} {number}" for number in getattr(self, f"{kind}s")]
+        return lines
 
 
 IDEAL = Timing("ideal", latency=4)  # as good as memory on the chip

@@ -3,11 +3,19 @@
 import numpy as np
 import pytest
 
-from splatcore.hdl.memory.axi import OUTSTANDING_BITS, Axi
+from splatcore.hdl.memory.axi import HALVES, OUTSTANDING_BITS, Axi
 from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Result
-from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS, read_record, write_record
+from splatcore.spec.axi import (
+    ID_BITS,
+    PREPROCESSING,
+    READERS,
+    RENDERING,
+    WRITERS,
+    read_record,
+    write_record,
+)
 from splatcore.spec.config import DEFAULT
 from tb.helpers.ports import other_port
 from tb.helpers.runs import compiled
@@ -28,8 +36,9 @@ def test_other_port_under_cocotbext():
 
 
 NAMES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
-SAMPLES = tuple(f"m_axi__{name}" for name in NAMES)
+SAMPLES = (*(f"m_axi__{name}" for name in NAMES), "idle", "settled", "stray")
 CYCLES = 1400
+ASKED = 60  # bursts of each reader that a half's count has room for
 
 
 def run(
@@ -98,19 +107,75 @@ def test_a_beat_written_every_cycle(beats):
     assert (np.sort(clients, axis=1) == np.arange(len(WRITERS))).all()
 
 
+def answered(client: np.ndarray, seed: int, asked: int = ASKED) -> tuple[Result, dict]:
+    """A run in which so many single beats are asked for by each reader, and then beats of these
+    clients come back without a pause; the run, and what the port's inputs were."""
+    rng, count = np.random.default_rng(seed), len(client)
+    first = asked * len(READERS) + 10
+    answers = {
+        "rid": np.append(np.zeros(first), client).astype(np.uint64),
+        "rdata": rng.integers(0, 256, (first + count, DEFAULT.port // 8)).astype(np.uint8),
+        "rlast": np.append(np.zeros(first), rng.integers(0, 2, count)).astype(np.uint64),
+        "rvalid": np.repeat([0, 1, 0], [first, count, 1]).astype(np.uint64),
+    }
+    found = run(reads=asked, arready=1, **answers)
+    assert (found.samples["m_axi__rready"] == 1).all()
+    return found, {name: values[first:] for name, values in answers.items()}
+
+
+def check_beats(found: Result, inputs: dict, k: int, mine: np.ndarray):
+    """These beats, and no others, have come to a reader."""
+    beats = found.outputs[f"data__{k}"]
+    assert (beats[:, :-1] == inputs["rdata"][mine]).all()
+    assert (beats[:, -1] == inputs["rlast"][mine]).all()
+
+
 def test_a_beat_read_every_cycle():
-    rng = np.random.default_rng(1)
-    count = 500
-    client = rng.integers(0, len(READERS), count)
-    data = rng.integers(0, 256, (count, DEFAULT.port // 8)).astype(np.uint8)
-    last = rng.integers(0, 2, count).astype(np.uint64)
-    valid = np.append(np.ones(count, np.uint64), 0).astype(np.uint64)
-    result = run(rvalid=valid, rid=client.astype(np.uint64), rdata=data, rlast=last)
-    assert (result.samples["m_axi__rready"] == 1).all()
+    client = np.random.default_rng(1).integers(0, len(READERS), 500)
+    found, inputs = answered(client, 1)
     for k in range(len(READERS)):
-        found = result.outputs[f"data__{k}"]
-        assert (found[:, :-1] == data[client == k]).all()
-        assert (found[:, -1] == last[client == k]).all()
+        check_beats(found, inputs, k, client == k)
+    assert not found.samples["stray"].any()
+
+
+def test_beats_of_nobody_are_dropped():
+    """Those with an ID that no reader has, among others: they are told, and nothing else waits."""
+    client = np.random.default_rng(2).integers(0, 1 << ID_BITS, 500)
+    found, inputs = answered(client, 2)
+    for k in range(len(READERS)):
+        check_beats(found, inputs, k, client == k)
+    told = found.samples["stray"]
+    assert len(READERS) < 1 << ID_BITS
+    assert sorted(told[told != 0]) == sorted(1 | client[client >= len(READERS)] << 1)
+
+
+def test_beats_that_nobody_awaits_are_dropped():
+    """A half that waits for nothing takes nothing, and stays idle."""
+    client = np.random.default_rng(3).integers(0, len(READERS), 100)
+    found, _ = answered(client, 3, asked=0)
+    assert not any(len(found.outputs[f"data__{k}"]) for k in range(len(READERS)))
+    assert (found.samples["idle"] == (1 << len(HALVES)) - 1).all()
+    told = found.samples["stray"]
+    assert (told[told != 0] == (1 | client << 1)).all() and (told != 0).sum() == len(client)
+
+
+@pytest.mark.parametrize("more", [0, 7])
+def test_answers_too_many(more):
+    """As many as there were bursts settle a writer; more, and those of nobody, are told."""
+    bursts, asked = 3, len(WRITERS)
+    client = np.concatenate([
+        np.tile(np.arange(asked), bursts), np.arange(more) % asked, np.arange(asked, 1 << ID_BITS),
+    ])  # fmt: skip
+    first = 2 * bursts * asked + 10
+    bid = np.append(np.zeros(first), client).astype(np.uint64)
+    bvalid = np.repeat([0, 1, 0], [first, len(client), 1]).astype(np.uint64)
+    found = run(writes=bursts, awready=1, wready=1, bvalid=bvalid, bid=bid).samples
+    settled = found["settled"]
+    assert (settled[-1] == (1 << asked) - 1) and (settled[first] == 0)
+    assert found["idle"][-1] == (1 << len(HALVES)) - 1
+    told = found["stray"]
+    right = 1 | client[bursts * asked :] << 1 | 1 << ID_BITS + 1
+    assert (told[told != 0] == right).all() and (told != 0).sum() == len(right)
 
 
 def test_as_many_bursts_as_can_be_counted():

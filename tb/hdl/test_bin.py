@@ -8,6 +8,7 @@ from splatcore.golden.reference import project
 from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec import binning
 from splatcore.spec.binning import bin_entry_record, burst_record, group_record, groups_max
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import DEFAULT, TINY, Config
@@ -244,6 +245,29 @@ def test_an_entry_a_cycle():
         golden = write_lists(TINY, choice, slot.view("<u8")[:, 0], groups, 1 << 16)
         bursts = {"address": golden.address.astype(np.uint64), "slots": golden.slots}
         assert (run.outputs["bursts"] == burst_record(TINY).pack(bursts)).all()
+
+
+@pytest.mark.slow
+def test_pages_that_do_not_hold_the_lists(monkeypatch):
+    """More pages than there are is told, also where there are as many as can be numbered, so that
+    the count of those needed stays there; the next frame, without entries, knows nothing of it."""
+    bits, groups, room = 3, groups_max(TINY), 100
+    monkeypatch.setattr(binning, "PAGE_BITS", bits)
+    most = (1 << bits) - 1
+    simulation = Simulation(ListWriter(TINY), samples=("needed", "exceeded", "done"))
+    for pages in (0, 1, most - 1, most):
+        for wanted in sorted({1, pages, pages + 1, most, most + 1, most + 9} - {0}):
+            entries = wanted * (TINY.page - 1)  # a page's last slot is none; all are of one group
+            finish = np.repeat([0, 1, 0, 1], [groups + entries, room, 2, room]).astype(np.uint64)
+            run = simulation.run(
+                {"i": np.zeros((entries, bin_entry_record(TINY).size), np.uint8)},
+                constants={"groups_count": groups, "pages": pages, "finish": finish},
+                cycles_max=len(finish), idle_max=len(finish),
+            )  # fmt: skip
+            for end, needed in ((-room - 3, wanted), (-1, 0)):
+                assert run.samples["done"][end]
+                assert run.samples["needed"][end] == min(needed, most)
+                assert run.samples["exceeded"][end] == (needed > pages), (wanted, pages)
 
 
 @needs_icarus

@@ -1,4 +1,4 @@
-"""Frame control: which half memory serves first."""
+"""Frame control: which half memory serves first; ABORT around a hand-over; errors in one cycle."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,11 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.frame import Frame
-from splatcore.spec.axi import PREPROCESSING, RENDERING
+from splatcore.hdl.lib.record import ERROR
+from splatcore.hdl.memory.axi import CLIENT_ERROR
+from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import TINY
+from splatcore.spec.registers import CODE_BITS, FRAME_BITS, ErrorCode
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
@@ -17,13 +20,19 @@ pytestmark = pytest.mark.slow
 class Halves(wiring.Component):
     """`Frame` between halves that are always idle on the bus; `looks` is a stream of nothing.
 
-    start; done: a bit for each half. favoured, working: those of `Frame`.
+    start, aborts; done: a bit for each half. All others: those of `Frame`.
     """
+
+    BITS = ("favoured", "working", "begin", "reset", "gives_up")
+    FAULTS = ("read_error", "write_error", "fails")
 
     def __init__(self):
         bits = stream.Signature(1)
-        ports = {"looks": In(bits), "seen": Out(bits), "start": In(1), "done": In(2)}
-        super().__init__(ports | {"favoured": Out(2), "working": Out(2)})
+        ports = {"looks": In(bits), "seen": Out(bits), "start": In(1), "aborts": In(1)}
+        ports |= {"done": In(2), "ready": Out(1), "started": Out(FRAME_BITS)}
+        ports |= {"error": Out(ERROR), "fails": In(ERROR)}
+        ports |= {name: In(CLIENT_ERROR) for name in self.FAULTS[:2]}
+        super().__init__(ports | dict.fromkeys(self.BITS, Out(2)))
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -31,16 +40,27 @@ class Halves(wiring.Component):
         connect(m, flipped(self).looks, flipped(self).seen)
         m.d.comb += [
             frame.start.eq(self.start),
+            frame.abort.eq(self.aborts),
             frame.done.eq(self.done),
             frame.idle.eq(-1),
-            self.favoured.eq(frame.favoured),
-            self.working.eq(frame.working),
+            *(getattr(frame, k).eq(getattr(self, k)) for k in self.FAULTS),
+            *(getattr(self, k).eq(getattr(frame, k)) for k in SAMPLES),
         ]
         return m
 
 
 NONE, FIRST, SECOND = 0, 1 << PREPROCESSING, 1 << RENDERING
 ROOM = 30  # cycles from one event to the next
+RESET = 6  # cycles from ABORT until the halves have been reset
+SAMPLES = (*Halves.BITS, "ready", "started", "error")
+
+
+def run(cycles: int, **constants: np.ndarray) -> dict[str, np.ndarray]:
+    """What the ports are in each cycle of a run. constants: inputs that are not 0 all the time."""
+    nothing = {"looks": np.zeros((0, 1), np.uint8)}
+    inputs = dict.fromkeys(("start", "aborts", "done", *Halves.FAULTS), 0) | constants
+    part = compiled(Halves, samples=SAMPLES)
+    return part.run(nothing, constants=inputs, cycles_max=cycles, idle_max=cycles).samples
 
 
 def favoured(ends: str) -> list[int]:
@@ -69,16 +89,68 @@ def favoured(ends: str) -> list[int]:
             event(done, FIRST, ROOM // 2)
         looks.append(at)
         event(start, 1)
-    part = compiled(Halves, samples=("favoured", "working"))
-    nothing = np.zeros((0, 1), np.uint8)
-    found = part.run(
-        {"looks": nothing}, constants={"start": start, "done": done}, cycles_max=cycles,
-        idle_max=cycles,
-    )  # fmt: skip
-    assert (found.samples["working"][np.array(looks[1:]) + 3] == FIRST | SECOND).all()
-    return [int(found.samples["favoured"][look]) for look in looks]
+    found = run(cycles, start=start, done=done)
+    assert (found["working"][np.array(looks[1:]) + 3] == FIRST | SECOND).all()
+    return [int(found["favoured"][look]) for look in looks]
 
 
 def test_the_slower_half_comes_first():
     """Nothing is known after the first frame; then it is as the last frame was."""
     assert favoured("PRPRRPPRRPRP") == [NONE, SECOND, SECOND, FIRST, SECOND, FIRST, FIRST]
+
+
+@pytest.mark.parametrize("after", range(-3, 6))
+def test_abort_around_a_hand_over(after):
+    """ABORT gives up every frame that has begun, also in the cycle in which the first half is
+    through; START while READY begins one, however soon it comes."""
+    through, again = ROOM, range(12)
+    for wait in again:
+        names = ("start", "abort", "done")
+        start, abort, done = (np.zeros(3 * ROOM, np.uint64) for _ in names)
+        aborted = through + after
+        start[[5, aborted + 1 + wait]] = 1
+        abort[aborted] = 1
+        done[through : through + 1 if after > 0 else aborted + RESET] = FIRST  # until it is taken
+        start &= run(3 * ROOM, start=start, aborts=abort, done=done)["ready"]  # as the host's are
+        found = run(3 * ROOM, start=start, aborts=abort, done=done)
+        begun = (found["begin"] & FIRST).astype(bool)
+        assert begun.sum() == start.sum() == found["started"][-1], f"START after {wait} cycles"
+        rendered, given_up = ((found[name] & SECOND).any() for name in ("begin", "reset"))
+        assert rendered == given_up == (after > 0)
+        assert found["working"][-1] == (FIRST if start.sum() > 1 else 0)
+
+
+READ = {half: 1 | [*READERS.values()].index(half) << 1 for half in (PREPROCESSING, RENDERING)}
+WRITE = {half: 1 | [*WRITERS.values()].index(half) << 1 for half in (PREPROCESSING, RENDERING)}
+FAILS = 1 | ErrorCode.PAGES << 1
+
+
+@pytest.mark.parametrize(
+    "faults, code, halves",
+    [
+        ({"read_error": READ[PREPROCESSING]}, ErrorCode.READ, FIRST),
+        ({"write_error": WRITE[RENDERING]}, ErrorCode.WRITE, SECOND),
+        ({"fails": FAILS}, ErrorCode.PAGES, FIRST),
+        (
+            {"read_error": READ[PREPROCESSING], "write_error": WRITE[RENDERING]},
+            ErrorCode.WRITE,
+            FIRST | SECOND,
+        ),
+        ({"read_error": READ[RENDERING], "fails": FAILS}, ErrorCode.PAGES, FIRST | SECOND),
+        ({"read_error": READ[RENDERING], "aborts": 1}, ErrorCode.READ, SECOND),
+    ],
+)
+def test_errors_of_both_halves_in_one_cycle(faults, code, halves):
+    """One error is told, and which halves have given up a frame by an error."""
+    cycles, at = 3 * ROOM, 2 * ROOM
+    inputs = {name: np.zeros(cycles, np.uint64) for name in ("start", "done", *faults)}
+    inputs["start"][[5, ROOM + 5]] = 1
+    inputs["done"][ROOM] = FIRST
+    for name, value in faults.items():
+        inputs[name][at : at + 2] = value  # the second time it is too late
+    found = run(cycles, **inputs)
+    assert found["working"][at] == FIRST | SECOND
+    assert found["error"][at] & 1 and found["error"][at] >> 1 & (1 << CODE_BITS) - 1 == code
+    assert found["gives_up"][at] == halves and found["gives_up"].sum() == halves
+    given_up = FIRST | SECOND if "aborts" in faults else halves
+    assert found["reset"].max() == given_up and found["working"][-1] == (FIRST | SECOND) - given_up

@@ -12,7 +12,7 @@ from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.point import EXPONENT
 from splatcore.spec.record import Codes
-from splatcore.spec.registers import ErrorCode
+from splatcore.spec.registers import ErrorCode, frame_registers
 from splatcore.spec.renderable import check_renderable
 from tb.helpers.colour_rows import random_model
 from tb.helpers.model_memory import Image, check_reading
@@ -54,8 +54,8 @@ def spoiled(model: PackedModel, **fields) -> np.ndarray:
     return image
 
 
-def error_in(config: Config, header: Codes) -> ErrorCode:
-    """The error in a header, by plain integers."""
+def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
+    """The error in the header of a model at beat `base`, by plain integers."""
 
     def signed(codes) -> list[int]:
         return [(int(code) ^ 1 << 15) - (1 << 15) for code in np.atleast_1d(codes)]
@@ -79,17 +79,36 @@ def error_in(config: Config, header: Codes) -> ErrorCode:
             fits &= index[name] == [*of[degree], *[0] * (4 - len(of[degree]))]
     else:
         fits &= not codebooks and not any(index["sh_index"]) and config.colours == "beside"
-    return ErrorCode.NONE if fits else ErrorCode.FORMAT
+    return misplaced(config, header, base) if fits else ErrorCode.FORMAT
+
+
+def misplaced(config: Config, header: Codes, base: int) -> ErrorCode:
+    """The error in the places of a model's parts, by plain integers."""
+    bytes_ = {name: 64 * int(header[name].reshape(-1)[0]) for name in memory.PLACED}
+    count, codebooks = int(header["count"].reshape(-1)[0]), header["colour_index"].any()
+    entries = [0, 0]
+    for k, part in enumerate(("colour_index", "sh_index")):
+        entries[k] = sum(1 << int(bits) for bits in header[part].reshape(-1) if bits)
+    ordered = 64 + -(-count // 256) * 32 <= bytes_["positions"] <= bytes_["attributes"]
+    ordered &= -(-bytes_["attributes"] // 64) * 64 + -(-count // 4) * 64 <= bytes_["colours"]
+    if not ordered:
+        return ErrorCode.PARTS
+    if bytes_["colours"] >= 1 << 32:
+        return ErrorCode.RANGE
+    if bytes_["colours"] + codebooks * (entries[0] * 8 + entries[1] * 16) > bytes_["end"]:
+        return ErrorCode.PARTS
+    return ErrorCode.NONE if base * 16 + bytes_["end"] <= 1 << 32 else ErrorCode.RANGE
 
 
 def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
     """The machine takes a header, and says what it says, or tells its error."""
     at = Image(image, 4 * seed)
-    error = error_in(config, at.header)
+    error = error_in(config, at.header, at.base)
     result = check_reading(config, at, not error, stall=seed % 3 * 0.3, seed=seed)
     ports, degree = result.ports, int(at.header["sh_degree"])
     assert ports["error"] == error and ports["loaded"] == (not error)
-    assert ports["detail"] == (degree if error == ErrorCode.DEGREE else 0)
+    model = [register.name for register in frame_registers(config)].index("MODEL")
+    assert ports["detail"] == {ErrorCode.DEGREE: degree, ErrorCode.RANGE: model}.get(error, 0)
     if not error:
         width = EXPONENT.width
         codes = [int(e) % (1 << width) for e in at.header["exponent"]]
@@ -138,7 +157,46 @@ def test_headers(name):
     headers = [(model(format), edit) for format in formats for edit in ({}, *edits)]
     seen = [check_header(config, spoiled(m, **e), k) for k, (m, e) in enumerate(headers)]
     wrong = ErrorCode.MAGIC, ErrorCode.VERSION, ErrorCode.FORMAT, ErrorCode.DEGREE
-    assert set(seen) == {ErrorCode.NONE, *wrong}
+    # codebooks named in a model without them lie beyond its end
+    assert set(seen) - {ErrorCode.PARTS} == {ErrorCode.NONE, *wrong}
+
+
+COUNT_MAX = 100_000  # Gaussians of models whose chunk headers are read
+
+
+def places(model: PackedModel) -> list[dict[str, int]]:
+    """Places of parts around what is allowed, and sizes of models around what fits there."""
+    at = {name: model.value(name) for name in memory.PLACED}
+    found = [{name: at[name] + k} for name in memory.PLACED for k in (-1, 1)]
+    found += [{name: at[name] + (1 << k)} for name in memory.PLACED for k in (26, 28, 31)]
+    moved = [1 << 26, (1 << 26) - at["end"], (1 << 26) - at["end"] + 1]
+    found += [{name: place + k for name, place in at.items()} for k in moved]
+    each, first = 4 * (at["colours"] - at["attributes"]), 2 * (at["positions"] - 1) * 256
+    counts = [each - 1, each, each + 1, first, first + 1, 1 << 26, (1 << 32) - 1]
+    apart = {name: place + (at["end"] << 8) for name, place in at.items() if name != "positions"}
+    return found + [more | {"count": k} for k in counts for more in ({}, apart)]
+
+
+@pytest.mark.parametrize("name", ["128 bits", "PAPER"])
+def test_places_of_parts(name):
+    """Parts out of order, beyond 4 GiB, or too short for so many Gaussians; those at the ends of
+    what is allowed are taken."""
+    config = MACHINES[name]
+    formats = [memory.model_format(config, d) for d in memory.compact_degrees(config)]
+    formats += [memory.step_format(config, 3)] * (config.colours == "beside")
+    seen = []
+    for given in map(model, formats):
+        for k, fields in enumerate(places(given)):
+            header = spoiled(given, **fields)
+            top = (1 << axi.BEAT_ADDRESS_BITS) - 4 * given.value("end")
+            for base in (4 * k, top, top + 4):
+                at = Image(header, base)
+                error = error_in(config, at.header, base)
+                seen.append(error)
+                if error or at.header["count"] < COUNT_MAX:
+                    ports = check_reading(config, at, not error).ports
+                    assert ports["error"] == error and ports["loaded"] == (not error), fields
+    assert {*seen} == {ErrorCode.NONE, ErrorCode.PARTS, ErrorCode.RANGE}
 
 
 @pytest.mark.parametrize("name", MACHINES)

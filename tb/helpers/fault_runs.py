@@ -13,12 +13,12 @@ from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing, execute
 from splatcore.spec import registers
-from splatcore.spec.axi import READERS, WRITERS
+from splatcore.spec.axi import ID_BITS, PREPROCESSING, READERS, WRITERS
 from splatcore.spec.colour import EXPONENT_MAX
 from splatcore.spec.config import TINY
-from splatcore.spec.memory import HEADER, MAGIC
+from splatcore.spec.memory import HEADER, MAGIC, PLACED
 from splatcore.spec.registers import ErrorCode, addresses, frame_registers
-from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, stride
+from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, WORK_ALIGNMENT, stride
 from tb.helpers.machines import garden, machine, view
 
 QUIET = 4_000  # cycles in which whatever was on its way comes to its end
@@ -29,7 +29,8 @@ GOOD, BAD = 0, 1
 
 KINDS = (
     "read", "write", "pages", "features", "magic", "version", "format", "degree",
-    "size", "alignment", "reset", "abort", "start", "locked",
+    "size", "alignment", "reset", "abort", "start", "locked", "stray",
+    "range", "parts",
 )  # fmt: skip
 """Kinds of what can go wrong."""
 
@@ -175,15 +176,8 @@ def drawn(kind: str, seed: int) -> Fault:
         return int(generator.integers(n))
 
     frame = golden()
-    if kind in ("read", "write"):
-        report, *_ = run_frame(seed)
-        if kind == "read":
-            count, code = sum(report.read.values()), ErrorCode.READ
-        else:
-            bursts = {"features": 2, "lists": 2, "groups": 2, "buckets": 2, "pixels": 3}
-            count = sum(n // bursts[name] for name, n in report.written.items())
-            code = ErrorCode.WRITE
-        return Fault(code, None, timing={f"{kind}_errors": (below(count),)})
+    if kind in ("read", "write", "stray"):
+        return drawn_answer(kind, seed, below)
     if kind == "pages":
         return Fault(ErrorCode.PAGES, values={"LISTS_PAGES": below(frame.binned.lists.needed)})
     if kind == "features":
@@ -208,7 +202,41 @@ def drawn(kind: str, seed: int) -> Fault:
         return Fault(ErrorCode.ALIGNMENT, names.index(name), values={name: value})
     if kind == "size":
         return drawn_size(below)
+    if kind in ("range", "parts"):
+        return drawn_place(kind, below)
     return drawn_host(kind, seed, below)
+
+
+def drawn_answer(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
+    """A beat or a burst is answered by an error, or there is an answer that nobody asked for."""
+    way = kind if kind != "stray" else ("read", "write")[below(2)]
+    report, *_ = run_frame(seed)
+    if way == "read":
+        count, code = sum(report.read.values()), ErrorCode.READ
+    else:
+        bursts = {"features": 2, "lists": 2, "groups": 2, "buckets": 2, "pixels": 3}
+        count = sum(n // bursts[name] for name, n in report.written.items())
+        code = ErrorCode.WRITE
+    if kind == "stray":
+        timing, nobody = {f"{way}_strays": (below(count),)}, (1 << ID_BITS) - 1
+        detail = nobody + (1 << ID_BITS if way == "write" else 0)
+        return Fault(ErrorCode.STRAY, detail, timing=timing, survives=True)
+    return Fault(code, None, timing={f"{way}_errors": (below(count),)})
+
+
+def drawn_place(kind: str, below: Callable[[int], int]) -> Fault:
+    """Something ends beyond 4 GiB, or the model's header places its parts wrongly."""
+    at = {name: job().model.value(name) for name in PLACED}
+    if kind == "parts":
+        fields = [{"count": 4 * at["colours"] + 1 + below(1 << 20)}, {"end": at["colours"] - 1}]
+        fields += [{"positions": at["attributes"] + 1 + below(1000)}, {"colours": 0}]
+        return Fault(ErrorCode.PARTS, header=fields[below(len(fields))])
+    names = [register.name for register in frame_registers(TINY)]
+    name = ["MODEL", "GROUPS", "LISTS", "FEATURES", "SCRATCH", "PIXELS"][below(6)]
+    beyond = {"header": {"end": at["end"] + (1 << 26 + below(6))}}
+    if name != "MODEL":
+        beyond = {"values": {name: (1 << 32) - WORK_ALIGNMENT}}
+    return Fault(ErrorCode.RANGE, names.index(name), **beyond)
 
 
 def drawn_size(below: Callable[[int], int]) -> Fault:
@@ -244,8 +272,14 @@ def drawn_host(kind: str, seed: int, below: Callable[[int], int]) -> Fault:
 
 def check_outcome(fault: Fault, outcome: Outcome):
     """The right error was told; all is quiet, and the good frame is the golden model's."""
-    detail, code = divmod(outcome.error, 1 << registers.CODE_BITS)
+    above, code = divmod(outcome.error, 1 << registers.CODE_BITS)
+    halves, detail = divmod(above, 1 << registers.DETAIL_BITS)
     assert ErrorCode(code) == fault.code
+    bus = {ErrorCode.READ: READERS, ErrorCode.WRITE: WRITERS}
+    if fault.code in bus:  # the other half may have failed, too, by what was read wrong
+        assert halves >> [*bus[fault.code].values()][detail] & 1
+    else:
+        assert halves == (0 if fault.survives or not fault.code else 1 << PREPROCESSING)
     if fault.detail is not None:
         assert detail == fault.detail
     elif fault.code != ErrorCode.NONE:

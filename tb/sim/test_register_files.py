@@ -10,6 +10,7 @@ import pytest
 
 from splatcore.sim.eda.register_files import sizes, write_register_files
 from splatcore.spec import registers
+from splatcore.spec.axi import RENDERING
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY
 from splatcore.spec.frame import frame_constants
@@ -79,6 +80,7 @@ def test_header(files):
     assert (found["CONTROL_START"], found["CONTROL_ABORT"]) == (START, registers.ABORT)
     assert (found["STATUS_READY"], found["STATUS_RENDERING"]) == (READY, registers.RENDERING)
     assert found["INTERRUPT_FRAME"] == registers.INTERRUPT_FRAME
+    assert found["ERROR_RENDERING"] == 1 << registers.HALVES_AT + RENDERING
     assert found["READER_FEATURES"] == 6 and found["WRITER_PIXELS"] == 4
     text = (folder / "splatcore.h").read_text()
     assert all(f"SPLATCORE_ERROR_{code.name} = {code.value}," in text for code in ErrorCode)

@@ -18,8 +18,8 @@ MAP, ADDRESS = registers.register_map(DEFAULT), registers.addresses(DEFAULT)
 FRAME, COUNTERS = registers.frame_registers(DEFAULT), registers.counter_registers(DEFAULT)
 PATTERNS = [never, at_random, bursts]
 TIMEOUT = 60_000 * PERIOD
-INPUTS = ("locked", "status", "ready_event", "frame_event", "error", "counters", "needed")
-INPUTS += ("started", "finished")
+INPUTS = ("locked", "status", "ready_event", "frame_event", "error", "gives_up")
+VALUES = ("counters", "needed", "started", "finished")
 ANY = 0xFFFF_FFFF
 
 logging.getLogger("cocotb").setLevel(logging.WARNING)  # the host tells of every access
@@ -39,7 +39,7 @@ class Host:
         bus = AxiLiteBus.from_prefix(dut, "s_axi_")
         host = cls(dut, AxiLiteMaster(bus, dut.clk, dut.rst))
         pause(host.master.write_if, host.master.read_if, pattern)
-        for name in INPUTS:
+        for name in (*INPUTS, *VALUES):
             getattr(dut, name).value = 0
         Clock(dut.clk, PERIOD, "ns").start()
         await reset(dut, 3)
@@ -84,15 +84,15 @@ class Host:
         return found
 
 
-def error(code: registers.ErrorCode, detail: int = 0) -> int:
-    return code | detail << registers.CODE_BITS
+def error(code: registers.ErrorCode, detail: int = 0, halves: int = 0) -> int:
+    return code | detail << registers.CODE_BITS | halves << registers.HALVES_AT
 
 
 @timed_test(TIMEOUT, pattern=PATTERNS)
 async def every_address_is_read(dut, pattern):
     """Registers give their values, all else an error and 0."""
     host = await Host.begin(dut, pattern)
-    values = {name: random.getrandbits(len(getattr(dut, name))) for name in INPUTS[5:]}
+    values = {name: random.getrandbits(len(getattr(dut, name))) for name in VALUES}
     values["status"] = random.getrandbits(len(dut.status))
     for name, value in values.items():
         getattr(dut, name).value = value
@@ -170,6 +170,26 @@ async def commands(dut, pattern):
     await host.pulse("error", 1 | error(registers.ErrorCode.WRITE, 3) << 1)
     await host.put("CONTROL", registers.START)
     assert await host.get("ERROR") == error(registers.ErrorCode.WRITE, 3) and host.starts == 3
+
+
+@timed_test(TIMEOUT, pattern=PATTERNS)
+async def halves_that_give_up(dut, pattern):
+    """They are gathered though the first error stays, until ERROR is written."""
+    host = await Host.begin(dut, pattern)
+
+    async def fail(code, detail: int, halves: int):
+        dut.gives_up.value = halves
+        await host.pulse("error", 1 | error(code, detail) << 1)
+        dut.gives_up.value = 0
+
+    for first in range(4):
+        for second in range(4):
+            await fail(registers.ErrorCode.READ, 3, first)
+            assert await host.get("ERROR") == error(registers.ErrorCode.READ, 3, first)
+            await fail(registers.ErrorCode.PAGES, 0, second)
+            assert await host.get("ERROR") == error(registers.ErrorCode.READ, 3, first | second)
+            await host.put("ERROR", 0)
+            assert await host.get("ERROR") == 0
 
 
 @timed_test(TIMEOUT, pattern=PATTERNS)

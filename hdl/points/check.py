@@ -1,0 +1,105 @@
+"""Checks a frame's registers before anything of it begins."""
+
+from amaranth.hdl import Const, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.lib.record import frame_layout
+from splatcore.spec.binning import groups_max
+from splatcore.spec.config import Config
+from splatcore.spec.registers import ALIGNED, CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
+from splatcore.spec.work import (
+    FEATURE,
+    PIXEL,
+    SLOT,
+    STRIDE_ALIGNMENT,
+    WORK_ALIGNMENT,
+    aligned,
+    page_bytes,
+    scratch_bytes,
+)
+
+LATENCY = 2
+"""Cycles from the registers to what is found."""
+
+
+class Check(wiring.Component):
+    """Finds out whether a frame's registers describe a frame that this machine can make.
+
+    The image's size and stride, the alignment of all addresses, and whether everything but the
+    model ends within 4 GiB: the table of groups as for the largest image, list pages and features
+    of both work areas, scratch memory, all rows of the image.
+
+    Members
+        frame: the registers.
+        error, detail: `ErrorCode`, NONE if all is well.
+
+    **Timing**: `LATENCY`. A multiplier of HEIGHT's and STRIDE's bits for the image's end.
+    """
+
+    def __init__(self, config: Config):
+        self.config = config
+        ports = {"frame": In(frame_layout(config)), "error": Out(CODE_BITS)}
+        super().__init__(ports | {"detail": Out(DETAIL_BITS)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        names = [register.name for register in frame_registers(self.config)]
+        found = [(ErrorCode.SIZE, number, wrong) for number, wrong in enumerate(self._sizes())]
+        for code, registers in (
+            (ErrorCode.ALIGNMENT, self._unaligned()),
+            (ErrorCode.RANGE, self._beyond(m)),
+        ):
+            found += [(code, names.index(name), wrong) for name, wrong in registers.items()]
+        error, detail = Const(ErrorCode.NONE, CODE_BITS), Const(0, DETAIL_BITS)
+        for code, number, wrong in reversed(found):
+            error, detail = Mux(wrong, code, error), Mux(wrong, number, detail)
+        m.d.sync += [self.error.eq(error), self.detail.eq(detail)]
+        return m
+
+    def _sizes(self) -> list[Value]:
+        """Whether width, height and stride are impossible."""
+        frame, config = self.frame, self.config
+        return [
+            (frame.width == 0) | (frame.width > config.width_max),
+            (frame.height == 0) | (frame.height > config.height_max),
+            (frame.stride < frame.width * PIXEL) | (frame.stride % STRIDE_ALIGNMENT != 0),
+        ]
+
+    def _unaligned(self) -> dict[str, Value]:
+        """Whether a register's address is not aligned, in the order of `ALIGNED`."""
+        return {
+            name: self.frame[name.lower()][: exact_log2(bytes_)].any()
+            for name, bytes_ in ALIGNED.items()
+        }
+
+    def _beyond(self, m: Module) -> dict[str, Value]:
+        """Whether what begins at a register's address ends beyond the last one."""
+        frame, config = self.frame, self.config
+        lengths = {
+            "GROUPS": Const(aligned(groups_max(config) * SLOT) // WORK_ALIGNMENT),
+            "LISTS": units(frame.lists_pages, page_bytes(config)),
+            "FEATURES": units(frame.features_max, FEATURE),
+            "SCRATCH": Const(scratch_bytes(config) // WORK_ALIGNMENT),
+        }
+        found = {}
+        for name, length in lengths.items():
+            at = frame[name.lower()][exact_log2(WORK_ALIGNMENT) :]
+            behind = 0 if name == "SCRATCH" else frame.work_area[exact_log2(WORK_ALIGNMENT) :]
+            begin = Signal(len(at) + 1, name=f"{name.lower()}_begin", reset_less=True)
+            m.d.sync += begin.eq(at + behind)
+            found[name] = begin + length > 1 << len(at)
+        at = frame.pixels[exact_log2(STRIDE_ALIGNMENT) :]
+        size = Signal(len(frame.height) + len(frame.stride), reset_less=True)
+        m.d.sync += size.eq(frame.height * frame.stride[exact_log2(STRIDE_ALIGNMENT) :])
+        return found | {"PIXELS": at + size > 1 << len(at)}
+
+
+def units(count: Value, each: int) -> Value:
+    """Units of `WORK_ALIGNMENT` that a number of items of so many bytes needs; each divides it, or
+    is a multiple of it."""
+    if each >= WORK_ALIGNMENT:
+        return count << exact_log2(each // WORK_ALIGNMENT)
+    shift = exact_log2(WORK_ALIGNMENT // each)
+    return (count + (1 << shift) - 1) >> shift
