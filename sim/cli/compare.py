@@ -9,7 +9,7 @@ from rich.table import Table
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
 from splatcore.sim.common.metric import Compared, difference
-from splatcore.sim.common.output import check_writable, console, write_json
+from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
 from splatcore.sim.common.source import (
     ENGINES,
@@ -46,7 +46,6 @@ def compare_command(
     """
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
-    check_writable(output, json)
     config = find_preset(preset)
     packed = bool({"golden", "rtl"} & set(images))
     pictures = [picture(text, scene, camera, size, config, packed) for text in images]

@@ -6,7 +6,7 @@ from splatcore.golden.pipeline import render
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common.metric import against, decibels, differences
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import View, check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.cycles.frame import frame_cycles
@@ -35,7 +35,6 @@ def cycles_command(
     The cycle model agrees with the RTL within 3 % for each stage by itself; its halves have
     LPDDR4's latency in them, its bandwidth is left out.
     """
-    check_writable(json)
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
     config = find_preset(preset)

@@ -13,7 +13,6 @@ from splatcore.model.generate.hard import HARD
 from splatcore.sim.bench.hard_cases import PSNR_MIN, SEED, SHEET, Outcome, camera_of, measure
 from splatcore.sim.cli import options
 from splatcore.sim.cli.render_rtl import TimingOption
-from splatcore.sim.common import output as files
 from splatcore.sim.common.metric import LEVELS, channel_error
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
@@ -70,8 +69,6 @@ def hard_command(
     if engine != "reference":
         for case in names:
             check_fits(config, camera_of(HARD[case](SEED), shape))
-    files.check_folder(output)
-    files.check_writable(json)
     machine = build(config) if engine == "rtl" else None
     outcomes = []
     for number, case in enumerate(names):

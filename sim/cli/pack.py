@@ -9,7 +9,6 @@ from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
 from splatcore.sim.common.output import (
-    check_writable,
     console,
     messages,
     progress_bar,
@@ -56,7 +55,6 @@ def pack_command(
     as it is, with all its harmonics, the worst of the views: of the model, and of the scene with
     one part at a time as it is packed.
     """
-    check_writable(output, json)
     config = find_preset(preset)
     if quality is not None:
         check_known("--quality", QUALITIES, quality)

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
 from splatcore.sim.common.source import open_camera, open_source
 from splatcore.sim.common.table import new_table, print_whole
@@ -60,7 +60,6 @@ def power_command(
     The first time it compiles and simulates the machine and synthesises its parts, half an hour
     for DEFAULT; what it finds is kept in build/.
     """
-    check_writable(json)
     config = find_preset(preset)
     for name, value in (("fps", fps), ("sample", sample)):
         if value is not None and not value > 0:

@@ -10,7 +10,13 @@ from splatcore.golden import pipeline
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Difference, Result, against, differences, told
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.output import (
+    check_distinct,
+    check_writable,
+    console,
+    progress_bar,
+    write_json,
+)
 from splatcore.sim.common.picture import write_error_map, write_png
 from splatcore.sim.common.source import Source
 from splatcore.sim.machine import engines
@@ -57,9 +63,10 @@ class Request:
             raise InputError(f"--frames {self.frames}: is not 1 or more")
         if bool(self.waves) != bool(self.window or self.tile) or (self.window and self.tile):
             raise InputError("--waves: goes with either --window or --tile")
-        for k in range(self.frames):
-            check_writable(numbered(output, k, self.frames))
-        check_writable(self.error_map, self.waves)
+        written = [("-o", numbered(output, k, self.frames)) for k in range(self.frames)]
+        check_distinct([*written, *[("--error-map", self.error_map)] * bool(self.error_map)])
+        for _, path in written:
+            check_writable(path)
 
 
 def render_rtl(

@@ -30,7 +30,6 @@ def scene_command(
     seed: SeedOption = 0,
     cameras: CamerasOption = None,
 ):
-    files.check_writable(output, cameras)
     with progress_bar(f"generating {name}"):
         scene = generate(name, count, seed)
         with files.whole_file(output) as part:
@@ -43,7 +42,6 @@ def scene_command(
 @app.command("info")
 def info_command(scene: SourceArgument, json: JsonOption = None):
     """Say what a scene or packed model holds: counts, extents, ranges, anything odd."""
-    files.check_writable(json)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         facts = describe.describe(source)

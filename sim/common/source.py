@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 
 from splatcore.model.cameras.view import sensible_view
-from splatcore.model.formats.camera_file import read_camera, read_cameras
-from splatcore.model.formats.read import read_scene
+from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
+from splatcore.model.formats.read import find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.spec.camera import SIZE_MAX, Camera
 from splatcore.spec.error import InputError
@@ -62,6 +62,14 @@ def open_source(text: str) -> Source:
     return Source(text, scene=read_scene(text))
 
 
+def check_source(text: str):
+    """InputError for what no file of a scene or model can be; the file's end is not looked at."""
+    if text in GENERATORS and not os.path.exists(text):
+        return
+    if not is_packed(text):
+        find_format(text)
+
+
 def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
     """The camera of FILE[:ID], else the scene's own, else a sensible view of it; then resized."""
     width, height = parse_size(size) if size else VIEW_SIZE
@@ -82,10 +90,7 @@ def open_cameras(
         raise InputError("--camera and --cameras: one of them, not both")
     if not cameras:
         return [open_camera(camera, size, source)]
-    path, ids = cameras, ""
-    while not os.path.exists(path) and ":" in path:
-        path = path.rpartition(":")[0]
-        ids = cameras[len(path) + 1 :]
+    path, ids = split_id(cameras)
     if ids:
         return [open_camera(f"{path}:{one.strip()}", size, source) for one in ids.split(",")]
     found = read_cameras(path)
