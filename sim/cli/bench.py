@@ -1,5 +1,6 @@
 """The group of commands `bench`, and the options that they share."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import typer
@@ -8,7 +9,15 @@ from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.bench.scenes import views
 from splatcore.sim.cli.options import App, app, argument, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
-from splatcore.sim.common.source import VIEW_SIZE, View, check_known, check_source, parse_size
+from splatcore.sim.common.source import (
+    VIEW_SIZE,
+    View,
+    check_fits,
+    check_known,
+    check_source,
+    parse_size,
+)
+from splatcore.spec.config import Config
 
 bench = App(no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated.")
 app.add_typer(bench, name="bench")
@@ -30,9 +39,11 @@ SIZE = "x".join(map(str, VIEW_SIZE))
 
 def look(
     output: Path, scene: list[str] | None, cameras: str | None, size: str,
-    quality: str | None = None,
+    machines: Iterable[Config], quality: str | None = None,
 ) -> list[View]:  # fmt: skip
-    """The views to measure; makes the folder."""
+    """The views to measure by some machines; makes the folder."""
+    for config in machines:
+        check_fits(config, *parse_size(size))
     size = "x".join(map(str, parse_size(size)))
     if quality is not None:
         check_known("--quality", QUALITIES, quality)

@@ -7,7 +7,7 @@ from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.source import View, check_known
+from splatcore.sim.common.source import View, check_fits, check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import truths
@@ -42,6 +42,7 @@ def cycles_command(
     for text in scene:
         with progress_bar(f"reading {text}"):
             source, view = View(text, size=size, file=camera).open()
+            check_fits(config, view.width, view.height)
             model = packed_model(source, config, view, quality)
         with progress_bar(f"rendering {text}"):
             frame = render(config, model, view)

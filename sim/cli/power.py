@@ -9,11 +9,10 @@ from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
-from splatcore.sim.common.source import open_camera, open_source
+from splatcore.sim.common.source import check_fits, open_camera, open_source
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.machine.machine import Job
-from splatcore.sim.machine.path import check_fits
 from splatcore.sim.packing.choose import packed_model
 from splatcore.sim.power.activity import SAMPLE_LENGTH, Counts, counts_of
 from splatcore.sim.power.estimate import FEMTO, Estimate, Logic, estimate, gates_of, sum_of
@@ -67,7 +66,7 @@ def power_command(
     with progress_bar(f"packing {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
-        check_fits(config, view)
+        check_fits(config, view.width, view.height)
         model = packed_model(source, config, view)
     counts = counts_of(config, Job(model, view), sample, f"simulating {source.name}")
     if fps is not None and fps > CLOCK_HZ / counts.cycles:

@@ -18,11 +18,11 @@ from splatcore.sim.common.output import (
     write_json,
 )
 from splatcore.sim.common.picture import write_error_map, write_png
-from splatcore.sim.common.source import Source
+from splatcore.sim.common.source import Source, check_fits
 from splatcore.sim.machine import engines
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.machine import Job, Run
-from splatcore.sim.machine.path import build, check_fits, find_timing, orbit, simulate
+from splatcore.sim.machine.path import build, find_timing, orbit, simulate
 from splatcore.sim.machine.waves import Window, write_waves
 from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.camera import Camera
@@ -85,7 +85,7 @@ def render_rtl(
     packed model and on the scene as it is.
     """
     begin = time.perf_counter()
-    check_fits(config, view)
+    check_fits(config, view.width, view.height)
     with progress_bar("packing"):
         model = packed_model(source, config, view)
     views = orbit(view, model.position, request.frames)

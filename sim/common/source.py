@@ -13,6 +13,7 @@ from splatcore.model.formats.camera_file import read_camera, read_cameras, split
 from splatcore.model.formats.read import find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.spec.camera import SIZE_MAX, Camera
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel, is_packed, read_model
 from splatcore.spec.scene import Gaussians, Scene
@@ -108,6 +109,15 @@ def parse_size(text: str) -> tuple[int, int]:
         if not 1 <= side <= SIZE_MAX:
             raise InputError(f"--size {text}: {name} {side} is not in 1 … {SIZE_MAX}")
     return width, height
+
+
+def check_fits(config: Config, width: int, height: int):
+    """InputError for a picture that is too large for a machine."""
+    if width > config.width_max or height > config.height_max:
+        most = f"{config.width_max}x{config.height_max}"
+        raise InputError(
+            f"picture of {width}x{height}: preset {config.name} renders up to {most} (see --size)"
+        )
 
 
 def check_known(option: str, known: Collection[str], *names: str):
