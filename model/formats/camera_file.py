@@ -87,7 +87,9 @@ def _camera(intrinsics: tuple, pose: np.ndarray, name: str, where: str) -> Camer
     try:
         return Camera(*intrinsics, rotation.T, translation, name)
     except InputError as error:
-        raise input_error(where, error) from error
+        prefix = f"camera {name}: "  # once is enough
+        known = f"{where}: ".endswith(f" {prefix}")
+        raise input_error(where, str(error).removeprefix(prefix if known else "")) from error
 
 
 def _inria(value: list, path: str | os.PathLike) -> Named:

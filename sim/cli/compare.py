@@ -11,7 +11,7 @@ from splatcore.sim.cli.options import argument, option
 from splatcore.sim.common.metric import LEVELS, Compared, difference
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
-from splatcore.sim.common.source import ENGINES, check_fits, open_camera, open_source
+from splatcore.sim.common.source import ENGINES, check_fits, note_unseen, open_camera, open_source
 from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import Config
@@ -82,7 +82,9 @@ def rendered(
         source = open_source(scene)
         view = open_camera(camera, size, source)
     if engines == ["reference"] * len(engines):
-        return {"reference": reference(source.gaussians, view).pixels}
+        frame = reference(source.gaussians, view)
+        note_unseen(source.name, view, frame.counts)
+        return {"reference": frame.pixels}
     check_fits(config, view.width, view.height)
     with progress_bar("packing"):
         model = packed_model(source, config, view)
@@ -90,7 +92,9 @@ def rendered(
     if "reference" in engines:
         pictures["reference"] = truths(source, model, view)["machine"]
     if "golden" in engines:
-        pictures["golden"] = golden_of(source, view, config, SPLATCORE.background).pixels
+        frame = golden_of(source, view, config, SPLATCORE.background)
+        note_unseen(source.name, view, frame.counts)
+        pictures["golden"] = frame.pixels
     if "rtl" in engines:
         pictures["rtl"] = rtl_pixels(config, model, view, SPLATCORE.background)
     return pictures

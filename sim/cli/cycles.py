@@ -7,7 +7,7 @@ from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.source import View, check_fits, check_known
+from splatcore.sim.common.source import View, check_fits, check_known, note_unseen
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import truths
@@ -47,6 +47,7 @@ def cycles_command(
         with progress_bar(f"rendering {text}"):
             frame = render(config, model, view)
             metrics = against(differences(frame.pixels, truths(source, model, view)))
+        note_unseen(source.name, view, frame.counts)
         found = frame_cycles(config, frame)
         facts[text] = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)} | metrics
         if source.packed:

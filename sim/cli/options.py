@@ -17,6 +17,7 @@ from splatcore.sim.common.output import (
     new_folders,
 )
 from splatcore.sim.common.source import ENGINES, camera_beside, scene_folder
+from splatcore.spec.error import InputError
 
 FOLDER = "DIR"
 """What stands for a folder in the help."""
@@ -25,8 +26,9 @@ FOLDER = "DIR"
 class Command(TyperCommand):
     """A command that does not run before its outputs are known to be writable and no input of it.
 
-    A parameter of type `Path` is what it writes, a folder if `FOLDER` stands for it. A text that
-    names a file or folder, with or without :ID, is what it reads.
+    A parameter of type `Path` is what it writes: a folder if `FOLDER` stands for it in the help,
+    else a file, of the type of what stands for it. A text that names a file or folder, with or
+    without :ID, is what it reads.
     """
 
     def invoke(self, context: typer.Context):
@@ -34,10 +36,17 @@ class Command(TyperCommand):
         written = [(each, value) for each, value in values if isinstance(value, Path)]
         folders = [path for each, path in written if each.metavar == FOLDER]
         check_distinct([(each.opts[0], path) for each, path in written], read_by(context.params))
-        for _, path in written:
+        for each, path in written:
+            check_type(each.opts[0], path, Path(each.metavar or "").suffix)
             (check_folder if path in folders else check_writable)(path)
         with new_folders(folders):
             return super().invoke(context)
+
+
+def check_type(option: str, path: Path, suffix: str):
+    """InputError for a file whose name ends like one of another type; it need not have an end."""
+    if suffix and path.suffix and path.suffix.lower() != suffix:
+        raise InputError(f"{option} {path}: does not end with {suffix}, as its files do")
 
 
 def read_by(parameters: dict[str, object]) -> Iterator[Path]:
@@ -114,5 +123,5 @@ QualityOption = option(
 )
 EngineOption = option(str, None, f"{', '.join(ENGINES)}.")
 FolderOption = option(Path, "DIR", "Folder to write into.", "-o")
-ModelOption = option(Path, "MODEL", "Where to write it.", "-o")
-JsonOption = option(Path | None, "FILE", "Write results (see docs/json.md).", "--json")
+ModelOption = option(Path, "MODEL.splatcore", "Where to write it.", "-o")
+JsonOption = option(Path | None, "FILE.json", "Write results (see docs/json.md).", "--json")

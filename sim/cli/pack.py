@@ -15,7 +15,7 @@ from splatcore.sim.common.output import (
     write,
     write_json,
 )
-from splatcore.sim.common.source import check_known, open_cameras, open_source
+from splatcore.sim.common.source import check_known, note_unseen, open_cameras, open_source
 from splatcore.sim.common.table import new_table
 from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
 from splatcore.sim.packing.choose import LEAST_DB, Views, choose, smallest
@@ -71,6 +71,8 @@ def pack_command(
     with progress_bar("rendering the scene") as advance:
         tell = partial(advance, 0, None)
         seen = Views.of(original, views)
+        for view, picture in zip(views, seen.pictures, strict=True):
+            note_unseen(source.name, view, {"visible": picture.any()})
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, tell)
         else:

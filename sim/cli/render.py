@@ -12,7 +12,7 @@ from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Result, against, differences, told
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import write_heat_map, write_png
-from splatcore.sim.common.source import ENGINES, check_known, open_camera, open_source
+from splatcore.sim.common.source import ENGINES, check_known, note_unseen, open_camera, open_source
 from splatcore.sim.machine.engines import golden_of, reference, truths
 from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.convention import ORIGINAL, SPLATCORE
@@ -73,6 +73,7 @@ def render_command(
         frame = golden_of(source, view, config, convention.background)
     else:
         frame = reference(source.gaussians, view, convention)
+    note_unseen(source.name, view, frame.counts)
     seconds, found = round(time.perf_counter() - begin, 3), {}
     write_png(output, frame.pixels)
     if engine == "golden" and compare:

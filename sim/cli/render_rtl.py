@@ -18,7 +18,7 @@ from splatcore.sim.common.output import (
     write_json,
 )
 from splatcore.sim.common.picture import write_error_map, write_png
-from splatcore.sim.common.source import Source, check_fits
+from splatcore.sim.common.source import Source, check_fits, note_unseen
 from splatcore.sim.machine import engines
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.machine import Job, Run
@@ -92,6 +92,8 @@ def render_rtl(
     codes = engines.background_codes(config, background)
     jobs = [Job(model, view, codes) for view in views]
     expected = [engines.golden(config, job) for job in jobs]
+    for each, frame in zip(views, expected, strict=True):
+        note_unseen(source.name, each, frame.counts)
     window = Window.of(config, request.window, request.tile, expected[0]) if request.waves else None
     machine = build(config, trace=window is not None)
     label = f"simulating {source.name}"

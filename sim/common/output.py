@@ -9,7 +9,16 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
 
 from splatcore.spec.error import InputError
 
@@ -104,6 +113,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             part = Path(folder) / path.name
             yield part
             os.replace(part, path)
+    except InputError as error:
+        raise InputError(str(error).replace(str(part), str(path))) from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
 
@@ -121,11 +132,18 @@ def write_json(path: Path | None, value: object):
         write(path, (json.dumps(value, indent=2, allow_nan=False) + "\n").encode())
 
 
+class Count(ProgressColumn):
+    """How much of how much is done; nothing where nobody knows how much there is."""
+
+    def render(self, task: Task) -> Text:
+        return Text("" if task.total is None else f"{task.completed:g}/{task.total:g}")
+
+
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator:
     """A bar on standard error; yields advance(done, total) and removes the bar at the end."""
-    text, count = TextColumn("{task.description}"), TextColumn("{task.completed}/{task.total}")
-    columns = (text, BarColumn(), count, TimeElapsedColumn(), TimeRemainingColumn())
+    text = TextColumn("{task.description}")
+    columns = (text, BarColumn(), Count(), TimeElapsedColumn(), TimeRemainingColumn())
     terminal = messages.is_terminal
     with Progress(*columns, console=messages, transient=True, disable=not terminal) as progress:
         task = progress.add_task(label, total=total)

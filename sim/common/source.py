@@ -12,6 +12,7 @@ from splatcore.model.cameras.view import sensible_view
 from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
 from splatcore.model.formats.read import find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
+from splatcore.sim.common.output import messages
 from splatcore.spec.camera import SIZE_MAX, Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -109,6 +110,15 @@ def parse_size(text: str) -> tuple[int, int]:
         if not 1 <= side <= SIZE_MAX:
             raise InputError(f"--size {text}: {name} {side} is not in 1 … {SIZE_MAX}")
     return width, height
+
+
+def note_unseen(name: str, camera: Camera, counts: dict):
+    """Say on standard error that a picture shows nothing, if no Gaussian is counted in it: of the
+    reference's "visible", of a machine's "splats"."""
+    if not counts.get("visible", counts.get("splats")):
+        where = f" {camera.name}" if camera.name else ""
+        text = f"{name}: no Gaussian is visible from camera{where}"
+        messages.print(text, markup=False, soft_wrap=True)
 
 
 def check_fits(config: Config, width: int, height: int):
