@@ -56,6 +56,8 @@ def read_preset(path: str | Path) -> Config:
         raise InputError(f"{path}: is no text") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path}: is not TOML: {error or 'nested too deeply'}") from None
+    if not table:
+        raise InputError(f"{path}: is empty, a preset has a field at least")
     hints = get_type_hints(Config)
     _check_keys(str(path), table, ("base", *hints))
     base = table.pop("base", DEFAULT.name)

@@ -36,13 +36,9 @@ def read_cameras(path: str | os.PathLike) -> list[Camera]:
 def read_camera(text: str) -> Camera:
     """The camera that "FILE" (its first) or "FILE:ID" means.
 
-    ID is a camera's name or its image's, with or without folder and extension. A colon may also
-    be part of FILE: the longest FILE that exists is taken.
+    ID is a camera's name or its image's, with or without folder and extension.
     """
-    path, camera_id = text, None
-    while not os.path.exists(path) and ":" in path:
-        path = path.rpartition(":")[0]
-        camera_id = text[len(path) + 1 :]
+    path, camera_id = split_id(text)
     if not os.path.exists(path):
         raise input_error(text, "no such file")
     named = read_named(path)
@@ -57,6 +53,16 @@ def read_camera(text: str) -> Camera:
             return camera
     some = ", ".join(camera.name for camera, _ in named[:5]) + (", …" if len(named) > 5 else "")
     raise input_error(path, f"no camera {camera_id!r}; there are {len(named)}: {some}")
+
+
+def split_id(text: str) -> tuple[str, str | None]:
+    """FILE and ID of "FILE:ID"; no ID of "FILE". A colon may also be part of FILE: the longest FILE
+    that exists is taken."""
+    path, camera_id = text, None
+    while not os.path.exists(path) and ":" in path:
+        path = path.rpartition(":")[0]
+        camera_id = text[len(path) + 1 :]
+    return path, camera_id
 
 
 def read_named(path: str | os.PathLike) -> Named:
@@ -81,7 +87,9 @@ def _camera(intrinsics: tuple, pose: np.ndarray, name: str, where: str) -> Camer
     try:
         return Camera(*intrinsics, rotation.T, translation, name)
     except InputError as error:
-        raise input_error(where, error) from error
+        prefix = f"camera {name}: "  # once is enough
+        known = f"{where}: ".endswith(f" {prefix}")
+        raise input_error(where, str(error).removeprefix(prefix if known else "")) from error
 
 
 def _inria(value: list, path: str | os.PathLike) -> Named:

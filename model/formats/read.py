@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -26,12 +27,18 @@ def read_scene(path: str | os.PathLike) -> Scene:
 
     `notes` count what is odd in it. Raises InputError for any other or malformed file.
     """
+    format = find_format(path)
+    with np.errstate(all="ignore"):  # NaN and Inf are noted instead
+        scene = format.read(path)
+        return replace(scene, notes=scene.notes + _notes(scene))
+
+
+def find_format(path: str | os.PathLike) -> ModuleType:
+    """The module of `FORMATS` that knows a file; InputError if none does."""
     start, suffix = read_bytes(path, 4), Path(path).suffix.lower()
     for format in FORMATS.values():
         if format.matches(start, suffix):
-            with np.errstate(all="ignore"):  # NaN and Inf are noted instead
-                scene = format.read(path)
-                return replace(scene, notes=scene.notes + _notes(scene))
+            return format
     *names, last = FORMATS
     raise input_error(path, f"is no {', '.join(names)} or {last} file")
 

@@ -18,6 +18,7 @@ import zstandard
 from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error
 from splatcore.spec.convention import SH_DEGREE_MAX
+from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
 
 GZIP_MAGIC = b"\x1f\x8b\x08"
@@ -181,7 +182,10 @@ def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> 
     with file.reading(path), tempfile.NamedTemporaryFile(suffix=".spz") as copy:
         copy.write(gzip.compress(start + bytes(9 * count) + payload[size:], compresslevel=1))
         copy.flush()
-        scene = _decode(copy.name, path)
+        try:
+            scene = _decode(copy.name, path)
+        except InputError as error:
+            raise InputError(str(error).replace(copy.name, str(path))) from None
     return replace(scene, position=position * (1, -1, -1))
 
 

@@ -33,9 +33,8 @@ from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.picture import write_figure
 from splatcore.sim.common.plot import legend_below, side_by_side
-from splatcore.sim.common.source import View
+from splatcore.sim.common.source import View, check_fits
 from splatcore.sim.common.table import new_table, shown
-from splatcore.sim.machine.path import check_fits
 from splatcore.sim.packing.budget import part_by_part
 from splatcore.sim.packing.choose import Tell, packed
 from splatcore.spec.camera import Camera
@@ -71,7 +70,7 @@ def budget(config: Config, view: View, tell: Tell = str) -> dict:
     rows of `error`; InputError for what is no scene."""
     source, camera = view.open()
     original = source.unpacked
-    check_fits(config, camera)
+    check_fits(config, camera.width, camera.height)
     tell("packing")
     found = packed(source, config, camera, view.quality)
     tell("golden model")

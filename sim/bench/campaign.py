@@ -80,13 +80,16 @@ def results(
 def collected(
     tasks: list[Task], folder: Path, scheduler: str | None, label: str
 ) -> tuple[dict[str, dict], list[dict[str, str]]]:
-    """Results of the tasks by name, in any order, and the failures, as results' files have them."""
+    """Results of the tasks by name, in any order, and the failures, as results' files have them;
+    InputError if there are only failures."""
     found, failed = {}, []
     for task, result in results(tasks, folder / "parts", scheduler, label):
         if isinstance(result, Failure):
             failed.append(asdict(result))
         else:
             found[task.name] = result
+    if failed and not found:
+        raise InputError(f"{label}: nothing could be measured")
     return found, failed
 
 

@@ -19,14 +19,14 @@ from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write, write_json
-from splatcore.sim.common.source import View, scene_files
+from splatcore.sim.common.source import View, check_fits, scene_files
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.common.table import comma_separated, in_markdown, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.engines import cycles, golden, truths
 from splatcore.sim.machine.machine import Job, Machine, Run, machine_source
-from splatcore.sim.machine.path import build, check_fits, simulate
+from splatcore.sim.machine.path import build, simulate
 from splatcore.sim.machine.script import Timing
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
@@ -109,7 +109,7 @@ def expect(config: Config, view: View) -> Expected:
     """A view's packed model, and its pictures by golden model and reference."""
     with progress_bar(f"packing {view.name}"):
         source, camera = view.open()
-        check_fits(config, camera)
+        check_fits(config, camera.width, camera.height)
         model = packed_model(source, config, camera, view.quality)
     frame = golden(config, Job(model, camera))
     return Expected(model, camera, frame, truths(source, model, camera))

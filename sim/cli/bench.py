@@ -1,18 +1,25 @@
 """The group of commands `bench`, and the options that they share."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import typer
 
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.bench.scenes import views
-from splatcore.sim.cli.options import app, argument, option
+from splatcore.sim.cli.options import App, app, argument, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
-from splatcore.sim.common.source import VIEW_SIZE, View, check_known, parse_size
-
-bench = typer.Typer(
-    no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated."
+from splatcore.sim.common.source import (
+    VIEW_SIZE,
+    View,
+    check_fits,
+    check_known,
+    check_source,
+    parse_size,
 )
+from splatcore.spec.config import Config
+
+bench = App(no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated.")
 app.add_typer(bench, name="bench")
 
 FolderOption = option(Path, "DIR", "Folder for results; kept results stay.", "-o", "--out")
@@ -32,12 +39,16 @@ SIZE = "x".join(map(str, VIEW_SIZE))
 
 def look(
     output: Path, scene: list[str] | None, cameras: str | None, size: str,
-    quality: str | None = None,
+    machines: Iterable[Config], quality: str | None = None,
 ) -> list[View]:  # fmt: skip
-    """The views to measure; makes the folder."""
+    """The views to measure by some machines; makes the folder."""
+    for config in machines:
+        check_fits(config, *parse_size(size))
     size = "x".join(map(str, parse_size(size)))
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
+    for text in scene or ():
+        check_source(text)
     found = views(list(scene or ()), cameras, size, quality)
     make_folder(output)
     return found
@@ -55,5 +66,7 @@ def finish(path: Path, facts: dict):
     console.print(str(path), soft_wrap=True)
     if facts["failed"]:
         for failure in facts["failed"]:
-            messages.print(f"missing: {failure['what']}: {failure['why']}", markup=False)
+            messages.print(
+                f"missing: {failure['what']}: {failure['why']}", markup=False, soft_wrap=True
+            )
         raise typer.Exit(1)

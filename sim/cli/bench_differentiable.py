@@ -9,7 +9,7 @@ from numba import get_num_threads
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, option
-from splatcore.sim.common.output import check_writable, console, write_json
+from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.source import parse_size
 from splatcore.sim.compression.run import check_installed
 from splatcore.spec.camera import Camera
@@ -42,7 +42,6 @@ def differentiable_command(
     width, height = parse_size(size)
     if repeat < 1:
         raise InputError(f"--repeat {repeat}: is not at least 1")
-    check_writable(json)
     try:
         scene = generate("garden", gaussians)
     except InputError as error:

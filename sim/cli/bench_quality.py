@@ -31,8 +31,9 @@ def quality_command(
         targets = [float(text) for text in psnr.split(",") if text.strip()]
     except ValueError:
         raise InputError(f"--psnr '{psnr}': is not numbers between commas") from None
-    found = bench.look(output, scene, cameras, size)
-    facts = quality(find_preset(preset), found, targets, output, scheduler)
+    config = find_preset(preset)
+    found = bench.look(output, scene, cameras, size, [config])
+    facts = quality(config, found, targets, output, scheduler)
     headings = "bytes|dB, scene|dB, packing|dB, machine|max error, machine|k cycles|model MB read"
     table = new_table("view", headings.split("|"), "by golden and cycle model", ["asked for"])
     for row in facts["rows"]:

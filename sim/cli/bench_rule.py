@@ -25,8 +25,9 @@ def rule_command(
     and largest error of 8-bit pictures against the reference on the same packed model under 3DGS's
     rule. Writes DIR/rule.json, rule.md and rule.csv.
     """
-    found = bench.look(output, scene, cameras, size, quality)
-    facts = measure_rules(find_preset(preset), found, output, scheduler)
+    config = find_preset(preset)
+    found = bench.look(output, scene, cameras, size, [config], quality)
+    facts = measure_rules(config, found, output, scheduler)
     rows = {name: cells(summary) for name, summary in facts["rules"].items()}
     if rows:
         table = new_table(

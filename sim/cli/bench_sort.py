@@ -5,7 +5,7 @@ from pathlib import Path
 from splatcore.sim.bench.sort import LENGTHS, bench_sort
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, PresetOption, option
-from splatcore.sim.common.output import check_folder, check_writable, console, write_json
+from splatcore.sim.common.output import console, write_json
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -29,8 +29,6 @@ def sort_command(
     beside those of the cycle model, and draws them in DIR/sort.png. All that comes out is compared
     with the golden model.
     """
-    check_folder(output)
-    check_writable(json)
     config, counts = find_preset(preset), LENGTHS if lengths is None else parse_lengths(lengths)
     output.mkdir(exist_ok=True)
     path = output / "sort.png"

@@ -42,7 +42,7 @@ def scenes_command(
     """
     config = find_preset(preset)
     timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
-    found = bench.look(output, scene, cameras, size, quality)
+    found = bench.look(output, scene, cameras, size, [config], quality)
     right = scenes.bench_scenes(config, found, timings, output)
     console.print((output / "scenes.md").read_text(), soft_wrap=True)
     if not right:
@@ -74,7 +74,8 @@ def sweep_command(
         for point in chosen:
             console.print(f"{point.name:22} {point.fields}", markup=False, soft_wrap=True)
         return
-    found = bench.look(output, scene, cameras, size)
+    machines = [point.config for point in chosen]
+    found = bench.look(output, scene, cameras, size, machines)
     facts = campaigns.sweep(chosen, found, output, scheduler)
     if confirm:
         campaigns.confirm(chosen, facts, bench.view_of(confirm, found[0].size), output)
@@ -115,7 +116,8 @@ def ablation_command(
     Each step is a machine of its own, with the features that are off left out of it. Cycles are the
     cycle model's; pictures and counts the golden model's. Writes DIR/ablation.json.
     """
-    config, found = find_preset(preset), bench.look(output, scene, cameras, size, quality)
+    config = find_preset(preset)
+    found = bench.look(output, scene, cameras, size, [config], quality)
     simulated = [bench.view_of(text, found[0].size, quality) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
     names = [step["name"] for step in facts["steps"]]
@@ -145,7 +147,8 @@ def work_command(
 
     Writes DIR/work.json, with how many splats reach each tile.
     """
-    config, found = find_preset(preset), bench.look(output, scene, cameras, size)
+    config = find_preset(preset)
+    found = bench.look(output, scene, cameras, size, [config])
     if cameras is None:
         found = workload.every_camera(found)
     facts = workload.work(config, found, output, scheduler)

@@ -8,16 +8,11 @@ from rich.table import Table
 
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
-from splatcore.sim.common.metric import Compared, difference
-from splatcore.sim.common.output import check_writable, console, write_json
+from splatcore.sim.common.metric import LEVELS, Compared, difference
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
-from splatcore.sim.common.source import (
-    ENGINES,
-    Source,
-    open_camera,
-    open_source,
-)
-from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels
+from splatcore.sim.common.source import ENGINES, check_fits, note_unseen, open_camera, open_source
+from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
@@ -46,47 +41,60 @@ def compare_command(
     """
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
-    check_writable(output, json)
-    config = find_preset(preset)
-    packed = bool({"golden", "rtl"} & set(images))
-    pictures = [picture(text, scene, camera, size, config, packed) for text in images]
+    config, drawn = find_preset(preset), {}
+    for text in images:
+        if text not in ENGINES:
+            drawn[text] = read_png(text)
+        elif scene is None:
+            raise InputError(f"compare {text}: --scene says nothing about what to render")
+    if named := [text for text in images if text in ENGINES]:
+        drawn |= rendered(named, scene, camera, size, config)
     first = images[0]
-    if first == "reference" and packed:
-        first += " on the packed model"
+    packed = bool({"golden", "rtl"} & set(images))
+    against = f"{first} on the packed model" if first == "reference" and packed else first
     results = []
-    table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {first}")
-    for text, pixels in zip(images[1:], pictures[1:], strict=True):
-        metrics = difference(pixels, pictures[0], text)
+    table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {against}")
+    for text in images[1:]:
+        pixels = drawn[text]
+        metrics = difference(pixels, drawn[first], text)
         table.add_row(
             text,
             "identical" if metrics.identical else f"{metrics.psnr_db:.2f}",
             "–" if metrics.ssim is None else f"{metrics.ssim:.5f}",
-            f"{metrics.max_error:.4f} ({round(metrics.max_error * 255)} of 255)",
+            f"{metrics.max_error:.4f} ({round(metrics.max_error * LEVELS)} of {LEVELS})",
         )
         shape = (pixels.shape[1], pixels.shape[0])
-        about = text, config.name, scene, camera, shape, first
+        about = text, config.name, scene, camera, shape, against
         results.append(Compared(*about, **asdict(metrics), identical=metrics.identical))
     console.print(table)
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
-        title = f"{images[1]} against {first}: {psnr}"
-        write_error_map(output, pictures[1], pictures[0], title)
+        title = f"{images[1]} against {against}: {psnr}"
+        write_error_map(output, drawn[images[1]], drawn[first], title)
     write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
 
 
-def picture(
-    text: str, scene: str | None, camera: str | None, size: str | None, config: Config, packed: bool
-) -> np.ndarray:
-    """The pixels of a PNG file, or what an engine renders; the reference of the packed model?"""
-    if text not in ENGINES:
-        return read_png(text)
-    if scene is None:
-        raise InputError(f"compare {text}: --scene says nothing about what to render")
-    source: Source = open_source(scene)
-    view = open_camera(camera, size, source)
-    if text == "golden":
-        return golden_of(source, view, config, SPLATCORE.background).pixels
-    if text == "rtl":
-        return rtl_pixels(config, packed_model(source, config, view), view, SPLATCORE.background)
-    gaussians = packed_model(source, config, view).gaussians() if packed else source.gaussians
-    return reference(gaussians, view).pixels
+def rendered(
+    engines: list[str], scene: str, camera: str | None, size: str | None, config: Config
+) -> dict[str, np.ndarray]:
+    """What engines render of a scene; beside golden or rtl the reference renders the model."""
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+        view = open_camera(camera, size, source)
+    if engines == ["reference"] * len(engines):
+        frame = reference(source.gaussians, view)
+        note_unseen(source.name, view, frame.counts)
+        return {"reference": frame.pixels}
+    check_fits(config, view.width, view.height)
+    with progress_bar("packing"):
+        model = packed_model(source, config, view)
+    pictures = {}
+    if "reference" in engines:
+        pictures["reference"] = truths(source, model, view)["machine"]
+    if "golden" in engines:
+        frame = golden_of(source, view, config, SPLATCORE.background)
+        note_unseen(source.name, view, frame.counts)
+        pictures["golden"] = frame.pixels
+    if "rtl" in engines:
+        pictures["rtl"] = rtl_pixels(config, model, view, SPLATCORE.background)
+    return pictures

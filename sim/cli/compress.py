@@ -29,7 +29,7 @@ from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 
 LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
 
-FolderArgument = argument(Path, "DIR", "COLMAP model with its photographs in images/.")
+FolderArgument = argument(str, "DIR", "COLMAP model with its photographs in images/.")
 OutputOption = option(Path, "SCENE.ply", "Where to write it.", "-o")
 StepsOption = option(int, None, "Steps of optimisation.", min=1)
 TuneStepsOption = option(int, None, "Steps after each pruning.", min=0)
@@ -86,10 +86,9 @@ def train_command(
     `compress`.
     """
     run.check_installed()
-    files.check_writable(output, json)
-    learn, aside = _split(str(folder), scale, hold_out)
+    learn, aside = _split(folder, scale, hold_out)
     place = work or output.with_name(output.name + ".steps")
-    scene = run.trained(str(folder), learn, steps, seed, place, folder.name)
+    scene = run.trained(folder, learn, steps, seed, place, Path(folder).name)
     with files.whole_file(output) as part:
         write_ply(part, replace(scene, name=output.name))
     found = _decibels(scene.gaussians(), aside)
@@ -136,7 +135,6 @@ def compress_command(
     pictures that were not learned from. Needs the extra `compress`.
     """
     run.check_installed()
-    files.check_writable(output, json)
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
     recipe = Recipe(

@@ -6,8 +6,8 @@ from splatcore.golden.pipeline import render
 from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common.metric import against, decibels, differences
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
-from splatcore.sim.common.source import View, check_known
+from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.source import View, check_fits, check_known, note_unseen
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import truths
@@ -35,7 +35,6 @@ def cycles_command(
     The cycle model agrees with the RTL within 3 % for each stage by itself; its halves have
     LPDDR4's latency in them, its bandwidth is left out.
     """
-    check_writable(json)
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
     config = find_preset(preset)
@@ -43,10 +42,12 @@ def cycles_command(
     for text in scene:
         with progress_bar(f"reading {text}"):
             source, view = View(text, size=size, file=camera).open()
+            check_fits(config, view.width, view.height)
             model = packed_model(source, config, view, quality)
         with progress_bar(f"rendering {text}"):
             frame = render(config, model, view)
             metrics = against(differences(frame.pixels, truths(source, model, view)))
+        note_unseen(source.name, view, frame.counts)
         found = frame_cycles(config, frame)
         facts[text] = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)} | metrics
         if source.packed:

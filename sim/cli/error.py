@@ -16,7 +16,7 @@ from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_ras
 from splatcore.sim.accuracy.run import everything, measured, named
 from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
 from splatcore.sim.cli.options import JsonOption, QualityOption, app, argument, option
-from splatcore.sim.common.output import check_writable, console, messages, write_json
+from splatcore.sim.common.output import console, messages, write_json
 from splatcore.sim.common.source import View, check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.config import DEFAULT, Config
@@ -125,7 +125,6 @@ def error_command(
     Exponents of 5 bits or less come with FP16's infinities. Splats with a field that is not finite
     are counted, not drawn, and left out of the fields' errors.
     """
-    check_writable(output, json)
     chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
     check_stage(stage, quality, len(chosen))
     if scene and scenes:

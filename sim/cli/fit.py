@@ -12,7 +12,7 @@ from splatcore.sim.bench.scenes import FRAMES, Expected, judge
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
-from splatcore.sim.common.output import check_writable, console, messages, progress_bar, write_json
+from splatcore.sim.common.output import console, messages, progress_bar, write_json
 from splatcore.sim.common.source import camera_beside, open_cameras, open_source
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.fit.formats import decibels
@@ -64,7 +64,6 @@ def fit_command(
     """
     begin = time.perf_counter()
     _check_figures(fps, psnr)
-    check_writable(output, json)
     name = _name(output)
     start, views = _open(name, scene, camera, cameras, size)
     try:

@@ -13,13 +13,12 @@ from splatcore.model.generate.hard import HARD
 from splatcore.sim.bench.hard_cases import PSNR_MIN, SEED, SHEET, Outcome, camera_of, measure
 from splatcore.sim.cli import options
 from splatcore.sim.cli.render_rtl import TimingOption
-from splatcore.sim.common import output as files
 from splatcore.sim.common.metric import LEVELS, channel_error
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
-from splatcore.sim.common.source import ENGINES, check_known, parse_size
+from splatcore.sim.common.source import ENGINES, check_fits, check_known, parse_size
 from splatcore.sim.common.table import new_table, print_whole, shown
-from splatcore.sim.machine.path import build, check_fits, find_timing
+from splatcore.sim.machine.path import build, find_timing
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -69,9 +68,8 @@ def hard_command(
     shape = parse_size(size) if size else None
     if engine != "reference":
         for case in names:
-            check_fits(config, camera_of(HARD[case](SEED), shape))
-    files.check_folder(output)
-    files.check_writable(json)
+            camera = camera_of(HARD[case](SEED), shape)
+            check_fits(config, camera.width, camera.height)
     machine = build(config) if engine == "rtl" else None
     outcomes = []
     for number, case in enumerate(names):

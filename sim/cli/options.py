@@ -1,14 +1,75 @@
 """The command line's application object and the arguments that commands share."""
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.core import TyperCommand
 
+from splatcore.model.formats.camera_file import split_id
 from splatcore.model.pack.pack import QUALITIES
-from splatcore.sim.common.source import ENGINES
+from splatcore.sim.common.output import (
+    check_distinct,
+    check_folder,
+    check_writable,
+    new_folders,
+)
+from splatcore.sim.common.source import ENGINES, camera_beside, scene_folder
+from splatcore.spec.error import InputError
 
-app = typer.Typer(
+FOLDER = "DIR"
+"""What stands for a folder in the help."""
+
+
+class Command(TyperCommand):
+    """A command that does not run before its outputs are known to be writable and no input of it.
+
+    A parameter of type `Path` is what it writes: a folder if `FOLDER` stands for it in the help,
+    else a file, of the type of what stands for it. A text that names a file or folder, with or
+    without :ID, is what it reads.
+    """
+
+    def invoke(self, context: typer.Context):
+        values = [(each, context.params.get(each.name)) for each in self.params]
+        written = [(each, value) for each, value in values if isinstance(value, Path)]
+        folders = [path for each, path in written if each.metavar == FOLDER]
+        check_distinct([(each.opts[0], path) for each, path in written], read_by(context.params))
+        for each, path in written:
+            check_type(each.opts[0], path, Path(each.metavar or "").suffix)
+            (check_folder if path in folders else check_writable)(path)
+        with new_folders(folders):
+            return super().invoke(context)
+
+
+def check_type(option: str, path: Path, suffix: str):
+    """InputError for a file whose name ends like one of another type; it need not have an end."""
+    if suffix and path.suffix and path.suffix.lower() != suffix:
+        raise InputError(f"{option} {path}: does not end with {suffix}, as its files do")
+
+
+def read_by(parameters: dict[str, object]) -> Iterator[Path]:
+    """Files and folders that a command's parameters name, and those that are read besides."""
+    yield scene_folder()
+    for value in parameters.values():
+        texts = value if isinstance(value, (list, tuple)) else [value]
+        for text in (each for each in texts if isinstance(each, str) and each):
+            path, _ = split_id(text)
+            if os.path.exists(path):
+                yield Path(path)
+                if beside := camera_beside(path):
+                    yield Path(beside)
+
+
+class App(typer.Typer):
+    """An application or a group of `Command`s."""
+
+    def command(self, name: str | None = None, *, cls: type = Command, **options):
+        return super().command(name, cls=cls, **options)
+
+
+app = App(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -27,13 +88,14 @@ app.callback()(lambda: None)  # without it the name of a command that is alone w
 
 
 def argument(kind: type, metavar: str, help: str):
-    """A command's argument: type, what stands for it in the help, meaning."""
+    """A command's argument: type (`Path`: it is written), what stands for it in the help,
+    meaning."""
     return Annotated[kind, typer.Argument(metavar=metavar, help=help)]
 
 
 def option(kind: type, metavar: str | None, help: str, *names: str, **limits):
-    """A command's option: type, what stands for its value in the help, meaning; its names, where
-    they are not the parameter's; `min` and `max`."""
+    """A command's option: type (`Path`: it is written), what stands for its value in the help,
+    meaning; its names, where they are not the parameter's; `min` and `max`."""
     return Annotated[kind, typer.Option(*names, metavar=metavar, help=help, **limits)]
 
 
@@ -61,5 +123,5 @@ QualityOption = option(
 )
 EngineOption = option(str, None, f"{', '.join(ENGINES)}.")
 FolderOption = option(Path, "DIR", "Folder to write into.", "-o")
-ModelOption = option(Path, "MODEL", "Where to write it.", "-o")
-JsonOption = option(Path | None, "FILE", "Write results (see docs/json.md).", "--json")
+ModelOption = option(Path, "MODEL.splatcore", "Where to write it.", "-o")
+JsonOption = option(Path | None, "FILE.json", "Write results (see docs/json.md).", "--json")

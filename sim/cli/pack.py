@@ -9,14 +9,13 @@ from splatcore.model.pack.pack import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
 from splatcore.sim.common.output import (
-    check_writable,
     console,
     messages,
     progress_bar,
     write,
     write_json,
 )
-from splatcore.sim.common.source import check_known, open_cameras, open_source
+from splatcore.sim.common.source import check_known, note_unseen, open_cameras, open_source
 from splatcore.sim.common.table import new_table
 from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
 from splatcore.sim.packing.choose import LEAST_DB, Views, choose, smallest
@@ -56,7 +55,6 @@ def pack_command(
     as it is, with all its harmonics, the worst of the views: of the model, and of the scene with
     one part at a time as it is packed.
     """
-    check_writable(output, json)
     config = find_preset(preset)
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
@@ -73,6 +71,8 @@ def pack_command(
     with progress_bar("rendering the scene") as advance:
         tell = partial(advance, 0, None)
         seen = Views.of(original, views)
+        for view, picture in zip(views, seen.pictures, strict=True):
+            note_unseen(source.name, view, {"visible": picture.any()})
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, tell)
         else:

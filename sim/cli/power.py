@@ -7,13 +7,12 @@ from rich.table import Table
 
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
-from splatcore.sim.common.source import open_camera, open_source
+from splatcore.sim.common.source import check_fits, open_camera, open_source
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.machine.machine import Job
-from splatcore.sim.machine.path import check_fits
 from splatcore.sim.packing.choose import packed_model
 from splatcore.sim.power.activity import SAMPLE_LENGTH, Counts, counts_of
 from splatcore.sim.power.estimate import FEMTO, Estimate, Logic, estimate, gates_of, sum_of
@@ -60,7 +59,6 @@ def power_command(
     The first time it compiles and simulates the machine and synthesises its parts, half an hour
     for DEFAULT; what it finds is kept in build/.
     """
-    check_writable(json)
     config = find_preset(preset)
     for name, value in (("fps", fps), ("sample", sample)):
         if value is not None and not value > 0:
@@ -68,7 +66,7 @@ def power_command(
     with progress_bar(f"packing {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
-        check_fits(config, view)
+        check_fits(config, view.width, view.height)
         model = packed_model(source, config, view)
     counts = counts_of(config, Job(model, view), sample, f"simulating {source.name}")
     if fps is not None and fps > CLOCK_HZ / counts.cycles:

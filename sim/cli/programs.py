@@ -1,7 +1,7 @@
 """The command `programs`: the microprograms and their schedules."""
 
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
-from splatcore.sim.common.output import check_writable, console, write_json
+from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.paper import OPERATIONS, PES_BUSY
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table
@@ -29,7 +29,6 @@ def programs_command(
     show: ShowOption = None, preset: PresetOption = "DEFAULT", json: JsonOption = None
 ):
     """List the microprograms of stages 0 and 1: operations, cycles, how busy the PEs are."""
-    check_writable(json)
     config = find_preset(preset)
     facts = {name: program_facts(config, program(name)) for name in TEXTS}
     if show is not None:

@@ -10,9 +10,9 @@ from splatcore.sim.cli import render_rtl as rtl
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Result, against, differences, told
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import write_heat_map, write_png
-from splatcore.sim.common.source import ENGINES, check_known, open_camera, open_source
+from splatcore.sim.common.source import ENGINES, check_known, note_unseen, open_camera, open_source
 from splatcore.sim.machine.engines import golden_of, reference, truths
 from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.convention import ORIGINAL, SPLATCORE
@@ -60,7 +60,6 @@ def render_command(
     check_engine(engine, bool(original or heat_map), compare)
     request = rtl.Request(frames, timing, error_map, waves, window, tile)
     request.check(engine, output)
-    check_writable(output, heat_map, json)
     config = find_preset(preset)
     convention = replace(ORIGINAL if original else SPLATCORE, background=parse_colour(background))
     begin = time.perf_counter()
@@ -74,6 +73,7 @@ def render_command(
         frame = golden_of(source, view, config, convention.background)
     else:
         frame = reference(source.gaussians, view, convention)
+    note_unseen(source.name, view, frame.counts)
     seconds, found = round(time.perf_counter() - begin, 3), {}
     write_png(output, frame.pixels)
     if engine == "golden" and compare:

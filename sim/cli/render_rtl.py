@@ -10,13 +10,19 @@ from splatcore.golden import pipeline
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Difference, Result, against, differences, told
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.output import (
+    check_distinct,
+    check_writable,
+    console,
+    progress_bar,
+    write_json,
+)
 from splatcore.sim.common.picture import write_error_map, write_png
-from splatcore.sim.common.source import Source
+from splatcore.sim.common.source import Source, check_fits, note_unseen
 from splatcore.sim.machine import engines
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.machine import Job, Run
-from splatcore.sim.machine.path import build, check_fits, find_timing, orbit, simulate
+from splatcore.sim.machine.path import build, find_timing, orbit, simulate
 from splatcore.sim.machine.waves import Window, write_waves
 from splatcore.sim.packing.choose import packed_model, packing, packing_line
 from splatcore.spec.camera import Camera
@@ -57,9 +63,10 @@ class Request:
             raise InputError(f"--frames {self.frames}: is not 1 or more")
         if bool(self.waves) != bool(self.window or self.tile) or (self.window and self.tile):
             raise InputError("--waves: goes with either --window or --tile")
-        for k in range(self.frames):
-            check_writable(numbered(output, k, self.frames))
-        check_writable(self.error_map, self.waves)
+        written = [("-o", numbered(output, k, self.frames)) for k in range(self.frames)]
+        check_distinct([*written, *[("--error-map", self.error_map)] * bool(self.error_map)])
+        for _, path in written:
+            check_writable(path)
 
 
 def render_rtl(
@@ -78,13 +85,15 @@ def render_rtl(
     packed model and on the scene as it is.
     """
     begin = time.perf_counter()
-    check_fits(config, view)
+    check_fits(config, view.width, view.height)
     with progress_bar("packing"):
         model = packed_model(source, config, view)
     views = orbit(view, model.position, request.frames)
     codes = engines.background_codes(config, background)
     jobs = [Job(model, view, codes) for view in views]
     expected = [engines.golden(config, job) for job in jobs]
+    for each, frame in zip(views, expected, strict=True):
+        note_unseen(source.name, each, frame.counts)
     window = Window.of(config, request.window, request.tile, expected[0]) if request.waves else None
     machine = build(config, trace=window is not None)
     label = f"simulating {source.name}"

@@ -14,7 +14,7 @@ from splatcore.sim.report.sections import SECTIONS, compose, write_report
 from splatcore.spec.preset import find_preset
 
 OutputOption = option(Path, "DIR", "Folder to write into.", "-o", "--out")
-ResultsOption = option(Path | None, "DIR", "Folder of results. Default: results in the other one.")
+ResultsOption = option(str | None, "DIR", "Folder of results. Default: results in the other one.")
 SectionOption = option(list[str] | None, "NAME", "Only this section; repeatable.")
 SceneOption = option(
     list[str] | None, "SCENE", "Only this scene; repeatable. Default: all measured."
@@ -50,7 +50,7 @@ def report_command(
         if text not in GENERATORS or Path(text).exists():
             read_bytes(text, 1)
     make_folder(output)
-    place = output / "results" if results is None else results
+    place = output / "results" if results is None else Path(results)
     found = Results(place, Options(tuple(scene or ()), size, preset))
     parts = [compose(name, found) for name in names]
     for path in write_report(output, parts)[:2]:

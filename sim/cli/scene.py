@@ -41,7 +41,6 @@ def scene_command(
     seed: SeedOption = 0,
     cameras: CamerasOption = None,
 ):
-    files.check_writable(output, cameras)
     with progress_bar(f"generating {name}"):
         _write(output, cameras, generate(name, count, seed), generated_camera(name))
 
@@ -83,7 +82,6 @@ def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
 @app.command("info")
 def info_command(scene: SourceArgument, json: JsonOption = None):
     """Say what a scene or packed model holds: counts, extents, ranges, anything odd."""
-    files.check_writable(json)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         facts = describe.describe(source)

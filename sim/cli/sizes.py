@@ -8,7 +8,7 @@ import typer
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES, WHOLE
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
 from splatcore.sim.common import paper
-from splatcore.sim.common.output import check_writable, console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.eda import fpga
@@ -35,7 +35,6 @@ def synth_command(stage: StageOption, preset: PresetOption = "DEFAULT", json: Js
     top is the whole machine, part by part, and checked for latches, loops, wires of several drivers
     and of none. It takes a quarter of an hour the first time; parts are kept in build/.
     """
-    check_writable(json)
     config = find_preset(preset)
     check_known("--stage", ("top", *PARTS), *stage)
     facts = {"preset": config.name}
@@ -80,7 +79,6 @@ def fpga_command(
     device: DeviceOption = fpga.DEVICES[-1],
     json: JsonOption = None,
 ):
-    check_writable(json)
     config, names = find_preset(preset), stage or fpga.DEFAULT_PARTS
     if device.lower() not in fpga.DEVICES:
         check_known("--device", fpga.DEVICES, device)
@@ -117,7 +115,6 @@ def fpga_command(
 @app.command("memories")
 def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
     """List the on-chip memories of each stage, beside the paper's five."""
-    check_writable(json)
     config = find_preset(preset)
     headings = ("words", "bits", "how many", "KB")
     table = new_table("stage", headings, f"preset {config.name}")

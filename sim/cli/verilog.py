@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from splatcore.sim.cli.options import FolderOption, PresetOption, app, option
-from splatcore.sim.common.output import check_folder, console, progress_bar
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.source import check_known
 from splatcore.sim.eda import verilog
 from splatcore.sim.eda.register_files import write_register_files
@@ -21,7 +21,6 @@ def verilog_command(
     top: splatcore_top.v with splatcore_memories.v, memories.csv, a FuseSoC core file, constraints
     and lint's waivers. stages: one file each, which stands alone. docs/integration.md says more.
     """
-    check_folder(output)
     config = find_preset(preset)
     parts = part or list(verilog.WRITERS)
     check_known("--part", verilog.WRITERS, *parts)
@@ -41,6 +40,5 @@ def registers_command(output: FolderOption, preset: PresetOption = "DEFAULT"):
     The header also has the layout of memory and the function that makes registers' numbers;
     docs/example_frame.c renders a frame with it.
     """
-    check_folder(output)
     for path in write_register_files(find_preset(preset), output):
         console.print(str(path), soft_wrap=True)

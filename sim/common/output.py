@@ -1,15 +1,24 @@
-"""Writing results: whole files or none, and progress bars."""
+"""Writing results: where they may be written, whole files or none, and progress bars."""
 
 import json
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
 
 from splatcore.spec.error import InputError
 
@@ -17,33 +26,82 @@ console = Console(highlight=False)  # results, on standard output
 messages = Console(stderr=True, highlight=False)  # progress, on standard error
 
 
-def check_writable(*paths: Path | None):
+def check_writable(path: Path):
     """InputError if a file could not be written there: asked before the work, not after it."""
-    for path in paths:
-        if path is None:
-            continue
-        folder = Path(path).absolute().parent
-        if not folder.is_dir():
-            raise InputError(f"{path}: there is no folder {folder}")
-        if Path(path).is_dir():
-            raise InputError(f"{path}: is a folder")
-        if not os.access(folder, os.W_OK):
-            raise InputError(f"{path}: the folder is not writable")
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise InputError(f"{path}: there is no folder {folder}")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no file")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{path}: the folder is not writable")
 
 
-def check_folder(folder: Path | None):
+def check_folder(folder: Path):
     """InputError unless files can be written into a folder; it need not be there yet."""
-    if folder is None:
-        return
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is no folder")
     check_writable(folder / "file" if folder.is_dir() else folder)
+
+
+def check_distinct(written: list[tuple[str, Path]], read: Iterable[Path] = ()):
+    """InputError for a file to be written that is another one of them, or one that is read.
+
+    written: names of options, each with its path. A file is the same under all its paths and links.
+    """
+    inputs = list(read)
+    for number, (option, path) in enumerate(written):
+        for other, taken in written[:number]:
+            if _same(path, taken):
+                raise InputError(f"{path}: {other} and {option} are one file")
+        for source in inputs:
+            if found := _overwritten(path, source):
+                raise InputError(f"{path}: {option} would overwrite {found}, which is read")
+
+
+INPUTS = ("images", "sparse", "point_cloud"), (".bin", ".txt", "cameras.json", "transforms.json")
+"""What is read of a folder: all in folders of these names, files with these ends."""
+
+
+def _overwritten(path: Path, source: Path) -> Path | None:
+    """What a file to be written is of an input: the file itself, or one in a folder; else None."""
+    if not source.is_dir():
+        return source if _same(path, source) else None
+    inside = Path(os.path.realpath(path))
+    if not (path.is_file() and inside.is_relative_to(os.path.realpath(source))):
+        return None
+    folders, ends = INPUTS
+    first = inside.relative_to(os.path.realpath(source)).parts[0]
+    return path if first in folders or path.name.endswith(ends) else None
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file, which need not be there."""
+    with suppress(OSError):
+        return os.path.samefile(one, other)
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 def make_folder(folder: Path):
     """Make a folder to write into; InputError if that cannot be."""
     check_folder(folder)
     folder.mkdir(exist_ok=True)
+
+
+@contextmanager
+def new_folders(folders: Iterable[Path]) -> Iterator[None]:
+    """Folders that a failure leaves empty and that were not there before are removed."""
+    new = [folder for folder in folders if not folder.exists()]
+    try:
+        yield
+    except BaseException:
+        for place in new:
+            for folder, _, _ in os.walk(place, topdown=False):
+                with suppress(OSError):  # holds something
+                    os.rmdir(folder)
+        raise
 
 
 @contextmanager
@@ -55,6 +113,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             part = Path(folder) / path.name
             yield part
             os.replace(part, path)
+    except InputError as error:
+        raise InputError(str(error).replace(str(part), str(path))) from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
 
@@ -72,11 +132,18 @@ def write_json(path: Path | None, value: object):
         write(path, (json.dumps(value, indent=2, allow_nan=False) + "\n").encode())
 
 
+class Count(ProgressColumn):
+    """How much of how much is done; nothing where nobody knows how much there is."""
+
+    def render(self, task: Task) -> Text:
+        return Text("" if task.total is None else f"{task.completed:g}/{task.total:g}")
+
+
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator:
     """A bar on standard error; yields advance(done, total) and removes the bar at the end."""
-    text, count = TextColumn("{task.description}"), TextColumn("{task.completed}/{task.total}")
-    columns = (text, BarColumn(), count, TimeElapsedColumn(), TimeRemainingColumn())
+    text = TextColumn("{task.description}")
+    columns = (text, BarColumn(), Count(), TimeElapsedColumn(), TimeRemainingColumn())
     terminal = messages.is_terminal
     with Progress(*columns, console=messages, transient=True, disable=not terminal) as progress:
         task = progress.add_task(label, total=total)

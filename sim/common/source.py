@@ -9,10 +9,12 @@ from functools import cached_property
 from pathlib import Path
 
 from splatcore.model.cameras.view import sensible_view
-from splatcore.model.formats.camera_file import read_camera, read_cameras
-from splatcore.model.formats.read import read_scene
+from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
+from splatcore.model.formats.read import find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
+from splatcore.sim.common.output import messages
 from splatcore.spec.camera import SIZE_MAX, Camera
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel, is_packed, read_model
 from splatcore.spec.scene import Gaussians, Scene
@@ -62,6 +64,14 @@ def open_source(text: str) -> Source:
     return Source(text, scene=read_scene(text))
 
 
+def check_source(text: str):
+    """InputError for what no file of a scene or model can be; the file's end is not looked at."""
+    if text in GENERATORS and not os.path.exists(text):
+        return
+    if not is_packed(text):
+        find_format(text)
+
+
 def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
     """The camera of FILE[:ID], else the scene's own, else a sensible view of it; then resized."""
     width, height = parse_size(size) if size else VIEW_SIZE
@@ -82,10 +92,7 @@ def open_cameras(
         raise InputError("--camera and --cameras: one of them, not both")
     if not cameras:
         return [open_camera(camera, size, source)]
-    path, ids = cameras, ""
-    while not os.path.exists(path) and ":" in path:
-        path = path.rpartition(":")[0]
-        ids = cameras[len(path) + 1 :]
+    path, ids = split_id(cameras)
     if ids:
         return [open_camera(f"{path}:{one.strip()}", size, source) for one in ids.split(",")]
     found = read_cameras(path)
@@ -103,6 +110,24 @@ def parse_size(text: str) -> tuple[int, int]:
         if not 1 <= side <= SIZE_MAX:
             raise InputError(f"--size {text}: {name} {side} is not in 1 … {SIZE_MAX}")
     return width, height
+
+
+def note_unseen(name: str, camera: Camera, counts: dict):
+    """Say on standard error that a picture shows nothing, if no Gaussian is counted in it: of the
+    reference's "visible", of a machine's "splats"."""
+    if not counts.get("visible", counts.get("splats")):
+        where = f" {camera.name}" if camera.name else ""
+        text = f"{name}: no Gaussian is visible from camera{where}"
+        messages.print(text, markup=False, soft_wrap=True)
+
+
+def check_fits(config: Config, width: int, height: int):
+    """InputError for a picture that is too large for a machine."""
+    if width > config.width_max or height > config.height_max:
+        most = f"{config.width_max}x{config.height_max}"
+        raise InputError(
+            f"picture of {width}x{height}: preset {config.name} renders up to {most} (see --size)"
+        )
 
 
 def check_known(option: str, known: Collection[str], *names: str):

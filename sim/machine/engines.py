@@ -5,9 +5,9 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.sim.common.output import progress_bar
-from splatcore.sim.common.source import Source
+from splatcore.sim.common.source import Source, check_fits
 from splatcore.sim.machine.machine import Job, Run
-from splatcore.sim.machine.path import build, check_fits, simulate
+from splatcore.sim.machine.path import build, simulate
 from splatcore.sim.machine.script import IDEAL
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
@@ -46,7 +46,7 @@ def golden(config: Config, job: Job) -> pipeline.Frame:
 
 def golden_of(source: Source, camera: Camera, config: Config, background) -> pipeline.Frame:
     """The same of a source; a scene is packed first. InputError for too large an image."""
-    check_fits(config, camera)
+    check_fits(config, camera.width, camera.height)
     with progress_bar("packing"):
         model = packed_model(source, config, camera)
     return golden(config, Job(model, camera, background_codes(config, background)))
@@ -78,7 +78,7 @@ def truths(
 
 def rtl_pixels(config: Config, model: PackedModel, view: Camera, background) -> np.ndarray:
     """The picture of a single frame; InputError if the machine does not come to its end."""
-    check_fits(config, view)
+    check_fits(config, view.width, view.height)
     job = Job(model, view, background_codes(config, background))
     run = simulate(build(config), [job], IDEAL, "simulating")
     if not run.done:

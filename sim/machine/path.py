@@ -12,7 +12,6 @@ from splatcore.sim.machine.script import TIMINGS, Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import NEAR_PLANE, TILE
-from splatcore.spec.error import InputError
 from splatcore.spec.work import PIXEL
 
 STEP = np.radians(0.25)
@@ -31,13 +30,6 @@ def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
     target = camera.position + forward * (np.median(z[seen]) if seen.any() else 1.0)
     turns = (Rotation.from_rotvec(k * STEP * axis).as_matrix() for k in range(1, frames))
     return [camera, *(moved(camera, target, turn, 1.0) for turn in turns)]
-
-
-def check_fits(config: Config, camera: Camera):
-    """InputError for an image that is too large for a machine."""
-    if camera.width > config.width_max or camera.height > config.height_max:
-        most = f"{config.width_max}x{config.height_max}"
-        raise InputError(f"--size {camera.width}x{camera.height}: preset {config.name} has {most}")
 
 
 def find_timing(name: str) -> Timing:

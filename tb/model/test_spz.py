@@ -9,6 +9,7 @@ import zstandard
 
 from splatcore.model.formats import spz
 from splatcore.model.formats.spz import COORDINATES, EXTENDED, turned
+from splatcore.spec.error import InputError
 from splatcore.spec.scene import rotation_matrix
 from tb.helpers.harmonics import harmonics
 from tb.helpers.scene_file import check_bad_scene, check_refused, read_written, spz_bytes, spz_codes
@@ -184,3 +185,16 @@ def test_bad_file(tmp_path, message):
 def test_other_file(tmp_path):
     (tmp_path / "scene.spz").write_bytes(b"hello")
     check_refused(spz.read, tmp_path / "scene.spz", "is no SPZ file")
+
+
+def test_no_scratch_file_in_an_error(tmp_path, monkeypatch):
+    """Version 1 goes through a file of another version, whose name is nobody's business."""
+
+    def fail(path):
+        raise ValueError(f"{path} is odd")
+
+    monkeypatch.setattr(spz.gsply, "read_spz", fail)
+    with pytest.raises(InputError) as told:
+        read(tmp_path, spz_bytes(1, spz_codes(1, 4, 1), 1))
+    path = tmp_path / "scene.spz"
+    assert str(told.value) == f"{path}: cannot be read ({path} is odd)"

@@ -225,7 +225,7 @@ def test_command(monkeypatch, tmp_path, capsys):
         (("--fps", "800001"), "--fps 800001: is more than 800000.0"),
         (("--fps", "0"), "--fps 0: is not above 0"),
         (("--sample", "-1"), "--sample -1: is not above 0"),
-        (("--size", "65x16"), "--size 65x16: preset TINY has 64x64"),
+        (("--size", "65x16"), "picture of 65x16: preset TINY renders up to 64x64"),
     ):
         assert run(*asked, *options) == 2
         assert why in capsys.readouterr().err

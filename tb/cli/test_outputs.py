@@ -1,0 +1,176 @@
+"""Outputs that are inputs or each other, or cannot be written: refused for all commands at once."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+from splatcore.sim.cli.main import register
+from splatcore.sim.cli.options import App, Command, app
+from splatcore.sim.common.picture import write_png
+from splatcore.spec.error import InputError
+from tb.helpers.command import check_refused, run, write_scene
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """All files and folders below a folder."""
+    return {str(p): p.read_bytes() if p.is_file() else b"" for p in folder.rglob("*")}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder to work in with a scene under three names, cameras and pictures; a test leaves it
+    as it was."""
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path)
+    os.link("scene.ply", "hard.ply")
+    os.symlink("scene.ply", "soft.ply")
+    shutil.copy("cameras.json", "scene.cameras.json")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "photos" / "images").mkdir(parents=True)
+    shutil.copy("cameras.json", "photos/cameras.json")
+    (tmp_path / "file").touch()
+    for name in ("g.png", "r.png", "photos/images/1.png"):
+        write_png(name, np.zeros((16, 16, 3), np.uint8))
+    before = content(tmp_path)
+    yield tmp_path
+    assert content(tmp_path) == before
+
+
+CLASHES = {
+    "pack scene.ply -o scene.ply": "scene.ply: -o would overwrite scene.ply, which is read",
+    "pack scene.ply -o sub/../scene.ply": "-o would overwrite scene.ply",
+    "pack scene.ply -o hard.ply": "hard.ply: -o would overwrite scene.ply",
+    "pack scene.ply -o soft.ply": "soft.ply: -o would overwrite scene.ply",
+    "pack soft.ply -o hard.ply": "hard.ply: -o would overwrite soft.ply",
+    "render scene.ply -o scene.ply": "-o would overwrite scene.ply",
+    "render scene.ply --engine rtl -o scene.ply": "-o would overwrite scene.ply",
+    "render scene.ply -o a.png --json a.png": "a.png: -o and --json are one file",
+    "render scene.ply -o a.png --json sub/../a.png": "-o and --json are one file",
+    "render scene.ply --camera cameras.json:4 -o a.png --json cameras.json": (
+        "--json would overwrite cameras.json"
+    ),
+    "render scene.ply -o a.png --heat-map a.png": "-o and --heat-map are one file",
+    "render one --engine rtl --frames 2 -o a.png --error-map a-001.png": "a-001.png: ",
+    "info scene.ply --json scene.ply": "--json would overwrite scene.ply",
+    "cycles one scene.ply --json scene.ply": "--json would overwrite scene.ply",
+    "cycles scene.ply --json scene.cameras.json": "overwrite scene.cameras.json, which is read",
+    "compare g.png r.png -o g.png": "g.png: -o would overwrite g.png",
+    "compare g.png r.png -o r.png": "r.png: -o would overwrite r.png",
+    "compare reference golden --scene scene.ply --json scene.ply": "overwrite scene.ply",
+    "error scene.ply -o a.png --json a.png": "-o and --json are one file",
+    "error --scenes . --json scene.cameras.json": "--json would overwrite scene.cameras.json",
+    "fit scene.ply --fps 9 --cameras cameras.json:4,7 -o a.toml --json cameras.json": (
+        "--json would overwrite cameras.json"
+    ),
+    "scene garden -o a.ply --cameras a.ply": "-o and --cameras are one file",
+    "train photos -o photos/cameras.json": "-o would overwrite photos/cameras.json",
+    "train photos -o photos/images/1.png": "-o would overwrite photos/images/1.png",
+    "power scene.ply --json scene.ply": "--json would overwrite scene.ply",
+    "programs --preset file --json file": "--json would overwrite file",
+    "bench sort -o out --json out": "-o and --json are one file",
+}  # fmt: skip
+"""Arguments → what is said of them."""
+
+
+@pytest.mark.parametrize("arguments", CLASHES)
+def test_nothing_is_overwritten_unasked(place, capsys, arguments):
+    check_refused(capsys, arguments, CLASHES[arguments])
+
+
+UNWRITABLE = {
+    "verilog -o file": "file: is no folder",
+    "registers -o file": "file: is no folder",
+    "registers -o file/x": "file/x: there is no folder",
+    "report -o file": "file: is no folder",
+    "bench work one -o file": "file: is no folder",
+    "bench sort -o file": "file: is no folder",
+    "bench compression one -o file": "file: is no folder",
+    "compress scene.ply -o m --work file": "file: is no folder",
+    "train photos -o s.ply --work file": "file: is no folder",
+    "render one -o file/x.png": "file/x.png: there is no folder",
+    "render one -o sub": "sub: is a folder",
+    "render one -o /dev/null": "/dev/null: is no file",
+    "info one --json none/a.json": "none/a.json: there is no folder",
+}
+
+
+@pytest.mark.parametrize("arguments", UNWRITABLE)
+def test_what_cannot_be_written_is_refused(place, capsys, arguments):
+    check_refused(capsys, arguments, UNWRITABLE[arguments])
+
+
+def commands(of: typer.Typer):
+    """All commands of an application and of its groups."""
+    group = typer.main.get_command(of)
+    waiting = list(group.commands.values())
+    while waiting:
+        command = waiting.pop()
+        if hasattr(command, "commands"):
+            waiting += command.commands.values()
+        else:
+            yield command
+
+
+def test_every_command_is_checked():
+    register()
+    assert len(found := list(commands(app))) > 20
+    assert all(isinstance(command, Command) for command in found)
+
+
+@pytest.mark.parametrize("fault", [KeyboardInterrupt, InputError("no"), RuntimeError("no")])
+def test_a_new_folder_goes_if_nothing_came_into_it(tmp_path, monkeypatch, fault):
+    """A command that nobody has thought about is checked and cleaned up after, too."""
+    from splatcore.sim.cli.options import FolderOption, JsonOption
+
+    own = App()
+
+    @own.command()
+    def make(output: FolderOption, json: JsonOption = None, keep: bool = False):
+        (output / "parts").mkdir(parents=True)
+        if keep:
+            (output / "kept").touch()
+        raise fault
+
+    monkeypatch.chdir(tmp_path)
+    error = type(fault) if isinstance(fault, Exception) else fault
+    with pytest.raises((error, SystemExit)):
+        own(["-o", "new"])
+    assert not Path("new").exists()
+    with pytest.raises(InputError, match="one file"):
+        own(["-o", "new", "--json", "new"])
+    with pytest.raises((error, SystemExit)):
+        own(["-o", "new", "--keep"])
+    assert Path("new/kept").exists() and not Path("new/parts").exists()
+    Path("old").mkdir()
+    with pytest.raises((error, SystemExit)):
+        own(["-o", "old"])
+    assert Path("old").exists()
+
+
+SCENES = {
+    "nope.ply": "nope.ply: No such file",
+    "file": "file: is empty",
+    "g.png": "g.png: is no PLY",
+}
+
+
+@pytest.mark.parametrize("command", ["work", "sweep", "ablation", "quality", "rule", "scenes"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_benchmarks_refuse_what_is_no_scene(place, capsys, command, scene):
+    check_refused(capsys, f"bench {command} one {scene} -o wk", SCENES[scene])
+
+
+def test_a_campaign_without_a_result_leaves_none(tmp_path, monkeypatch, capsys):
+    """A scene that is damaged further on: a line for it, one for all, and no file of nothing."""
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path)
+    Path("cut.ply").write_bytes(Path("scene.ply").read_bytes()[:5000])
+    assert run("bench work cut.ply -o wk --size 32x32") == 2
+    printed = capsys.readouterr()
+    why, end = printed.err.splitlines()
+    assert not printed.out and "cut.ply" in why and end == "error: work: nothing could be measured"
+    assert not Path("wk").exists()

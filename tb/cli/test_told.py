@@ -1,0 +1,114 @@
+"""What commands say of usage errors, types of files, views that show nothing, and faults."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from splatcore.sim.common import output
+from splatcore.sim.common.output import progress_bar, whole_file
+from splatcore.spec.error import InputError
+from tb.helpers.command import check_refused, load, run, write_scene
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder to work in with a scene, cameras and one that looks away from it."""
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path)
+    camera, *_ = json.loads(Path("cameras.json").read_text())
+    Path("away.json").write_text(json.dumps([camera | {"position": [0, 0, 100]}]))
+    Path("low.json").write_text(json.dumps([camera | {"id": 0, "height": 0}]))
+    Path("empty.toml").write_text("# nothing\n")
+    return tmp_path
+
+
+USAGE = {
+    "render": "Missing argument 'SCENE|MODEL'; see .*render --help",
+    "render scene.ply": "Missing option '-o'; see",
+    "render scene.ply -o": "'-o' requires an argument",
+    "render scene.ply -o a.png --frames two": "'--frames': .*integer",
+    "render scene.ply -o a.png --roof": "No such option: --roof",
+    "cycles scene.ply --prest tiny": "--prest .*--preset",
+    "compress scene.ply -o m --degree 9": "'--degree'.* 3",
+    "fly": "'fly'",
+    "rendr": "'rendr'.*'render'",
+    "bench fly": "'fly'; see .*bench --help",
+}
+
+
+@pytest.mark.parametrize("arguments", USAGE)
+def test_usage_errors_are_a_line(place, capsys, arguments):
+    check_refused(capsys, arguments, USAGE[arguments])
+
+
+@pytest.mark.parametrize("arguments", [[], ["bench"]])
+def test_a_group_alone_is_its_help(capsys, arguments):
+    from splatcore.sim.cli import main
+
+    with pytest.raises(SystemExit) as stop:
+        main.main(arguments)
+    printed = capsys.readouterr()
+    assert stop.value.code == 2 and not printed.err and "Usage" in printed.out
+
+
+TYPES = {
+    "render scene.ply -o a.jpg": "-o a.jpg: does not end with .png",
+    "render scene.ply -o a.png --heat-map a.pdf": "--heat-map a.pdf: does not end with .png",
+    "render scene.ply -o a.png --json b.png": "--json b.png: does not end with .json",
+    "pack scene.ply -o a.ply": "-o a.ply: does not end with .splatcore",
+    "scene garden -o a.spz": "-o a.spz: does not end with .ply",
+    "scene garden -o a.ply --cameras a.toml": "--cameras a.toml: does not end with .json",
+    "error scene.ply -o a.svg": "-o a.svg: does not end with .png",
+    "compare reference golden --scene scene.ply -o a.jpeg": "-o a.jpeg: does not end with .png",
+    "fit scene.ply --fps 9 -o x.json": "-o x.json: does not end with .toml",
+    "cycles scene.ply --preset empty.toml": "empty.toml: .*empty",
+    "render scene.ply -o a.png --camera low.json": r"error: low.json: camera 0: height 0 is not in",
+}
+
+
+@pytest.mark.parametrize("arguments", TYPES)
+def test_refused(place, capsys, arguments):
+    before = sorted(place.iterdir())
+    check_refused(capsys, arguments, TYPES[arguments])
+    assert sorted(place.iterdir()) == before
+
+
+def test_a_name_without_a_type_or_in_capitals_is_taken(place):
+    assert run("render scene.ply -o A.PNG --camera cameras.json --json a") == 0
+    assert load(place / "a")["engine"] == "reference"
+
+
+SEEN = "scene.ply: no Gaussian is visible from camera 4\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["render scene.ply -o a.png", "render scene.ply --engine golden -o a.png", "cycles scene.ply",
+     "compare reference golden --scene scene.ply", "pack scene.ply -o a.splatcore"],
+)  # fmt: skip
+def test_a_view_of_nothing_is_noted_once(place, capsys, command):
+    assert run(f"{command} --camera away.json") == 0
+    assert capsys.readouterr().err.count(SEEN) == 1
+    assert run(f"{command} --camera cameras.json") == 0
+    assert "visible" not in capsys.readouterr().err
+
+
+def test_no_scratch_path_in_an_error(tmp_path):
+    path = tmp_path / "a.ply"
+    with pytest.raises(InputError) as told, whole_file(path) as part:
+        raise InputError(f"{part}: cannot be written")
+    assert str(told.value) == f"{path}: cannot be written"
+
+
+def test_a_bar_without_an_end_counts_nothing(monkeypatch):
+    text = io.StringIO()
+    monkeypatch.setattr(output, "messages", Console(file=text, force_terminal=True, width=90))
+    with progress_bar("reading") as advance:
+        advance(0, None, "packing")
+    assert "packing" in text.getvalue() and "None" not in text.getvalue()
+    with progress_bar("reading") as advance:
+        advance(3, 7)
+    assert "3/7" in text.getvalue()
