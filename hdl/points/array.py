@@ -24,20 +24,6 @@ def codes(config: Config, names: tuple[str, ...]) -> data.StructLayout:
     return data.StructLayout({name: config.arithmetic.width for name in names})
 
 
-def select(phase: Signal, sources: Mapping[int, Value]) -> Value:
-    """The source of the phase whose bit is set; 0 or any source in phases that have none."""
-    phases: dict[int, list[int]] = {}  # of sources that are one and the same
-    for number, source in sources.items():
-        phases.setdefault(id(source), []).append(number)
-    if len(phases) == 1:
-        return next(iter(sources.values()))
-    value = Const(0)
-    for numbers in phases.values():
-        source = sources[numbers[0]]
-        value |= source & Cat(phase[n] for n in numbers).any().replicate(len(source))
-    return value
-
-
 class Array(wiring.Component):
     """Runs a program of `spec.microprogram` on a stream of items.
 
@@ -104,6 +90,7 @@ class Array(wiring.Component):
         self.known = {name: self.constants[name] for name in self.program.constants}
         self.enable = Signal() if self.stalls else Const(1)
         self.last = self.phase[-1]
+        self.decoded: dict[tuple[int, ...], Signal] = {}
         self._sequence(m)
         self._fields(m)
         self._units(m)
@@ -172,6 +159,31 @@ class Array(wiring.Component):
             m.submodules[f"{kind}{number}" if kind == "pe" else kind] = unit
             m.d.comb += unit.enable.eq(self.enable)
 
+    def _during(self, m: Module, numbers: tuple[int, ...]) -> Value:
+        """High in these phases; decoded in the cycle before where operands go to the multipliers in
+        the same cycle."""
+        if self.units["pe", 0].multiply.registers["operand"]:
+            return Cat(self.phase[number] for number in numbers).any()
+        if numbers not in self.decoded:
+            signal = Signal(init=0 in numbers, name="_".join(map(str, ("during", *numbers))))
+            with m.If(self.enable):
+                m.d.sync += signal.eq(Cat(self.phase[number - 1] for number in numbers).any())
+            self.decoded[numbers] = signal
+        return self.decoded[numbers]
+
+    def _select(self, m: Module, sources: Mapping[int, Value]) -> Value:
+        """The present phase's source; 0 or any source in phases that have none."""
+        phases: dict[int, list[int]] = {}  # of sources that are one and the same
+        for number, source in sources.items():
+            phases.setdefault(id(source), []).append(number)
+        if len(phases) == 1:
+            return next(iter(sources.values()))
+        value = Const(0)
+        for numbers in phases.values():
+            source = sources[numbers[0]]
+            value |= source & self._during(m, tuple(sorted(numbers))).replicate(len(source))
+        return value
+
     def _registers(self, m: Module):
         """The banks: every wait takes its value over in one phase of each round."""
         takes: dict[tuple, dict[int, object]] = {}
@@ -185,9 +197,9 @@ class Array(wiring.Component):
             self.banks[key] = Signal(self.config.arithmetic.width, name=name, reset_less=True)
         for key, waits in takes.items():
             sources = {p: self._source(wait.value, wait.begin) for p, wait in waits.items()}
-            loads = Cat(self.phase[p] for p in waits).any()
+            value, loads = self._select(m, sources), self._during(m, tuple(sorted(waits)))
             with m.If(self.enable & loads):
-                m.d.sync += self.banks[key].eq(select(self.phase, sources))
+                m.d.sync += self.banks[key].eq(value)
 
     def _operands(self, m: Module):
         """The units' operands: one source for each phase."""
@@ -199,7 +211,7 @@ class Array(wiring.Component):
                 ports[slot.time % self.plan.interval] = source
         for key, ports in operands.items():
             for port, sources in ports.items():
-                m.d.comb += getattr(self.units[key], port).eq(select(self.phase, sources))
+                m.d.comb += getattr(self.units[key], port).eq(self._select(m, sources))
 
     def _sources(self, slot: Place) -> dict[str, Value]:
         """A step's operands by port; an absent factor is 1, an absent summand a zero."""
