@@ -146,7 +146,7 @@ class Config:
     )  # fmt: skip
     early_termination: bool = True  # pixels end once too little of T is left
     # (a, b, c): what is too faint to be seen is left out (`spec.raster`). Nothing for 3DGS's rule.
-    faint: tuple[int, ...] = (5, 11, 8)
+    faint: tuple[int, ...] = (4, 11, 8)
 
     # Other on-chip memories (bytes).
     codebook: int = 8 * KB

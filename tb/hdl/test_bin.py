@@ -47,7 +47,16 @@ def random_frame(config: Config, count: int, smaller: tuple[int, int] = (0, 0), 
     width, height = config.width_max - smaller[0], config.height_max - smaller[1]
     parts = [splats(config, kind, count, (width, height)) for kind in KINDS]
     parts.append(at_edges(config, together(*parts), (width, height)))
+    parts.append(stretched(config, splats(config, "vast", count, (width, height))))
     return Frame(together(*parts), width, height, **options)
+
+
+def stretched(config: Config, codes: dict) -> dict:
+    """The same splats, wider and as much farther to the side: centres beyond any scale."""
+    factor = 2.0 ** np.random.default_rng(1).integers(0, 24, len(codes["u"]))
+    names = ("u", "half_width", "slope") if config.tile_test == "exact" else ("u", "radius")
+    wider = {name: config.arithmetic.decode(codes[name]) * factor for name in names}
+    return codes | {name: config.arithmetic.encode(value) for name, value in wider.items()}
 
 
 def at_edges(config: Config, codes: dict, size: tuple[int, int]) -> dict:

@@ -112,7 +112,7 @@ def test_names_and_files(tmp_path):
         ("arithmetic = { exponent = 7, fraction = 10, signed = false }", "arithmetic has no sign"),
         ("exponent_fraction = 10\npixel_fraction = 13", "pixel_fraction 13 is above 12"),
         ("pixel_fraction = 6\npower_fraction = 7", "power_fraction 7 is above 6"),
-        ("transmittance = 10", "faint (5, 11, 8) is not 1 ≤ a ≤ c ≤ b ≤ 10"),
+        ("transmittance = 10", "faint (4, 11, 8) is not 1 ≤ a ≤ c ≤ b ≤ 10"),
         ("transmittance = 10\nfaint = []", "weight 11 is above 10, which follows from"),
         ("weight = 7\ncolour_fraction = 6", "sum_fraction 13 is above 12"),
         ("page = 4\nburst = 8", "burst 8 is above 4"),
