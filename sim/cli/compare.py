@@ -12,8 +12,6 @@ from splatcore.sim.common.metric import LEVELS, Compared, difference
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
 from splatcore.sim.common.source import ENGINES, check_fits, note_unseen, open_camera, open_source
-from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
-from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -81,6 +79,9 @@ def rendered(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
+    from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
+    from splatcore.sim.packing.choose import packed_model
+
     if engines == ["reference"] * len(engines):
         frame = reference(source.gaussians, view)
         note_unseen(source.name, view, frame.counts)

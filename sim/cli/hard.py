@@ -18,8 +18,8 @@ from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
 from splatcore.sim.common.source import ENGINES, check_fits, check_known, parse_size
 from splatcore.sim.common.table import new_table, print_whole, shown
-from splatcore.sim.machine.path import build, find_timing
-from splatcore.sim.machine.script import LPDDR4
+from splatcore.sim.machine.path import build
+from splatcore.sim.machine.script import LPDDR4, find_timing
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
