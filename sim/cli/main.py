@@ -32,6 +32,7 @@ COMMANDS = {
     "power": ("power", "ESTIMATE the power of a frame, first order, by stage."),
     "fit": ("fit", "Choose the smallest machine that renders a scene fast and well enough."),
     "report": ("report", "Write one page that says how fast, how exact and how large it is."),
+    "cache": ("cache", "Say what is kept of long work, and how large it is; remove it."),
     "bench sort": ("bench_sort", "Sort lists of keys with stage 2 in RTL."),
     "bench scenes": ("bench_views", "Render scenes by the simulated machine."),
     "bench sweep": ("bench_views", "Speed against error and gates: many machines, many scenes."),
