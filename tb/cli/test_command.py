@@ -130,6 +130,17 @@ def test_against_model_and_scene(folder, capsys):
     assert run(f"render scene.splatcore --engine golden -o g.png {view} m.json") == 0
     assert load(folder / "m.json")["psnr_db_machine"] == result["psnr_db_machine"]
     assert load(folder / "m.json")["psnr_db_scene"] is None
+    capsys.readouterr()
+    assert run(f"compare reference golden --scene scene.ply {view} both.json") == 0
+    both = load(folder / "both.json")
+    assert both | against(wanted) == both and both["psnr_db"] == both["psnr_db_machine"]
+    rows = [line.split("│") for line in capsys.readouterr().out.splitlines() if "golden" in line]
+    assert [[cell.strip() for cell in row[1:4]] for row in rows] == [
+        ["golden", of, f"{wanted[of].psnr_db:.2f}"] for of in ("machine", "scene")
+    ]
+    assert run(f"compare reference golden --scene scene.splatcore {view} one.json") == 0
+    one = load(folder / "one.json")
+    assert one["psnr_db_machine"] == both["psnr_db_machine"] and one["psnr_db_scene"] is None
     assert run(f"cycles scene.ply scene.splatcore {view} c.json") == 0
     of_scene, of_model = load(folder / "c.json")["scenes"].values()
     assert of_scene | against(wanted) == of_scene
