@@ -20,6 +20,8 @@ HOLLOW = {"markersize": 4, "markerfacecolor": "none", "markeredgewidth": 0.8}
 
 WIDTH = 0.8  # of a field's place, that the machines' points share
 
+LOW = "$\\downarrow$"  # in place of a marker, below what is drawn
+
 FLOOR = 1e-10
 """Least error that is drawn as large as it is: what is below comes from float64, no format."""
 
@@ -67,7 +69,7 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
 def draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ...]):
     """Errors by field, machines beside each other: scenes full, hard cases hollow.
 
-    Errors below `FLOOR` are triangles on it; no error at all has no point.
+    Errors below `FLOOR` are arrows on it; no error at all has no point.
     """
     fields = list(next(iter(next(iter(largest.values())).values())))
     both, count, low = len(largest) > 1, len(machines) * len(largest), False
@@ -82,7 +84,7 @@ def draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ..
         below = rms < FLOOR
         axes.plot(across[~below], rms[~below], marker, color=colour, **style)
         if below.any():
-            axes.plot(across[below], np.full(below.sum(), FLOOR), "v", color=colour, **HOLLOW)
+            axes.plot(across[below], np.full(below.sum(), FLOOR), LOW, color=colour, **HOLLOW)
             low = True
     names = [field.replace("_", " ") for field in fields]
     axes.set_xticks(range(len(fields)), names, rotation=40, ha="right")
@@ -91,7 +93,7 @@ def draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ..
     axes.set_title(
         "Fields, largest RMS"
         + ("; hard cases hollow" if both else "")
-        + (f"; triangles: below {FLOOR:.0e}" if low else "")
+        + (f"; arrows: below {FLOOR:.0e}" if low else "")
     )
     axes.grid(alpha=0.3)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)

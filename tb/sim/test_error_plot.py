@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from splatcore.sim.accuracy.plot import FLOOR, draw_fields
+from splatcore.sim.accuracy.plot import FLOOR, LOW, draw_fields
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 
 MACHINES = (DEFAULT, PAPER, TINY)
@@ -45,6 +45,6 @@ def test_no_point_hides_another(axes):
 def test_a_tiny_error_does_not_squeeze_the_others(axes):
     found = points(axes)
     assert found[:, 1].min() == FLOOR and axes.get_ylim()[0] > FLOOR / 10
-    low = [line for line in axes.get_lines() if line.get_marker() == "v"]
+    low = [line for line in axes.get_lines() if line.get_marker() == LOW]
     assert low and all((line.get_ydata() == FLOOR).all() for line in low)
     assert f"{FLOOR:.0e}" in axes.get_title()
