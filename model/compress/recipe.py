@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from splatcore.model.pack.pack import QUALITIES
+from splatcore.model.pack.quality import QUALITIES, STEPPED
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import COMPACT_DEGREE
@@ -11,9 +11,6 @@ from splatcore.spec.scene import Scene
 ORDERS = ("distill-first", "prune-first")
 """Harmonics go before Gaussians, or after them as in the paper. Gaussians merged later are
 fine-tuned as the machine will show them; harmonics distilled later cost fewer steps."""
-
-STEPPED = QUALITIES[1:]
-"""Qualities of models in steps, the smaller first."""
 
 
 @dataclass(frozen=True)

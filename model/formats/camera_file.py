@@ -24,12 +24,15 @@ DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 PINHOLE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL")
 """Values of "camera_model" that are pinholes if the distortion is 0."""
 
+CAMERAS = "cameras.json"
+
 Named = list[tuple[Camera, str]]
 """Cameras, each with the file name of its image ("" if the file has none)."""
 
 
 def read_cameras(path: str | os.PathLike) -> list[Camera]:
-    """All cameras of a cameras.json, a transforms.json or a COLMAP folder (or its parent)."""
+    """All cameras of a cameras.json (or the folder around it), a transforms.json or a COLMAP folder
+    (or its parent)."""
     return [camera for camera, _ in read_named(path)]
 
 
@@ -68,7 +71,9 @@ def split_id(text: str) -> tuple[str, str | None]:
 def read_named(path: str | os.PathLike) -> Named:
     """Cameras of any of the formats, each with its image's file name as the file has it."""
     if os.path.isdir(path):
-        return read_colmap(path)
+        if not os.path.isdir(os.path.join(path, "point_cloud")):
+            return read_colmap(path)
+        path = os.path.join(path, CAMERAS)  # of a folder as INRIA's training leaves it
     value = file.parse_json(file.read_bytes(path), path)
     named = _inria(value, path) if isinstance(value, list) else _transforms(value, path)
     if not named:

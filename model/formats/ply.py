@@ -6,7 +6,6 @@ its splat-transform reads it; `gsply` decodes all of it but the SH.
 
 import os
 
-import gsply
 import numpy as np
 from plyfile import PlyData, PlyElement
 
@@ -152,6 +151,8 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
         names = _rest_names(elements["sh"], path)
         sh = _integers(elements["sh"], names, np.uint8, path)
         higher = _channel_last(SH_VALUE[sh])
+    import gsply  # imports numba, which takes a third of a second
+
     with file.reading(path):
         data = gsply.decompress_from_bytes(_layout(bounds, packed))
     opacity = file.sigmoid(data.opacities)

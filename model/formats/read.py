@@ -1,6 +1,7 @@
 """Reads a scene file of any format that this project knows."""
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -19,22 +20,42 @@ their name in lower case. `read(path)`: the `Scene` of such a file; an InputErro
 and field, for a malformed one. NaN and Inf may stay, numpy's warnings about them are silenced.
 """
 
+TRAINED = "point_cloud/iteration_*/point_cloud.ply"
+"""Scenes in the folder that INRIA's training writes."""
+
 NORM_RANGE = (1e-3, 1e3)  # norms of quaternions that need no note: training does not normalise them
 
 
 def read_scene(path: str | os.PathLike) -> Scene:
-    """The scene of a file of any of `FORMATS`, or of a compressed PLY; its `name` is `path`.
+    """The scene of a file of any of `FORMATS`, of a compressed PLY or of a folder as INRIA's
+    training leaves it; its `name` is the file's path.
 
     `notes` count what is odd in it. Raises InputError for any other or malformed file.
     """
-    format = find_format(path)
+    file = scene_file(path)
+    format = find_format(file)
     with np.errstate(all="ignore"):  # NaN and Inf are noted instead
-        scene = format.read(path)
+        scene = format.read(file)
         return replace(scene, notes=scene.notes + _notes(scene))
+
+
+def scene_file(path: str | os.PathLike) -> str | os.PathLike:
+    """The file of a scene: of a folder as INRIA's training leaves it that of the last iteration."""
+    if not os.path.isdir(path):
+        return path
+    found = {
+        int(number[1]): file
+        for file in Path(path).glob(TRAINED)
+        if (number := re.fullmatch(r"iteration_(\d+)", file.parent.name))
+    }
+    if not found:
+        raise input_error(path, f"is a directory without {TRAINED.replace('*', 'N')}")
+    return found[max(found)]
 
 
 def find_format(path: str | os.PathLike) -> ModuleType:
     """The module of `FORMATS` that knows a file; InputError if none does."""
+    path = scene_file(path)
     start, suffix = read_bytes(path, 4), Path(path).suffix.lower()
     for format in FORMATS.values():
         if format.matches(start, suffix):

@@ -11,7 +11,6 @@ import tempfile
 import zlib
 from dataclasses import dataclass, replace
 
-import gsply
 import numpy as np
 import zstandard
 
@@ -191,6 +190,8 @@ def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> 
 
 def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
     """The scene of a checked file `source`; `path` is the name that the user knows."""
+    import gsply  # imports numba, which takes a third of a second
+
     with file.reading(path):
         data = gsply.read_spz(source)
     higher = data.shN if data.shN is not None and data.shN.size else None

@@ -31,9 +31,6 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 STEPS = ("order", "colour", "harmonics", "layout")
-QUALITIES = ("compact", "balanced", "faithful")
-"""Codebooks of degree 0 and 1; steps, at most two beats a Gaussian, or three."""
-
 Progress = Callable[[str], None]  # called with the name of each of `STEPS` as it begins
 Codebooks = tuple[Codebook, Codebook]  # of colours, and of harmonics as slopes
 

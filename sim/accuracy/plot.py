@@ -1,7 +1,9 @@
 """Plots of `sim.accuracy.points`: pictures by scene, errors by field, both by machine."""
 
+from itertools import product
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,7 +16,14 @@ INCHES = (15.5, 7.2)
 DOTS_PER_INCH = 150
 
 THIN = (":", "--", "-.")  # lines of hard cases, in turn
-DOTTED = {"markersize": 4, "markerfacecolor": "none", "linewidth": 0.8, "linestyle": ":"}
+HOLLOW = {"markersize": 4, "markerfacecolor": "none", "markeredgewidth": 0.8}
+
+WIDTH = 0.8  # of a field's place, that the machines' points share
+
+LOW = "$\\downarrow$"  # in place of a marker, below what is drawn
+
+FLOOR = 1e-10
+"""Least error that is drawn as large as it is: what is below comes from float64, no format."""
 
 
 def write_error_plot(
@@ -27,7 +36,7 @@ def write_error_plot(
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_pictures(left, results, machines)
-    _draw_fields(right, largest, machines)
+    draw_fields(right, largest, machines)
     figure.suptitle("Stages 0 and 1 against the float64 reference on the same packed models")
     write_figure(path, figure)
 
@@ -57,23 +66,34 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
 
 
-def _draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ...]):
-    """A line for each machine over the fields: scenes solid, hard cases thin and dotted."""
+def draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ...]):
+    """Errors by field, machines beside each other: scenes full, hard cases hollow.
+
+    Errors below `FLOOR` are arrows on it; no error at all has no point.
+    """
     fields = list(next(iter(next(iter(largest.values())).values())))
-    both = len(largest) > 1
-    for number, config in enumerate(machines):
-        for kind, values in largest.items():
-            rms = [values[config.name][field]["rms"] for field in fields]
-            rms = [value or float("nan") for value in rms]  # none, or no error at all: no point
-            thin = both and kind == "hard"
-            solid = {"markersize": 6, "linewidth": 1.8, "label": heading(config).replace("\n", " ")}
-            style = DOTTED if thin else solid
-            marker = MARKERS[number % len(MARKERS)]
-            axes.plot(rms, color=f"C{number % 10}", marker=marker, **style)
+    both, count, low = len(largest) > 1, len(machines) * len(largest), False
+    for place, (config, (kind, values)) in enumerate(product(machines, largest.items())):
+        rms = [values[config.name][field]["rms"] for field in fields]
+        rms = np.array([value or np.nan for value in rms])
+        number, thin = machines.index(config), both and kind == "hard"
+        label = None if thin else heading(config).replace("\n", " ")
+        style = HOLLOW if thin else {"markersize": 6, "label": label}
+        across = np.arange(len(fields)) + WIDTH * ((place + 0.5) / count - 0.5)
+        colour, marker = f"C{number % 10}", MARKERS[number % len(MARKERS)]
+        below = rms < FLOOR
+        axes.plot(across[~below], rms[~below], marker, color=colour, **style)
+        if below.any():
+            axes.plot(across[below], np.full(below.sum(), FLOOR), LOW, color=colour, **HOLLOW)
+            low = True
     names = [field.replace("_", " ") for field in fields]
     axes.set_xticks(range(len(fields)), names, rotation=40, ha="right")
     axes.set_yscale("log")
     axes.set_ylabel("RMS error: pixels for u and v, full scale for colour, else relative")
-    axes.set_title("Fields, largest RMS" + ("; hard cases thin, dotted" if both else ""))
+    axes.set_title(
+        "Fields, largest RMS"
+        + ("; hard cases hollow" if both else "")
+        + (f"; arrows: below {FLOOR:.0e}" if low else "")
+    )
     axes.grid(alpha=0.3)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)

@@ -47,7 +47,8 @@ class Outcome:
     pixels, reference: uint8 [H, W, 3], the engine's picture and the one it is compared with.
     left_out: Gaussians by cause. psnr_db: of `pixels` against the reference before its rounding to
     8 bits, which can make a whole step of a tiny error; reason: why it is None. psnr_db_rule: the
-    same against the reference under the machine's rule for what is too faint. packing: the
+    same against the reference under the machine's rule for what is too faint. scene: `pixels`
+    against the reference's picture of the scene as it is. packing: the
     reference's picture of the packed model against the scene's. identical: to the golden model's
     picture. failures: bounds that are not met. Of the packed case: its model, what packing says of
     it, and the reference's frames, `whole` of the scene, `exact` and `ruled`, by that rule, of the
@@ -66,6 +67,7 @@ class Outcome:
     reason: str | None = None
     psnr_db_rule: float | None = None
     error: Difference | None = None
+    scene: Difference | None = None
     packing: Difference | None = None
     identical: bool | None = None
     cycles: int | None = None
@@ -87,7 +89,8 @@ class Outcome:
             "cycles", "bound", "passed", "failures",
         )  # fmt: skip
         none = Difference(None, None, None)
-        metrics = against({"machine": self.error or none, "packing": self.packing or none})
+        found = {"machine": self.error, "scene": self.scene, "packing": self.packing}
+        metrics = against({name: one or none for name, one in found.items()})
         finer = {"psnr_db_machine": self.psnr_db}
         return {name: getattr(self, name) for name in names} | metrics | finer
 
@@ -203,6 +206,7 @@ def compare(outcome: Outcome, pixels: np.ndarray):
     """A machine's picture against the reference on the same packed model."""
     outcome.pixels, outcome.reference = pixels, outcome.exact.pixels
     outcome.error = difference(pixels, outcome.exact.pixels)
+    outcome.scene = difference(pixels, outcome.whole.pixels)
     outcome.psnr_db, outcome.psnr_db_rule = (
         psnr(pixels / LEVELS, frame.image.clip(0, 1)) for frame in (outcome.exact, outcome.ruled)
     )

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from splatcore.golden.pipeline import Frame, render
-from splatcore.model.pack.pack import QUALITIES
+from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.common.picture import write_figure, write_png
 from splatcore.sim.common.plot import COLOURS, MARKERS

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import typer
 
-from splatcore.model.pack.pack import QUALITIES
-from splatcore.sim.bench.scenes import views
+from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli.options import App, app, argument, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
 from splatcore.sim.common.source import (
@@ -49,6 +48,8 @@ def look(
         check_known("--quality", QUALITIES, quality)
     for text in scene or ():
         check_source(text)
+    from splatcore.sim.bench.scenes import views
+
     found = views(list(scene or ()), cameras, size, quality)
     make_folder(output)
     return found

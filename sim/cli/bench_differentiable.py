@@ -4,7 +4,6 @@ from statistics import median
 from time import perf_counter
 
 import numpy as np
-from numba import get_num_threads
 
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.cli.bench import bench
@@ -63,6 +62,7 @@ def differentiable_command(
 def measure(gaussians: Gaussians, camera: Camera, repeat: int) -> dict:
     """Median seconds of forward and backward in float32, threads, pairs and visible Gaussians."""
     import torch
+    from numba import get_num_threads
 
     from splatcore.model.gradients.differentiable import render
 
@@ -87,6 +87,8 @@ def measure(gaussians: Gaussians, camera: Camera, repeat: int) -> dict:
 
 def pairs(gaussians: Gaussians, camera: Camera) -> int:
     """Pairs of a visible splat and a tile that it reaches, as the renderer lists them."""
+    from numba import get_num_threads
+
     from splatcore.model.gradients import rendering_points, rendering_tiles
 
     arrays = gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh

@@ -1,6 +1,5 @@
 """The command `bench rule`: what is too faint to be seen, cycles against error."""
 
-from splatcore.sim.bench.rule import cells, measure_rules
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import PresetOption, QualityOption
 from splatcore.sim.common.table import new_table, print_whole
@@ -25,6 +24,8 @@ def rule_command(
     and largest error of 8-bit pictures against the reference on the same packed model under 3DGS's
     rule. Writes DIR/rule.json, rule.md and rule.csv.
     """
+    from splatcore.sim.bench.rule import cells, measure_rules
+
     config = find_preset(preset)
     found = bench.look(output, scene, cameras, size, [config], quality)
     facts = measure_rules(config, found, output, scheduler)

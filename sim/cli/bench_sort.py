@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from splatcore.sim.bench.sort import LENGTHS, bench_sort
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, PresetOption, option
 from splatcore.sim.common.output import console, write_json
@@ -29,12 +28,21 @@ def sort_command(
     beside those of the cycle model, and draws them in DIR/sort.png. All that comes out is compared
     with the golden model.
     """
-    config, counts = find_preset(preset), LENGTHS if lengths is None else parse_lengths(lengths)
+    config = find_preset(preset)
+    asked = None if lengths is None else parse_lengths(lengths)
+    from splatcore.sim.bench.sort import LENGTHS, bench_sort
+
+    counts = asked or LENGTHS
     output.mkdir(exist_ok=True)
     path = output / "sort.png"
     found, model = bench_sort(config, counts, path)
     console.print(str(path), soft_wrap=True)
-    facts = {"preset": config.name, "lengths": list(counts), "cycles": found, "model": model}
+    facts = {
+        "preset": config.name,
+        "lengths": list(counts),
+        "cycles": found,
+        "model": model,
+    }
     write_json(json, facts)
 
 

@@ -3,15 +3,12 @@
 import typer
 from rich.table import Table
 
-from splatcore.sim.bench import campaigns, scenes, workload
-from splatcore.sim.bench.sweep_points import points
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import PresetOption, QualityOption, option
 from splatcore.sim.common.output import console
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
-from splatcore.sim.machine.path import find_timing
-from splatcore.sim.machine.script import TIMINGS
+from splatcore.sim.machine.script import TIMINGS, find_timing
 from splatcore.spec.preset import find_preset
 
 TimingOption = option(str, "NAME", "Memory: 'ideal', 'lpddr4' or 'both'.")
@@ -43,6 +40,8 @@ def scenes_command(
     config = find_preset(preset)
     timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
     found = bench.look(output, scene, cameras, size, [config], quality)
+    from splatcore.sim.bench import scenes
+
     right = scenes.bench_scenes(config, found, timings, output)
     console.print((output / "scenes.md").read_text(), soft_wrap=True)
     if not right:
@@ -67,6 +66,9 @@ def sweep_command(
     which of them no other one beats in cycles, gates and PSNR (of the machine) together.
     Gates are those of the parts that differ, synthesised, and of DEFAULT for the rest.
     """
+    from splatcore.sim.bench import campaigns
+    from splatcore.sim.bench.sweep_points import points
+
     by_name = {point.name: point for point in points()}
     check_known("--point", by_name, *(only or ()))
     chosen = [by_name[name] for name in only or by_name]
@@ -118,6 +120,8 @@ def ablation_command(
     """
     config = find_preset(preset)
     found = bench.look(output, scene, cameras, size, [config], quality)
+    from splatcore.sim.bench import campaigns
+
     simulated = [bench.view_of(text, found[0].size, quality) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
     names = [step["name"] for step in facts["steps"]]
@@ -149,6 +153,8 @@ def work_command(
     """
     config = find_preset(preset)
     found = bench.look(output, scene, cameras, size, [config])
+    from splatcore.sim.bench import workload
+
     if cameras is None:
         found = workload.every_camera(found)
     facts = workload.work(config, found, output, scheduler)

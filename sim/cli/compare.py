@@ -3,17 +3,21 @@
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
 from rich.table import Table
 
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
-from splatcore.sim.common.metric import LEVELS, Compared, difference
+from splatcore.sim.common.metric import (
+    LEVELS,
+    Compared,
+    Difference,
+    against,
+    difference,
+    differences,
+)
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
 from splatcore.sim.common.source import ENGINES, check_fits, note_unseen, open_camera, open_source
-from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
-from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -22,6 +26,8 @@ from splatcore.spec.preset import find_preset
 ImagesArgument = argument(list[str], "A.png|ENGINE B.png|ENGINE …", "The first is compared with.")
 SceneOption = option(str | None, "SCENE|MODEL", "What the engines render.")
 OutputOption = option(Path | None, "MAP.png", "Draw an error map of the second image.", "-o")
+
+WHOLE = "/"  # no image's name
 
 
 @options.app.command("compare")
@@ -37,7 +43,8 @@ def compare_command(
     """PSNR, SSIM and maximum error of images against the first one, and an error map.
 
     Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
-    or rtl the reference renders the same packed model (dB of the machine).
+    or rtl the reference renders the same packed model (machine); if it comes first, they are also
+    compared with its picture of the scene as it is (scene).
     """
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
@@ -51,36 +58,48 @@ def compare_command(
         drawn |= rendered(named, scene, camera, size, config)
     first = images[0]
     packed = bool({"golden", "rtl"} & set(images))
-    against = f"{first} on the packed model" if first == "reference" and packed else first
+    truth = f"{first} on the packed model" if first == "reference" and packed else first
     results = []
-    table = Table("image", "PSNR dB", "SSIM", "max error", title=f"against {against}")
+    table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=f"against {truth}")
     for text in images[1:]:
-        pixels = drawn[text]
+        pixels, found = drawn[text], {}
         metrics = difference(pixels, drawn[first], text)
-        table.add_row(
-            text,
-            "identical" if metrics.identical else f"{metrics.psnr_db:.2f}",
-            "–" if metrics.ssim is None else f"{metrics.ssim:.5f}",
-            f"{metrics.max_error:.4f} ({round(metrics.max_error * LEVELS)} of {LEVELS})",
-        )
-        shape = (pixels.shape[1], pixels.shape[0])
-        about = text, config.name, scene, camera, shape, against
-        results.append(Compared(*about, **asdict(metrics), identical=metrics.identical))
+        if first == "reference" and text in ("golden", "rtl"):
+            found = differences(pixels, {"machine": drawn[first]} | drawn[WHOLE])
+        for name, one in (found or {first: metrics}).items():
+            table.add_row(text, name, *cells(one))
+        about = text, config.name, scene, camera, (pixels.shape[1], pixels.shape[0]), truth
+        facts = asdict(metrics) | against(found)
+        results.append(Compared(*about, **facts, identical=metrics.identical))
     console.print(table)
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
-        title = f"{images[1]} against {against}: {psnr}"
-        write_error_map(output, drawn[images[1]], drawn[first], title)
+        write_error_map(
+            output, drawn[images[1]], drawn[first], f"{images[1]} against {truth}: {psnr}"
+        )
     write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
+
+
+def cells(metrics: Difference) -> tuple[str, str, str]:
+    """PSNR, SSIM and largest error in the table."""
+    return (
+        "identical" if metrics.identical else f"{metrics.psnr_db:.2f}",
+        "–" if metrics.ssim is None else f"{metrics.ssim:.5f}",
+        f"{metrics.max_error:.4f} ({round(metrics.max_error * LEVELS)} of {LEVELS})",
+    )
 
 
 def rendered(
     engines: list[str], scene: str, camera: str | None, size: str | None, config: Config
-) -> dict[str, np.ndarray]:
-    """What engines render of a scene; beside golden or rtl the reference renders the model."""
+) -> dict:
+    """What engines render of a scene; beside golden or rtl the reference renders the model, and
+    `WHOLE` is the scene as it is: {"scene": picture}, if it is one."""
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
+    from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
+    from splatcore.sim.packing.choose import packed_model
+
     if engines == ["reference"] * len(engines):
         frame = reference(source.gaussians, view)
         note_unseen(source.name, view, frame.counts)
@@ -90,7 +109,9 @@ def rendered(
         model = packed_model(source, config, view)
     pictures = {}
     if "reference" in engines:
-        pictures["reference"] = truths(source, model, view)["machine"]
+        exact = truths(source, model, view)
+        pictures["reference"] = exact.pop("machine")
+        pictures[WHOLE] = exact
     if "golden" in engines:
         frame = golden_of(source, view, config, SPLATCORE.background)
         note_unseen(source.name, view, frame.counts)

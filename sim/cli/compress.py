@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from splatcore.golden.reference import render
-from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
-from splatcore.model.compress.recipe import STEPPED, Recipe
+from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
+from splatcore.model.pack.quality import STEPPED
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
 from splatcore.sim.common import output as files
@@ -190,6 +189,8 @@ def _split(path: str, scale: float, hold_out: int) -> tuple[tuple, tuple]:
 
 def _decibels(gaussians: Gaussians, targets) -> float | None:
     """Mean PSNR of the reference's pictures against targets; None without any or for equal ones."""
+    from splatcore.golden.reference import render
+
     found = [
         difference(render(gaussians, each.camera).pixels, each.image, each.name).psnr_db
         for each in targets
@@ -209,6 +210,9 @@ def facts_of(scene: Scene, model: PackedModel, checkpoints: Checkpoints) -> dict
 
 def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int) -> dict:
     """The loss on pictures that were not learned from."""
+    from splatcore.golden.reference import render
+    from splatcore.model.cameras.surround import surrounding_views
+
     original = scene.gaussians()
     if aside:
         before, after = (_decibels(each, aside) for each in (original, packed))

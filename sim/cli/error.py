@@ -8,16 +8,10 @@ from pathlib import Path
 from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
-from splatcore.model.pack.pack import QUALITIES
-from splatcore.sim.accuracy.budget import budget_line, budget_table, budgets, write_budget_plot
-from splatcore.sim.accuracy.plot import write_error_plot
-from splatcore.sim.accuracy.points import MACHINES, heading, width_of, with_width
-from splatcore.sim.accuracy.raster import raster_errors, raster_table, write_raster_plot
-from splatcore.sim.accuracy.run import everything, measured, named
-from splatcore.sim.accuracy.sort import sort_errors, sort_table, write_sort_plot
+from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli.options import JsonOption, QualityOption, app, argument, option
 from splatcore.sim.common.output import console, messages, write_json
-from splatcore.sim.common.source import View, check_known
+from splatcore.sim.common.source import View, check_known, check_source
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
@@ -73,11 +67,8 @@ COUNTS = {
 """Counts of each machine and their names in the table."""
 
 
-SWEEPS = {
-    "sort": (sort_errors, sort_table, write_sort_plot),
-    "raster": (raster_errors, raster_table, write_raster_plot),
-}
-"""Stages of `--stage` beside project: functions that measure views, make a table, write a plot."""
+SWEEPS = ("sort", "raster")
+"""Stages of `--stage` beside project whose formats are swept."""
 
 EVERYTHING = "all"
 """The stage of `--stage` that is the budget of all errors."""
@@ -125,6 +116,11 @@ def error_command(
     Exponents of 5 bits or less come with FP16's infinities. Splats with a field that is not finite
     are counted, not drawn, and left out of the fields' errors.
     """
+    for text in scene or ():
+        check_source(text)
+    from splatcore.sim.accuracy.points import MACHINES, with_width
+    from splatcore.sim.accuracy.run import everything, named
+
     chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
     check_stage(stage, quality, len(chosen))
     if scene and scenes:
@@ -135,12 +131,7 @@ def error_command(
         own = {name: replace(view, quality=quality) for name, view in own.items()}
         return error_budget(own, (chosen or [DEFAULT])[0], output, json)
     if stage in SWEEPS:
-        measure, table, plot = SWEEPS[stage]
-        found = measure(own)
-        print_whole(table(found))
-        if output:
-            plot(output, found)
-        return write_json(json, {"stage": stage, "machines": found})
+        return error_of_formats(stage, own, output, json)
     machines = tuple({config.name: config for config in chosen or MACHINES}.values())
     error_of_points(views, machines, bool(scene), output, json)
 
@@ -158,8 +149,25 @@ def check_stage(stage: str, quality: str | None, machines: int):
         raise InputError(f"--stage {EVERYTHING}: is of one machine; name one --preset or --width")
 
 
+def error_of_formats(stage: str, views: dict[str, View], output: Path | None, json: Path | None):
+    """Errors by the formats of stage 2's keys, or of stage 3."""
+    from splatcore.sim.accuracy import raster, sort
+
+    measure, table, plot = {
+        "sort": (sort.sort_errors, sort.sort_table, sort.write_sort_plot),
+        "raster": (raster.raster_errors, raster.raster_table, raster.write_raster_plot),
+    }[stage]
+    found = measure(views)
+    print_whole(table(found))
+    if output:
+        plot(output, found)
+    write_json(json, {"stage": stage, "machines": found})
+
+
 def error_budget(views: dict[str, View], config: Config, output: Path | None, json: Path | None):
     """Errors of all parts of packing and machine."""
+    from splatcore.sim.accuracy.budget import budget_line, budget_table, budgets, write_budget_plot
+
     rows = budgets(config, views)
     for found in rows:
         print_whole(budget_table(found))
@@ -181,6 +189,10 @@ def error_of_points(
     json: Path | None,
 ):
     """Errors of stages 0 and 1; InputError if a scene is not visible that has to be."""
+    from splatcore.sim.accuracy.plot import write_error_plot
+    from splatcore.sim.accuracy.points import width_of
+    from splatcore.sim.accuracy.run import measured
+
     begin, results = time.perf_counter(), {}
     for name, facts in measured(views, machines):
         if visible and not facts["visible"]:
@@ -225,24 +237,29 @@ def decibels(result: dict, key: str = "psnr_db_machine") -> str:
 
 def show(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
     """Print all tables: pictures and counts by scene, errors by field."""
+    from splatcore.sim.accuracy.points import heading
+
+    headings = [*map(heading, machines)]
     title = "PSNR of the pictures, dB, machine: against the reference on the same packed model"
-    tables = {title: picture_table(results, machines)}
+    tables = {title: picture_table(results, machines, headings)}
     for kind, name in (("scenes", "scenes"), ("hard", "hard cases")):
         if kind in largest:
             title = f"Errors over the {name}: largest RMS, largest of all; relative but for units"
-            tables[title] = field_table(largest[kind], machines)
-    tables[COUNT_TITLE] = count_table(results, machines)
-    tables["All together"] = total_table(results, machines)
+            tables[title] = field_table(largest[kind], machines, headings)
+    tables[COUNT_TITLE] = count_table(results, machines, headings)
+    tables["All together"] = total_table(results, machines, headings)
     for title, table in tables.items():
         console.print(f"\n{title}", soft_wrap=True)
         print_whole(table)
 
 
-def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+def picture_table(
+    results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
+) -> Table:
     """PSNR of every scene's picture by machine; with packing where models differ from DEFAULT's."""
     packing = attrgetter("position", "colour_index", "sh_index")
     other = [config.name for config in machines if packing(config) != packing(DEFAULT)]
-    headings = [*map(heading, machines), *(f"{name} and\npacking" for name in other)]
+    headings = [*headings, *(f"{name} and\npacking" for name in other)]
     table = new_table("scene", headings)
     for name, facts in results.items():
         cells = [decibels(result) for result in facts["machines"].values()]
@@ -251,9 +268,11 @@ def picture_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Tab
     return table
 
 
-def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+def field_table(
+    largest: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
+) -> Table:
     """Errors by field and machine."""
-    table = new_table("field", [*map(heading, machines)])
+    table = new_table("field", headings)
     for field in next(iter(largest.values())):
         name = LABELS.get(field, field.replace("_", " "))
         for key, text in (("rms", name), ("max", "  largest")):
@@ -262,9 +281,11 @@ def field_table(largest: dict[str, dict], machines: tuple[Config, ...]) -> Table
     return table
 
 
-def count_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+def count_table(
+    results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
+) -> Table:
     """Visible Gaussians and their longest axes, and those missing in each machine's picture."""
-    table = new_table("scene", ["visible", "axes", "on screen", *map(heading, machines)])
+    table = new_table("scene", ["visible", "axes", "on screen", *headings])
     for name, facts in results.items():
         ratio = facts["axis_ratio"]
         cells = [f"{facts['visible']:,}", "∞" if ratio is None else f"{ratio:,.0f}"]
@@ -276,9 +297,11 @@ def count_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table
     return table
 
 
-def total_table(results: dict[str, dict], machines: tuple[Config, ...]) -> Table:
+def total_table(
+    results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
+) -> Table:
     """Counts over all scenes by machine."""
-    table = new_table("Gaussians", [*map(heading, machines)])
+    table = new_table("Gaussians", headings)
     for key, name in COUNTS.items():
         counts = [[facts["machines"][c.name][key] for facts in results.values()] for c in machines]
         table.add_row(name, *(f"{sum(each):,}" for each in counts))

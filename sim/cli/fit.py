@@ -4,28 +4,25 @@ import math
 import re
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
 
-from splatcore.sim.bench.scenes import FRAMES, Expected, judge
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
 from splatcore.sim.common.source import camera_beside, open_cameras, open_source
 from splatcore.sim.common.table import new_table, print_whole
-from splatcore.sim.fit.formats import decibels
-from splatcore.sim.fit.gates import part_gates
 from splatcore.sim.fit.preset_file import write_preset
-from splatcore.sim.fit.search import Fit, Impossible, Knob, fit, knobs
-from splatcore.sim.fit.views import View, start_config, views_of
-from splatcore.sim.machine.machine import Job
-from splatcore.sim.machine.path import build, simulate
-from splatcore.sim.machine.script import LPDDR4
-from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
+
+if TYPE_CHECKING:
+    from splatcore.sim.fit.search import Fit, Knob
+    from splatcore.sim.fit.views import View
+
 
 ROOM = {"fps": 1e-3, "psnr": 1.0}  # least figures that can be asked for
 PSNR_MAX = 200.0  # more than 8 bits can show is impossible, more than this a slip
@@ -66,6 +63,8 @@ def fit_command(
     _check_figures(fps, psnr)
     name = _name(output)
     start, views = _open(name, scene, camera, cameras, size)
+    from splatcore.sim.fit.search import Impossible, fit, knobs
+
     try:
         with progress_bar("fitting") as advance:
             chosen = fit(start, views, fps, psnr, lambda text: advance(0, None, text))
@@ -92,12 +91,15 @@ def fit_command(
 
 def _open(
     name: str, scene: str, camera: str | None, cameras: str | None, size: str | None
-) -> tuple[Config, list[View]]:
+) -> "tuple[Config, list[View]]":
     """The machine to start from and the views to fit it to."""
     with progress_bar(f"reading {scene}") as advance:
         source = open_source(scene)
         beside = None if camera or cameras else camera_beside(scene)
         found = open_cameras(camera or beside, cameras, size, source)
+        from splatcore.sim.fit.views import start_config, views_of
+        from splatcore.sim.packing.choose import packed_model
+
         model = packed_model(source, DEFAULT, found[0])
         return start_config(name, model, found), views_of(source.name, model, found, advance)
 
@@ -122,6 +124,8 @@ def _name(path: Path) -> str:
 
 def _gates(config: Config) -> dict[str, tuple[float, float]]:
     """NAND2-equivalents of each part, DEFAULT's and the machine's."""
+    from splatcore.sim.fit.gates import part_gates
+
     with progress_bar("synthesising") as advance:
         before, after = (
             part_gates(c, lambda part, c=c: advance(0, None, f"synthesising {c.name}: {part}"))
@@ -130,8 +134,10 @@ def _gates(config: Config) -> dict[str, tuple[float, float]]:
     return {name: (before[name], after[name]) for name in before}
 
 
-def _show(found: Fit, rows: list[Knob], sizes: dict, title: str):
+def _show(found: "Fit", rows: "list[Knob]", sizes: dict, title: str):
     """Print all tables."""
+    from splatcore.sim.fit.formats import decibels
+
     table = new_table("field", ("DEFAULT", "chosen"), title, ("what binds it",))
     for row in rows:
         table.add_row(row.name.replace("_", " "), str(row.before), str(row.value), row.reason)
@@ -154,8 +160,10 @@ def _show(found: Fit, rows: list[Knob], sizes: dict, title: str):
         print_whole(table)
 
 
-def _facts(found: Fit, rows: list[Knob], sizes: dict) -> dict:
+def _facts(found: "Fit", rows: "list[Knob]", sizes: dict) -> dict:
     """The object that `--json` writes."""
+    from splatcore.sim.fit.formats import decibels
+
     views = {}
     for view, (square, largest) in found.errors.items():
         psnr = decibels(square)
@@ -175,8 +183,13 @@ def _facts(found: Fit, rows: list[Knob], sizes: dict) -> dict:
     }
 
 
-def _confirm(found: Fit, views: list[View], fps: float) -> dict:
+def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
     """Simulate the slowest view, print and return what comes of it."""
+    from splatcore.sim.bench.scenes import FRAMES, Expected, judge
+    from splatcore.sim.machine.machine import Job
+    from splatcore.sim.machine.path import build, simulate
+    from splatcore.sim.machine.script import LPDDR4
+
     name, _ = found.speed.slowest(found.config)
     view = next(view for view in views if view.name == name)
     golden = view.frame(found.config)

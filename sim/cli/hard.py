@@ -18,8 +18,8 @@ from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
 from splatcore.sim.common.source import ENGINES, check_fits, check_known, parse_size
 from splatcore.sim.common.table import new_table, print_whole, shown
-from splatcore.sim.machine.path import build, find_timing
-from splatcore.sim.machine.script import LPDDR4
+from splatcore.sim.machine.path import build
+from splatcore.sim.machine.script import LPDDR4, find_timing
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -42,8 +42,9 @@ OutputOption = options.option(Path | None, "DIR", f"Folder for pictures and {SHE
 @options.app.command(
     "hard",
     help="Run the hard cases through an engine: small scenes on which renderers go wrong.\n\n"
-    "For each of them a picture, its error against the float64 reference on the same packed model, "
-    "what packing loses, cycles (golden: the cycle model's, rtl: measured), Gaussians left out, "
+    "For each of them a picture, its error against the float64 reference on the same packed model "
+    "and on the scene as it is, what packing loses, "
+    "cycles (golden: the cycle model's, rtl: measured), Gaussians left out, "
     f"and whether it meets its bound: {PSNR_MIN:.0f} dB against the reference under the machine's "
     "own rule for what is too faint to be seen, with harmonics a bound on packing, too, and for "
     "rtl every bit of the golden model's picture. Exit status 1 if one does not (the FP16 "
@@ -107,20 +108,22 @@ def pass_line(outcome: Outcome) -> str:
 def table(outcomes: list[Outcome], title: str) -> Table:
     """A row for each case."""
     numbers = (
-        "dB, machine", "dB, own rule", "SSIM, machine", "max error, machine", "dB, packing",
-        "cycles",
+        "dB, machine", "dB, own rule", "SSIM, machine", "max error, machine", "dB, scene",
+        "dB, packing", "cycles",
     )  # fmt: skip
     drawn = new_table("case", numbers, title, ("left out", "bound", ""))
     for outcome in outcomes:
-        error, packing = outcome.error, outcome.packing
+        error, scene, packing = outcome.error, outcome.scene, outcome.packing
         values = outcome.psnr_db, outcome.psnr_db_rule
         psnrs = (decibels(value, error is not None) for value in values)
         largest = "–" if error is None else f"{round(error.max_error * LEVELS)} of {LEVELS}"
         lost = decibels(packing and packing.psnr_db, packing is not None)
+        of_scene = decibels(scene and scene.psnr_db, scene is not None)
         cells = (
             *psnrs,
             shown(error and error.ssim, ".5f"),
             largest,
+            of_scene,
             lost,
             shown(outcome.cycles, ",.0f"),
             left_out(outcome),

@@ -5,28 +5,68 @@ from importlib import import_module
 
 import typer
 
+from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.output import messages
 from splatcore.spec.error import InputError
 
 UsageError = typer.BadParameter.__mro__[1]  # of click, or of typer's own copy of it
 
-COMMANDS = (
-    "scene compress pack render compare error hard programs verilog sizes cycles power fit "
-    "report bench_sort bench_views bench_rule bench_quality bench_compression bench_differentiable"
-).split()
-"""Files of this folder whose import registers commands, in help's order."""
+COMMANDS = {
+    "scene": ("scene", "Generate a scene and write it as a 3DGS PLY."),
+    "info": ("scene", "Say what a scene or packed model holds."),
+    "train": ("compress", "Train a plain 3DGS scene from photographs."),
+    "compress": ("compress", "Compress a scene."),
+    "pack": ("pack", "Pack a scene into the model that the machine reads."),
+    "render": ("render", "Render one frame and count the work in it."),
+    "compare": ("compare", "PSNR, SSIM and maximum error of images against the first one."),
+    "error": ("error", "Error of the numbers of stages 0 and 1."),
+    "hard": ("hard", "Run the hard cases through an engine."),
+    "programs": ("programs", "List the microprograms of stages 0 and 1."),
+    "verilog": ("verilog", "Write the machine as Verilog."),
+    "registers": ("verilog", "Write the register map."),
+    "synth": ("sizes", "Synthesise stages or primitives and say how large and how deep they are."),
+    "fpga": ("sizes", "Place and route parts on a Lattice ECP5, each on its own."),
+    "memories": ("sizes", "List the on-chip memories of each stage, beside the paper's five."),
+    "cycles": ("cycles", "Cycles of a frame by stage, and the error of its picture."),
+    "power": ("power", "ESTIMATE the power of a frame, first order, by stage."),
+    "fit": ("fit", "Choose the smallest machine that renders a scene fast and well enough."),
+    "report": ("report", "Write one page that says how fast, how exact and how large it is."),
+    "cache": ("cache", "Say what is kept of long work, and how large it is; remove it."),
+    "bench sort": ("bench_sort", "Sort lists of keys with stage 2 in RTL."),
+    "bench scenes": ("bench_views", "Render scenes by the simulated machine."),
+    "bench sweep": ("bench_views", "Speed against error and gates: many machines, many scenes."),
+    "bench ablation": ("bench_views", "Gain of culling, zero skipping and early termination."),
+    "bench work": ("bench_views", "Work of scenes for the machine by every camera."),
+    "bench rule": ("bench_rule", "Rules for what is too faint to be seen."),
+    "bench quality": (
+        "bench_quality",
+        "Bytes a Gaussian against dB.",
+    ),
+    "bench compression": ("bench_compression", "Compress scenes and measure."),
+    "bench differentiable": ("bench_differentiable", "Time the differentiable renderer."),
+}
+"""Commands in help's order: the file of this folder whose import registers each, what it does."""
 
 
-def register(command: str = ""):
-    """Import the command's own file, where it has one, else those of all: seconds."""
-    for name in [command] if command in COMMANDS else COMMANDS:
-        import_module(f"splatcore.sim.cli.{name}")
+def register(words: list[str] | None = None):
+    """Import the file of the command that words begin with; of all commands without words.
+
+    Words that name none want help, or are wrong: names are enough, and a tenth of the time.
+    """
+    name = " ".join((words or [])[: 2 if words and words[0] == "bench" else 1])
+    if words is None or name in COMMANDS:
+        for each in [name] if name else COMMANDS:
+            import_module(f"splatcore.sim.cli.{COMMANDS[each][0]}")
+        return
+    for name, (_, does) in COMMANDS.items():
+        group, _, last = name.rpartition(" ")
+        (bench if group else app).command(last, help=does)(lambda: None)
 
 
 def main(arguments: list[str] | None = None):
     """Run the command line; bad input is one line on standard error and exit status 2."""
-    register(*sys.argv[1:2] if arguments is None else ())
+    register(sys.argv[1:] if arguments is None else None)
     try:
         status = app(arguments, standalone_mode=False)
     except InputError as error:

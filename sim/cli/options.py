@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 from splatcore.model.formats.camera_file import split_id
-from splatcore.model.pack.pack import QUALITIES
+from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.common.output import (
     check_distinct,
     check_folder,

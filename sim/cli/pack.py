@@ -5,7 +5,7 @@ from functools import partial
 
 from rich.table import Table
 
-from splatcore.model.pack.pack import QUALITIES
+from splatcore.model.pack.quality import LEAST_DB, QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
 from splatcore.sim.common.output import (
@@ -17,8 +17,6 @@ from splatcore.sim.common.output import (
 )
 from splatcore.sim.common.source import check_known, note_unseen, open_cameras, open_source
 from splatcore.sim.common.table import new_table
-from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
-from splatcore.sim.packing.choose import LEAST_DB, Views, choose, smallest
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -66,6 +64,9 @@ def pack_command(
         source = open_source(scene)
         original = source.unpacked
         views = open_cameras(camera, cameras, size, source)
+    from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
+    from splatcore.sim.packing.choose import Views, choose, smallest
+
     if sh_degree is not None:
         config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
     with progress_bar("rendering the scene") as advance:

@@ -57,7 +57,8 @@ def power_command(
     factor of two either way is within what this is good for.
 
     The first time it compiles and simulates the machine and synthesises its parts, half an hour
-    for DEFAULT; what it finds is kept in build/.
+    for DEFAULT; what it finds is kept (see
+    `splatcore cache`).
     """
     config = find_preset(preset)
     for name, value in (("fps", fps), ("sample", sample)):

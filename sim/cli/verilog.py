@@ -5,11 +5,12 @@ from pathlib import Path
 from splatcore.sim.cli.options import FolderOption, PresetOption, app, option
 from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.source import check_known
-from splatcore.sim.eda import verilog
-from splatcore.sim.eda.register_files import write_register_files
 from splatcore.spec.preset import find_preset
 
-PartOption = option(list[str] | None, "NAME", f"{', '.join(verilog.WRITERS)}. Default: both.")
+PARTS = ("top", "stages")
+"""Names of `sim.eda.verilog.WRITERS`, whose import takes a while."""
+
+PartOption = option(list[str] | None, "NAME", f"{', '.join(PARTS)}. Default: both.")
 
 
 @app.command("verilog")
@@ -22,8 +23,10 @@ def verilog_command(
     and lint's waivers. stages: one file each, which stands alone. docs/integration.md says more.
     """
     config = find_preset(preset)
-    parts = part or list(verilog.WRITERS)
-    check_known("--part", verilog.WRITERS, *parts)
+    parts = part or list(PARTS)
+    check_known("--part", PARTS, *parts)
+    from splatcore.sim.eda import verilog
+
     paths: dict[Path, None] = {}
     with progress_bar("writing Verilog") as advance:
         for done, name in enumerate(parts):
@@ -40,5 +43,7 @@ def registers_command(output: FolderOption, preset: PresetOption = "DEFAULT"):
     The header also has the layout of memory and the function that makes registers' numbers;
     docs/example_frame.c renders a frame with it.
     """
+    from splatcore.sim.eda.register_files import write_register_files
+
     for path in write_register_files(find_preset(preset), output):
         console.print(str(path), soft_wrap=True)

@@ -1,12 +1,14 @@
 """Kept results of long work: folders and JSON files, named by a hash of their origin.
 
-All of it lies in `build/` of the current folder, or in the folder that SPLATCORE_CACHE names.
+All of it lies in the user's folder of caches, or in the folder that SPLATCORE_CACHE names.
 """
 
 import fcntl
 import hashlib
 import json
 import os
+import re
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
@@ -14,18 +16,47 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from platformdirs import user_cache_path
 
 from splatcore.sim.common.output import write
 
 VARIABLE = "SPLATCORE_CACHE"
 """Environment variable that names the folder of everything that is kept."""
 
+NAME = r"(library-)?[0-9a-f]{32}(\.json|\.lock)?"
+"""Names of what is kept, a pattern."""
+
 T = TypeVar("T")
 
 
 def cache_root() -> Path:
     """The folder of everything that is kept."""
-    return Path(os.environ.get(VARIABLE) or "build").absolute()
+    return Path(os.environ.get(VARIABLE) or user_cache_path("splatcore", False)).absolute()
+
+
+def kept() -> dict[str, list[Path]]:
+    """Files and folders that are kept, by kind. What is called otherwise is somebody else's."""
+    found = {}
+    for kind in sorted(cache_root().glob("*/")):
+        if mine := sorted(path for path in kind.iterdir() if re.fullmatch(NAME, path.name)):
+            found[kind.name] = mine
+    return found
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file, or of all files in a folder."""
+    if not path.is_dir():
+        return path.stat().st_size
+    return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+
+
+def empty():
+    """Remove all that is kept; results are made again when somebody asks for them."""
+    for kind, paths in kept().items():
+        for path in paths:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        with suppress(OSError):  # somebody else's is in it
+            (cache_root() / kind).rmdir()
 
 
 def kept_folder(kind: str, made_from: Any, make: Callable[[Path], None]) -> Path:

@@ -41,13 +41,20 @@ class Picture:
 
 @dataclass
 class Compared(Picture):
-    """An image with its metrics against another, whose name is `against`."""
+    """An image with its metrics against another, whose name is `against`; of a machine's beside the
+    reference's those that `against` names, too."""
 
     against: str | None = None
     psnr_db: float | None = None
     ssim: float | None = None
     max_error: float | None = None
     identical: bool | None = None
+    psnr_db_machine: float | None = None
+    psnr_db_scene: float | None = None
+    ssim_machine: float | None = None
+    ssim_scene: float | None = None
+    max_error_machine: float | None = None
+    max_error_scene: float | None = None
 
 
 @dataclass

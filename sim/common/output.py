@@ -3,6 +3,8 @@
 import json
 import os
 import tempfile
+import threading
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
@@ -24,6 +26,8 @@ from splatcore.spec.error import InputError
 
 console = Console(highlight=False)  # results, on standard output
 messages = Console(stderr=True, highlight=False)  # progress, on standard error
+
+EVERY = 10.0  # seconds between lines of progress where there is no terminal
 
 
 def check_writable(path: Path):
@@ -141,14 +145,44 @@ class Count(ProgressColumn):
 
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator:
-    """A bar on standard error; yields advance(done, total) and removes the bar at the end."""
+    """A bar on standard error; yields advance(done, total) and removes the bar at the end.
+
+    Where standard error is no terminal, a line every `EVERY` seconds tells the same.
+    """
+    if not messages.is_terminal:
+        with _progress_lines(label, total) as advance:
+            yield advance
+        return
     text = TextColumn("{task.description}")
     columns = (text, BarColumn(), Count(), TimeElapsedColumn(), TimeRemainingColumn())
-    terminal = messages.is_terminal
-    with Progress(*columns, console=messages, transient=True, disable=not terminal) as progress:
+    with Progress(*columns, console=messages, transient=True) as progress:
         task = progress.add_task(label, total=total)
 
-        def advance(done: int, total: int, label: str = label):
+        def advance(done: int, total: int | None, label: str = label):
             progress.update(task, completed=done, total=total, description=label)
 
         yield advance
+
+
+@contextmanager
+def _progress_lines(label: str, total: int | None) -> Iterator:
+    """Lines in place of a bar, whether or not anything advances."""
+    begin, ended, state = time.monotonic(), threading.Event(), [(0, total, label)]
+
+    def tell():
+        while not ended.wait(EVERY):
+            done, total, text = state[0]
+            count = "" if total is None else f" {done:g}/{total:g}"
+            line = f"{text}{count}, {time.monotonic() - begin:.0f} s"
+            messages.print(line, markup=False, soft_wrap=True)
+
+    def advance(done: int, total: int | None, label: str = label):
+        state[0] = done, total, label
+
+    thread = threading.Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield advance
+    finally:
+        ended.set()
+        thread.join()

@@ -29,7 +29,8 @@ VARIABLE, FOLDER = "SPLATCORE_SCENES", "../shared/scenes"
 
 SUFFIXES = (".ply", ".spz", ".splat", ".sog")  # files of that folder that are scenes
 
-CAMERAS = ".cameras.json"
+CAMERAS, IN_FOLDER = ".cameras.json", "cameras.json"
+"""Ends of the files of cameras beside scene files; the one in a folder that is a scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class Source:
     name: str
     scene: Scene | None = None
     model: PackedModel | None = None
-    camera: Camera | None = None  # a generated scene's own
+    camera: Camera | None = None  # a generated scene's own, the first of a folder's
     packed: dict = field(default_factory=dict)  # for `sim.packing`
 
     @property
@@ -59,6 +60,9 @@ def open_source(text: str) -> Source:
     """The scene or model that a file (or the name of a generated scene) holds."""
     if text in GENERATORS and not os.path.exists(text):
         return Source(text, scene=generate(text), camera=generated_camera(text))
+    if os.path.isdir(text):
+        beside = camera_beside(text)
+        return Source(text, read_scene(text), camera=read_camera(beside) if beside else None)
     if is_packed(text):
         return Source(text, model=read_model(text))
     return Source(text, scene=read_scene(text))
@@ -68,7 +72,7 @@ def check_source(text: str):
     """InputError for what no file of a scene or model can be; the file's end is not looked at."""
     if text in GENERATORS and not os.path.exists(text):
         return
-    if not is_packed(text):
+    if os.path.isdir(text) or not is_packed(text):
         find_format(text)
 
 
@@ -154,9 +158,12 @@ def camera_beside(source: str | Path) -> str | None:
     """The file of cameras of a scene file: the longest NAME.cameras.json whose NAME begins its.
 
     NAME ends where the file's own does or before a character that is no letter and no digit:
-    leica-sofort.cameras.json goes with leica-sofort-top8192.ply.
+    leica-sofort.cameras.json goes with leica-sofort-top8192.ply. Of a folder as INRIA's training
+    leaves it: cameras.json in it.
     """
     source = Path(source)
+    if source.is_dir():
+        return str(source / IN_FOLDER) if (source / IN_FOLDER).is_file() else None
     if source.suffix.lower() not in SUFFIXES:
         return None
     for end in range(len(source.name), 0, -1):

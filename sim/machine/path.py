@@ -6,9 +6,8 @@ import numpy as np
 
 from splatcore.model.cameras.orbit import moved
 from splatcore.sim.common.output import progress_bar
-from splatcore.sim.common.source import check_known
 from splatcore.sim.machine.machine import Job, Machine, Run
-from splatcore.sim.machine.script import TIMINGS, Timing
+from splatcore.sim.machine.script import Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import NEAR_PLANE, TILE
@@ -30,13 +29,6 @@ def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
     target = camera.position + forward * (np.median(z[seen]) if seen.any() else 1.0)
     turns = (Rotation.from_rotvec(k * STEP * axis).as_matrix() for k in range(1, frames))
     return [camera, *(moved(camera, target, turn, 1.0) for turn in turns)]
-
-
-def find_timing(name: str) -> Timing:
-    """The timing of that name; InputError lists the names."""
-    if name.lower() not in TIMINGS:
-        check_known("--timing", TIMINGS, name)
-    return TIMINGS[name.lower()]
 
 
 def build(config: Config, trace: bool = False, source: str | None = None) -> Machine:

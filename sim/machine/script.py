@@ -8,7 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from splatcore.sim.rtl.streams import SimulationError
+from splatcore.sim.common.source import check_known
+from splatcore.sim.rtl.build import SimulationError
 from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
@@ -77,6 +78,13 @@ of banks are left out: they would take 10 to 30 % of the bandwidth.
 """
 
 TIMINGS = {timing.name: timing for timing in (IDEAL, LPDDR4)}
+
+
+def find_timing(name: str) -> Timing:
+    """The timing of that name; InputError lists the names."""
+    if name.lower() not in TIMINGS:
+        check_known("--timing", TIMINGS, name)
+    return TIMINGS[name.lower()]
 
 
 @dataclass(frozen=True)

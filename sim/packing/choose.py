@@ -7,7 +7,8 @@ import numpy as np
 
 from splatcore.golden.reference import colours, render
 from splatcore.model.gradients.drawn import blending_weights
-from splatcore.model.pack.pack import QUALITIES, PackReport, pack, packable, stored_order
+from splatcore.model.pack.pack import PackReport, pack, packable, stored_order
+from splatcore.model.pack.quality import LEAST_DB, QUALITIES
 from splatcore.sim.common.metric import LEVELS, against, difference, differences, psnr
 from splatcore.sim.common.source import Source
 from splatcore.spec.camera import Camera
@@ -17,9 +18,6 @@ from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.memory import CHUNK, COMPACT_DEGREE, chunk_count
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
-
-LEAST_DB = 45.0
-"""dB against the scene that a model has at least, if one has, where no quality is asked for."""
 
 SAME_DB = 200.0
 """Stands for the dB of equal pictures where numbers are compared."""

@@ -31,6 +31,10 @@ LOG_LINES = 40
 LATER = 3600  # seconds; more than any program takes to compile
 
 
+class SimulationError(AssertionError):
+    """The simulation broke off: an assertion failed in the component, or logic did not settle."""
+
+
 def build(
     source: str,
     main: Path,

@@ -16,7 +16,7 @@ from amaranth.back import verilog
 from amaranth.hdl import Shape
 from amaranth.lib import stream, wiring
 
-from splatcore.sim.rtl.build import CPP, build
+from splatcore.sim.rtl.build import CPP, SimulationError, build
 
 IDLE_MAX = 20_000  # cycles without any movement after which a run is given up
 TAIL = 64  # cycles that a run goes on after its last row, in which nothing more may come
@@ -36,10 +36,6 @@ class StreamRuleError(AssertionError):
     def __init__(self, message: str, result: "Result"):
         super().__init__(message)
         self.result = result
-
-
-class SimulationError(AssertionError):
-    """The simulation broke off: an assertion failed in the component, or logic did not settle."""
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,13 @@ import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
-from splatcore.sim.cli.main import COMMANDS as FILES
+from splatcore.sim.cli.bench import bench
+from splatcore.sim.cli.main import COMMANDS, register
+from splatcore.sim.cli.options import app
+from splatcore.sim.cli.verilog import PARTS
 from splatcore.sim.common.metric import Compared, Result, against, difference, told
 from splatcore.sim.common.picture import read_png
+from splatcore.sim.eda.verilog import WRITERS
 from splatcore.spec.packed import read_model
 from tb.helpers.command import KEYS, ROOT, load, run, write_scene
 
@@ -126,6 +130,17 @@ def test_against_model_and_scene(folder, capsys):
     assert run(f"render scene.splatcore --engine golden -o g.png {view} m.json") == 0
     assert load(folder / "m.json")["psnr_db_machine"] == result["psnr_db_machine"]
     assert load(folder / "m.json")["psnr_db_scene"] is None
+    capsys.readouterr()
+    assert run(f"compare reference golden --scene scene.ply {view} both.json") == 0
+    both = load(folder / "both.json")
+    assert both | against(wanted) == both and both["psnr_db"] == both["psnr_db_machine"]
+    rows = [line.split("│") for line in capsys.readouterr().out.splitlines() if "golden" in line]
+    assert [[cell.strip() for cell in row[1:4]] for row in rows] == [
+        ["golden", of, f"{wanted[of].psnr_db:.2f}"] for of in ("machine", "scene")
+    ]
+    assert run(f"compare reference golden --scene scene.splatcore {view} one.json") == 0
+    one = load(folder / "one.json")
+    assert one["psnr_db_machine"] == both["psnr_db_machine"] and one["psnr_db_scene"] is None
     assert run(f"cycles scene.ply scene.splatcore {view} c.json") == 0
     of_scene, of_model = load(folder / "c.json")["scenes"].values()
     assert of_scene | against(wanted) == of_scene
@@ -201,21 +216,69 @@ from splatcore.sim.cli.options import app
 register()
 for part in (app, bench):
     for command in part.registered_commands:
-        print(command.name, command.callback.__module__.split(".")[-1], part is bench)
+        file = command.callback.__module__.split(".")[-1]
+        print("bench " * (part is bench) + command.name, file, sep=",")
 """
 
 
-def test_commands_are_in_the_order_of_their_files():
+def test_commands_are_in_the_order_of_the_table():
     """In a process that has imported none of them before."""
     told = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
-    found = [line.split() for line in told.stdout.splitlines()]
-    names = """scene info train compress pack render compare error hard programs verilog registers
-        synth fpga memories cycles power fit report
-        sort scenes sweep ablation work rule quality compression differentiable"""
-    assert [name for name, *_ in found] == names.split()
-    assert list(dict.fromkeys(file for _, file, _ in found)) == FILES
-    own = {name: file for name, file, of_bench in found if of_bench == "False"}
-    assert all(own[name] == name for name in FILES if name in own)  # `register` counts on it
+    found = [tuple(line.split(",")) for line in told.stdout.splitlines()]
+    assert found == [(name, file) for name, (file, _) in COMMANDS.items()]
+
+
+def test_the_table_says_what_the_commands_do():
+    register()
+    groups = {"": app, "bench": bench}
+    helps = {
+        " ".join([group] * bool(group) + [command.name]): command.help or command.callback.__doc__
+        for group, part in groups.items()
+        for command in part.registered_commands
+    }
+    assert set(helps) == set(COMMANDS)
+    for name, (_, does) in COMMANDS.items():
+        first = " ".join(helps[name].split("\n\n")[0].split())
+        words = does.rstrip(".").split()
+        assert len(does) <= 75 and words[0] == first.split()[0], name
+
+
+HEAVY = "amaranth matplotlib numba scipy skimage sklearn torch".split()
+"""Libraries that take a tenth of a second and more to import."""
+
+IMPORTED = """
+import sys
+from splatcore.sim.cli.main import main
+try:
+    main()
+finally:
+    print("|", *sys.modules)
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["--help", "", "bench", "bench --help", "rendr", "render --help", "render none.ply -o a.png",
+     "render none.ply --engine golden -o a.png", "render none.ply --engine rtl -o a.png",
+     "render garden -o a.jpg", "info none.ply", "pack none.ply -o a", "cycles none.ply",
+     "cycles --size 0x1 garden", "compare reference golden", "compare none.png none.png",
+     "compare reference golden --scene none.ply", "scene jungle -o a.ply", "error none.ply",
+     "fit none.ply --fps 9 -o a.toml", "programs --show none", "verilog --part none -o a",
+     "registers -o none/a", "train none -o none/a", "bench work none.ply -o a",
+     "bench scenes none.ply -o a", "bench sort -o none/a"],
+)  # fmt: skip
+def test_help_and_refusals_import_nothing_heavy(tmp_path, words):
+    """What a user waits for before a line of error is what is imported."""
+    command = [sys.executable, "-c", IMPORTED, *words.split()]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == (0 if "--help" in words else 2), done.stderr
+    modules = {name.partition(".")[0] for name in done.stdout.rpartition("|")[2].split()}
+    assert not modules & set(HEAVY) and "numpy" in modules
+    assert not [*tmp_path.iterdir()]
+
+
+def test_the_parts_of_verilog_are_those_that_are_written():
+    assert list(PARTS) == list(WRITERS)
 
 
 def test_usage_errors_exit_with_2(capsys):

@@ -83,6 +83,7 @@ def test_what_is_measured(tmp_path, capsys):
     assert case["cycles"] == frame_cycles(TINY, golden).frame
     np.testing.assert_array_equal(read_png(tmp_path / "one.png"), golden.pixels)
     whole = render_reference(hard.scene.gaussians(), hard.camera).pixels / 255
+    assert case["psnr_db_scene"] == pytest.approx(psnr(golden.pixels / 255, whole))
     assert case["psnr_db_packing"] == pytest.approx(psnr(exact.pixels / 255, whole))
     told = f"one: pass (machine, own rule ≥ 52 dB): {case['psnr_db_rule']:.2f} dB"
     assert told in capsys.readouterr().out

@@ -3,6 +3,7 @@
 import io
 import json
 from pathlib import Path
+from time import sleep
 
 import pytest
 from rich.console import Console
@@ -112,3 +113,35 @@ def test_a_bar_without_an_end_counts_nothing(monkeypatch):
     with progress_bar("reading") as advance:
         advance(3, 7)
     assert "3/7" in text.getvalue()
+
+
+def test_progress_without_a_terminal_is_lines(monkeypatch):
+    """They come by themselves, and end with the work."""
+    text = io.StringIO()
+    monkeypatch.setattr(output, "messages", Console(file=text, width=30))
+    monkeypatch.setattr(output, "EVERY", 0.01)
+    with progress_bar("reading a scene of a long name.ply") as advance:
+        for said in ("reading a scene of a long name.ply, 0 s\n", "packing 3/7, 0 s\n"):
+            while said not in text.getvalue():  # for ever, if it never comes
+                sleep(0.005)
+            advance(3, 7, "packing")
+    before = text.getvalue()
+    sleep(0.05)
+    assert text.getvalue() == before and "\x1b" not in before
+
+
+def test_short_work_says_nothing(monkeypatch):
+    text = io.StringIO()
+    monkeypatch.setattr(output, "messages", Console(file=text))
+    with progress_bar("reading") as advance:
+        advance(1, 2)
+    assert not text.getvalue()
+
+
+def test_engines_are_compared_behind_bars(place, monkeypatch):
+    """Reading, packing and both pictures: nothing that takes its time goes without a word."""
+    text = io.StringIO()
+    monkeypatch.setattr(output, "messages", Console(file=text, force_terminal=True, width=90))
+    assert run("compare reference golden --scene scene.ply --camera cameras.json") == 0
+    words = ("reading scene.ply", "packing", "rendering by the golden model")
+    assert [word for word in words if word not in text.getvalue()] == []

@@ -3,6 +3,7 @@
 import gzip
 import struct
 
+import gsply
 import numpy as np
 import pytest
 import zstandard
@@ -193,7 +194,7 @@ def test_no_scratch_file_in_an_error(tmp_path, monkeypatch):
     def fail(path):
         raise ValueError(f"{path} is odd")
 
-    monkeypatch.setattr(spz.gsply, "read_spz", fail)
+    monkeypatch.setattr(gsply, "read_spz", fail)
     with pytest.raises(InputError) as told:
         read(tmp_path, spz_bytes(1, spz_codes(1, 4, 1), 1))
     path = tmp_path / "scene.spz"

@@ -1,5 +1,6 @@
 """Kept results come back; another origin makes them anew."""
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from splatcore.sim.common.cache import cache_root, digest, kept_folder, kept_json
+from tb.helpers.command import check_documented, load, run
 
 
 @dataclass(frozen=True)
@@ -32,10 +34,45 @@ def root(monkeypatch, tmp_path) -> Path:
 
 def test_the_folder(monkeypatch, root):
     assert cache_root() == root
+    monkeypatch.setenv("XDG_CACHE_HOME", str(root / "home"))
     monkeypatch.setenv("SPLATCORE_CACHE", "")
-    assert cache_root() == Path.cwd() / "build"
+    empty = cache_root()
     monkeypatch.delenv("SPLATCORE_CACHE")
-    assert cache_root() == Path.cwd() / "build"
+    for folder in (root, root / "home"):
+        folder.mkdir(exist_ok=True)
+        monkeypatch.chdir(folder)
+        assert cache_root() == empty and empty.name == "splatcore"
+    if sys.platform == "linux":
+        assert empty == root / "home" / "splatcore"
+
+
+def test_the_command(root, capsys):
+    """It counts and removes what is kept, and nothing that anybody else has put there."""
+    kept_json("synth", "a", lambda: "x" * 1000)
+    kept_folder("streams", "a", lambda folder: (folder / "program").write_bytes(bytes(1 << 20)))
+    (root / f"streams/library-{digest(1)}").mkdir()
+    for other in ("letter.txt", "photos/1.jpg", "streams/notes.txt"):
+        (root / other).parent.mkdir(exist_ok=True)
+        (root / other).write_text("mine")
+    assert run("cache", "--json", root / "c.json") == 0
+    printed = capsys.readouterr().out
+    found = load(root / "c.json")
+    assert list(found["bytes"]) == ["streams", "synth"] and found["folder"] == str(root)
+    assert found["bytes"]["streams"] == 1 << 20 and 1000 < found["bytes"]["synth"] < 1100
+    assert str(root) in printed and "1.0" in printed and not found["emptied"]
+    check_documented("## `splatcore cache`", found)
+    assert run("cache", "--empty") == 0
+    left = {str(path.relative_to(root)) for path in root.rglob("*") if path.is_file()}
+    assert left == {"c.json", "letter.txt", "photos/1.jpg", "streams/notes.txt"}
+    assert not (root / "synth").exists()
+    assert kept_json("synth", "a", lambda: "again") == "again"
+    capsys.readouterr()
+
+
+def test_no_cache_is_none(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("SPLATCORE_CACHE", str(tmp_path / "none"))
+    assert run("cache") == 0 == run("cache", "--empty")
+    assert "none" in capsys.readouterr().out and not (tmp_path / "none").exists()
 
 
 def test_digests_differ():
