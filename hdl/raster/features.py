@@ -4,6 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.hdl.memory.axi import read_beat
@@ -98,6 +99,7 @@ class Features(wiring.Component):
             with m.If(self.data.valid):
                 m.d.sync += low.eq(beat.beat)
         m.d.comb += features.payload.eq(feature)
+        never_waits(m, "features", features, "a feature: FEATURES_WAITING")
 
     def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
         """Splats with their features; returns a bit: one leaves."""

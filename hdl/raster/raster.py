@@ -5,12 +5,13 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
+from splatcore.hdl.lib.holds import enough, within
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded, lowest
-from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
+from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, passes
 from splatcore.hdl.raster.mark import Mark
-from splatcore.hdl.raster.prepare import Prepare
-from splatcore.hdl.raster.rasterizer import Rasterizer
+from splatcore.hdl.raster.prepare import CUTS, Prepare
+from splatcore.hdl.raster.rasterizer import PAIRS_WAITING, Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec import counters, raster
 from splatcore.spec.config import Config
@@ -18,6 +19,9 @@ from splatcore.spec.record import Record
 
 SPLATS_WAITING = 16
 """Splats that may wait before stage 3: while others have many tiles, dead ones are left out."""
+
+GROUPS_APART = (1 << raster.GROUP_BITS) - 1
+"""Most by which the group that enters may be ahead of a rasterizer's."""
 
 
 class Expand(wiring.Component):
@@ -98,6 +102,10 @@ class Raster(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
+        # Ends of groups between: waiting, in the two pipes, before the rasterizer; and the group
+        # that has not begun there though the one before has ended.
+        inside = SPLATS_WAITING + len(CUTS) + Setup.LATENCY + Mark.LATENCY + PAIRS_WAITING
+        enough(GROUPS_APART, inside + 1, "GROUP_BITS, ends of groups that may be apart")
         self.dropped = Signal()
         self.splats = Queue(layout(raster.featured_record(config)), SPLATS_WAITING, memory=True)
         self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
@@ -188,7 +196,13 @@ class Raster(wiring.Component):
         """Splats wait in a queue, unless none of their tiles has a live pixel."""
         i = self.i.payload
         m.submodules.splats = queue = self.splats
-        live = self._live(m, "entering", self.i.valid & self.i.ready & i.end)
+        ends = passes(self.i) & i.end
+        live = self._live(m, "entering", ends)
+        for number, part in enumerate(self.rasterizers):
+            within(
+                m, f"groups{number}", ends, passes(part.positions), GROUPS_APART,
+                "groups that are that far apart look the same: GROUP_BITS", begin=1,
+            )  # fmt: skip
         m.d.comb += [
             self.live.eq(live),
             self.dropped.eq(self.i.valid & ~i.end & ~(i.mask & live).any()),
