@@ -2,7 +2,7 @@
 
 Where a stream is pushed without a look at its `ready`, or a count is trusted not to overflow, that
 rests on latencies and depths elsewhere. `enough` holds them against each other when the hardware is
-built; `holds` and `never_waits` have every simulation stop where they turn out wrong. Whatever is
+built; `holds` and the others have every simulation stop where they turn out wrong. Whatever is
 built for a platform, for synthesis or as Verilog, has no assertions and so no gates for them.
 """
 
@@ -42,6 +42,23 @@ class _Within(Elaboratable):
         return m
 
 
+class _Keeps(Elaboratable):
+    """Asserts that an offer stays as it is until it is taken."""
+
+    def __init__(self, offered: stream.Interface, what: str):
+        self.offered, self.what = offered, what
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        if platform is None:
+            offer, waiting = self.offered, Signal()
+            payload = Value.cast(offer.payload)
+            before = Signal(len(payload))
+            m.d.sync += [waiting.eq(offer.valid & ~offer.ready), before.eq(payload)]
+            m.d.sync += Assert(~waiting | (offer.valid & (payload == before)), self.what)
+        return m
+
+
 def holds(m: Module, name: str, condition: Value, what: str):
     """Has simulations stop, with `what` is wrong, at a rising edge with the condition at 0.
 
@@ -53,6 +70,11 @@ def holds(m: Module, name: str, condition: Value, what: str):
 def never_waits(m: Module, name: str, offered: stream.Interface, what: str):
     """Has simulations stop if an item is offered that is not taken in the same cycle."""
     holds(m, name, ~offered.valid | offered.ready, f"an item has no room, {what}")
+
+
+def keeps(m: Module, name: str, offered: stream.Interface):
+    """Has simulations stop if an offer is changed or taken back before it is taken."""
+    m.submodules[f"keeps_{name}"] = _Keeps(offered, f"wrong: an offer was not kept, {name}\n")
 
 
 def within(m: Module, name: str, comes: Value, goes: Value, most: int, what: str, begin: int = 0):

@@ -8,7 +8,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.binning import rows
-from splatcore.hdl.lib.holds import BUILT, enough, holds, never_waits, within
+from splatcore.hdl.lib.holds import BUILT, enough, holds, keeps, never_waits, within
 from splatcore.hdl.memory.fetch import Fetch
 from splatcore.hdl.raster import raster, rasterizer
 from splatcore.hdl.raster.features import Features
@@ -23,7 +23,8 @@ MOST = 3
 
 
 class Relying(wiring.Component):
-    """Asserts that `odd` is 0, that what is offered at `i` is taken, and a count of ups and downs.
+    """Asserts that `odd` is 0, that what is offered at `i` is taken, a count of ups and downs, and
+    that the offer of `given` is kept.
 
     clear: resets the counter.
     """
@@ -31,21 +32,27 @@ class Relying(wiring.Component):
     def __init__(self):
         bits = stream.Signature(1)
         inputs = dict.fromkeys(("odd", "up", "down", "clear", "ready"), In(1))
+        self.offer = stream.Signature(2).create()
+        inputs |= {"offered": In(1), "given": In(2), "taken": In(1)}
         super().__init__({"i": In(bits), "o": Out(bits), **inputs})
 
     def elaborate(self, platform) -> Module:
         m, inner = Module(), Module()
         m.submodules.inner = ResetInserter(self.clear)(inner)
+        m.d.comb += [self.offer.valid.eq(self.offered), self.offer.payload.eq(self.given)]
+        m.d.comb += self.offer.ready.eq(self.taken)
         m.d.comb += [self.i.ready.eq(self.ready), self.o.valid.eq(self.i.valid & self.ready)]
         holds(inner, "odd", ~self.odd, "something odd")
         never_waits(inner, "input", self.i, "whatever it is")
+        keeps(inner, "offer", self.offer)
         within(inner, "count", self.up, self.down, MOST, "ups and downs", begin=1)
         return m
 
 
 def relying(count: int = 0, **inputs: list[int]):
     """A run with so many items at the input."""
-    given = dict.fromkeys(("odd", "up", "down", "clear"), 0) | {"ready": 1} | inputs
+    names = ("odd", "up", "down", "clear", "offered", "given", "taken")
+    given = dict.fromkeys(names, 0) | {"ready": 1} | inputs
     constants = {k: np.array(np.atleast_1d(v), np.uint64) for k, v in given.items()}
     compiled(Relying).run({"i": np.zeros((count, 1), np.uint8)}, constants=constants, idle_max=30)
 
@@ -59,6 +66,7 @@ def relying(count: int = 0, **inputs: list[int]):
         {"up": [1, 1, 1, 0], "down": [0, 0, 1, 0]},
         {"up": [1, 1, 0, 1, 1, 0], "clear": [0, 0, 1, 0]},
         {"down": [1, 0]},
+        {"offered": [1, 1, 1, 0], "given": [2, 2, 3, 0], "taken": [0, 1, 1, 0]},
         {"down": [1, 1, 0], "up": [0, 1, 0]},
     ],
 )
@@ -73,6 +81,8 @@ def test_what_holds_stops_nothing(inputs):
         ({"count": 2, "ready": [0] * 8 + [1]}, "no room, whatever it is"),
         ({"up": [1, 0, 1, 0, 1, 0]}, "ups and downs"),
         ({"down": [1, 0, 1, 0]}, "ups and downs"),
+        ({"offered": [1, 0], "taken": [0, 0]}, "not kept, offer"),
+        ({"offered": [1, 1, 1], "given": [2, 3, 3]}, "not kept, offer"),
     ],
 )
 def test_what_is_wrong_stops_a_simulation(inputs, message):
@@ -82,7 +92,7 @@ def test_what_is_wrong_stops_a_simulation(inputs, message):
 
 def test_nothing_of_it_is_built():
     simulated = verilog.convert(Relying(), name="top")
-    assert simulated.count("assert (") == 3 and "something odd" in simulated
+    assert simulated.count("assert (") == 4 and "something odd" in simulated
     for platform in (BUILT, Macros()):
         built = verilog.convert(Relying(), name="top", platform=platform)
         assert "assert" not in built and "odd" not in built.replace("odd;", "").replace("odd,", "")
