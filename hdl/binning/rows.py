@@ -1,13 +1,14 @@
 """Binning, second step: an outline to the columns of tiles that it meets in each row of tiles."""
 
-from amaranth.hdl import Module, Mux, Signal, Value, ValueLike, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, ValueLike, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.binning.outline import outline_layout, pixel
+from splatcore.hdl.binning.outline import PHASES, outline_layout, pixel
 from splatcore.hdl.binning.row_end import LATENCY as END_LATENCY
 from splatcore.hdl.binning.row_end import SLOPE_AT, WIDTH_AT, RowEnd
+from splatcore.hdl.lib.holds import enough, holds, never_waits
 from splatcore.hdl.lib.stream import Queue
 from splatcore.spec.binning import HALF_BITS, TILE_BITS
 from splatcore.spec.config import Config
@@ -50,6 +51,8 @@ class Rows(wiring.Component):
         self.config = config
         self.square = config.tile_test == "3sigma"
         self.latency = SQUARE_LATENCY if self.square else LATENCY
+        # An outline's place is taken again after its last row has been asked for.
+        enough(PHASES * (OUTLINES - 1), BAND_AT + WIDTH_AT, "OUTLINES, cycles until one goes")
         self.queue = Queue(columns_layout(config), ROWS_WAITING, memory=True)
         ports = {
             "i": In(stream.Signature(outline_layout(config))),
@@ -75,7 +78,8 @@ class Rows(wiring.Component):
         with m.Elif(self.row):
             m.d.sync += row.eq(row + 1)
 
-        self.start, self.valid = {"row": row, "last": last}, self.row
+        self.start, self.passing = {"row": row, "last": last}, Signal(self.latency)
+        m.d.sync += self.passing.eq(Cat(self.row, self.passing))
         if self.square:
             ends = dict.fromkeys(("left", "right"), self._at(m, "end", held.half_x, 1))
             self._columns(m, held, ends)
@@ -145,7 +149,11 @@ class Rows(wiring.Component):
         # Written once; the first row asks for it cycles later, none while it is written.
         m.d.comb += [write.en.eq(self.i.valid & self.i.ready), write.addr.eq(number + 1)]
         m.d.comb += [write.data[name].eq(outline[name]) for name in names]
-        asked = self._at(m, f"number_{names[0]}", number, cycles - 1)
+        asked, clash = number, Const(0)
+        for k in range(1, cycles):
+            asked = self._at(m, f"number_{names[0]}_{k}", asked, 1)
+            clash |= self.passing[k - 1] & (asked == write.addr)
+        holds(m, names[0], ~(write.en & clash), "an outline is lost that is wanted: OUTLINES")
         m.d.comb += [read.en.eq(1), read.addr.eq(asked)]
         return read.data
 
@@ -172,9 +180,8 @@ class Rows(wiring.Component):
         m.d.comb += [columns.eq(found)]
         for name in ("row", "last"):
             m.d.comb += columns[name].eq(self._at(m, name, self.start[name], since + 2))
-        valid = Signal(since + 2)
-        m.d.sync += valid.eq((valid << 1) | self.valid)
-        m.d.comb += self.queue.i.valid.eq(valid[-1])
+        m.d.comb += self.queue.i.valid.eq(self.passing[-1])
+        never_waits(m, "queue", self.queue.i, "a row: ROWS_WAITING")
 
     def _output(self, m: Module, full: Value) -> Value:
         """The queue of rows; returns a bit that says that it will have room for one more."""

@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.axi import read_beat
@@ -65,6 +66,7 @@ class Fetch(wiring.Component):
             queue.i.payload.eq(self.data.payload.beat),
             self.data.ready.eq(1),  # the queue has room
         ]
+        never_waits(m, "queue", queue.i, "a beat that was asked for")
         # What is left of the range; the burst that is to be asked for.
         rest, more = Signal(self.range, reset_less=True), Signal()
         burst, sized = Signal(layout(read_record()), reset_less=True), Signal()
@@ -97,6 +99,8 @@ class Fetch(wiring.Component):
         used = Signal(range(self.depth + 1))
         m.d.comb += self.reads.valid.eq(sized & (used + beats <= self.depth))
         m.d.sync += used.eq(used + Mux(asked, beats, 0) - fire)
+        awaited = ~self.data.valid | (used != queue.level)
+        holds(m, "awaited", awaited, "a beat has come that was not asked for")
         return m
 
 

@@ -4,6 +4,7 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.axi import read_beat
@@ -69,6 +70,7 @@ class Words(wiring.Component):
             given.payload.left.eq(length),
             given.payload.kept.eq(kept),
         ]
+        never_waits(m, "waiting", given, "a burst: BURSTS_WAITING")
         with m.If(taken):
             m.d.sync += end.eq(first + length + 1)
 

@@ -5,6 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.compare import compared
+from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.array import Array, codes
@@ -60,6 +61,9 @@ class Place(wiring.Component):
             source = point if name in ("z", *AXES) else chunk
             m.d.comb += array.i.payload.fields[name].eq(source[name])
 
+        never_waits(m, "points", points.i, "a point that enters the array")
+        known = ~array.o.valid | points.o.valid
+        holds(m, "known", known, "what the array has found is of no point that waits")
         found, through = array.o.payload.outputs, points.o.payload
         kept = through.kept & self._inside(m, found, through.z)
         passes = kept | through.last

@@ -7,6 +7,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
+from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.array import Array, codes
@@ -137,6 +138,7 @@ class Project(wiring.Component):
             queue = Queue(data.StructLayout(own), depth, memory=True)
             m.submodules[name] = queue
             m.d.comb += queue.i.valid.eq(comes)
+            never_waits(m, name, queue.i, f"one of the {name} from the array")
             for n in own:
                 m.d.comb += queue.i.payload[n].eq(sources[n] if n in sources else self.colour.o[n])
                 m.d.comb += self.o.payload[n].eq(queue.o.payload[n])

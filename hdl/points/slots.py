@@ -6,6 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.convert import Convert
+from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.array import codes
@@ -99,6 +100,8 @@ class Slots(wiring.Component):
             beat, last = self._beats(m, push, taken, filled)
         else:
             m.d.comb += self.attributes.ready.eq(filled != free)
+        freed = ~self.release | (oldest != entering)
+        holds(m, "release", freed, "a slot is freed that is not in the array")
         first = taken & (beat == 0)
         for pointer, steps in (
             (free, push),
@@ -152,6 +155,7 @@ class Slots(wiring.Component):
             self.beat.address.eq(Cat(beat[1], filled[:-1])),
             self.beat.word.eq(self.attributes.payload),
         ]
+        never_waits(m, "counts", counts.i, "a slot's number of beats")
         with m.If(taken):
             m.d.sync += beat.eq(Mux(last, 0, beat + 1))
         return beat, last

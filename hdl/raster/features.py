@@ -5,6 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.hdl.memory.axi import read_beat
@@ -101,12 +102,14 @@ class Features(wiring.Component):
                 parts.i.valid.eq(taken),
                 parts.o.ready.eq(self.data.valid),
             ]
+            never_waits(m, "parts", parts.i, "a part of a beat: FEATURES_WAITING")
             part = parts.o.payload
         m.d.comb += [
             self.data.ready.eq(1),
             features.valid.eq(self.data.valid),
             features.payload.eq(self.data.payload.beat.word_select(part, DATA_BITS)),
         ]
+        never_waits(m, "features", features, "a feature: FEATURES_WAITING")
 
     def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
         """Splats with their features; returns a bit: one leaves."""

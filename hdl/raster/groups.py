@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Queue
 from splatcore.hdl.memory.axi import read_beat
@@ -137,6 +138,8 @@ class Groups(wiring.Component):
             unpack.counts.valid.eq(known),
             unpack.counts.payload.eq(self.groups),
         ]
+        for name, taker in (("table", fetch.i), ("counts", unpack.counts)):
+            never_waits(m, name, taker, "the table of groups")
         return unpack.o
 
     def _give(self, m: Module, slots: stream.Interface):

@@ -5,12 +5,13 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
+from splatcore.hdl.lib.holds import enough, keeps, within
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded, lowest
-from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
+from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, passes
 from splatcore.hdl.raster.mark import Mark
-from splatcore.hdl.raster.prepare import Prepare
-from splatcore.hdl.raster.rasterizer import Rasterizer
+from splatcore.hdl.raster.prepare import CUTS, Prepare
+from splatcore.hdl.raster.rasterizer import PAIRS_WAITING, Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec import counters, raster
 from splatcore.spec.config import Config
@@ -18,6 +19,9 @@ from splatcore.spec.record import Record
 
 SPLATS_WAITING = 16
 """Splats that may wait before stage 3: while others have many tiles, dead ones are left out."""
+
+GROUPS_APART = (1 << raster.GROUP_BITS) - 1
+"""Most by which the group that enters may be ahead of a rasterizer's."""
 
 
 class Expand(wiring.Component):
@@ -28,10 +32,10 @@ class Expand(wiring.Component):
         i: stream of `readied_record`.
         positions: stream of `position_record`, one for each group, taken with the group's end.
         live: the group's tiles that have live pixels.
-        o: stream of `pair_record`; an offer is taken back if its tile ends before it is taken.
+        o: stream of `pair_record`; a pair that waits stays, though its tile may have ended.
 
     **Timing**: a pair a cycle; a splat none of whose tiles is live takes a cycle. No registers but
-    those of the tiles done.
+    those of the tiles done, and of the one offered.
     """
 
     def __init__(self, config: Config):
@@ -50,10 +54,12 @@ class Expand(wiring.Component):
         i, o, position = self.i.payload, self.o.payload, self.positions.payload
         done = Signal(side**2)
         open_tiles, chosen = Signal(side**2), Signal(side**2)
+        waits = Signal(side**2)  # the tile whose pair was offered and not taken
+        m.d.sync += waits.eq(Mux(self.o.valid & ~self.o.ready, chosen, 0))
         valid = self.i.valid & self.positions.valid
         m.d.comb += [
-            open_tiles.eq(i.mask & self.live & ~done),
-            chosen.eq(lowest(open_tiles)),
+            open_tiles.eq((i.mask & self.live & ~done) | waits),
+            chosen.eq(Mux(waits.any(), waits, lowest(open_tiles))),
             self.o.valid.eq(valid & (i.end | open_tiles.any())),
             self.i.ready.eq(
                 valid & Mux(self.o.valid, self.o.ready & (i.end | (open_tiles == chosen)), 1)
@@ -98,6 +104,10 @@ class Raster(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
+        # Ends of groups between: waiting, in the two pipes, before the rasterizer; and the group
+        # that has not begun there though the one before has ended.
+        inside = SPLATS_WAITING + len(CUTS) + Setup.LATENCY + Mark.LATENCY + PAIRS_WAITING
+        enough(GROUPS_APART, inside + 1, "GROUP_BITS, ends of groups that may be apart")
         self.dropped = Signal()
         self.splats = Queue(layout(raster.featured_record(config)), SPLATS_WAITING, memory=True)
         self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
@@ -137,6 +147,7 @@ class Raster(wiring.Component):
         o = self.expand.o
         ends = o.valid & o.ready & o.payload.end
         m.d.comb += self.expand.live.eq(self._live(m, "expanded", ends))
+        keeps(m, "pair", o)
         self._mark(m)
         self._count(m)
         return m
@@ -165,7 +176,9 @@ class Raster(wiring.Component):
         with m.If(pipe.o.valid & pipe.o.ready & mark.o.end):
             m.d.sync += self.arrived.eq(self.arrived + 1)
         takers = []
-        for part in self.rasterizers:
+        # Of the pair at the end: it is, or was, offered to them; they have taken it.
+        offered, given = Signal(config.rasterizers), Signal(config.rasterizers)
+        for number, part in enumerate(self.rasterizers):
             o = part.i.payload
             own = [Cat(level[block] for block in part.own) for level in mark.o.blocks]
             there = self._at(part, self.arrived)
@@ -174,11 +187,14 @@ class Raster(wiring.Component):
                 o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
             ]
             m.d.comb += o.blocks.as_value().eq(Cat(own))
-            takers.append((part, blocks.any() | mark.o.end))
-        m.d.comb += pipe.o.ready.eq(Cat(part.i.ready | ~wants for part, wants in takers).all())
-        m.d.comb += self.reached.eq(Cat(wants for _, wants in takers))
-        for part, wants in takers:
-            m.d.comb += part.i.valid.eq(pipe.o.valid & pipe.o.ready & wants)
+            m.d.comb += self.reached[number].eq(blocks.any() | mark.o.end | offered[number])
+            m.d.comb += part.i.valid.eq(pipe.o.valid & self.reached[number] & ~given[number])
+            keeps(m, f"marked{number}", part.i)
+            takers.append(part.i.ready | ~self.reached[number] | given[number])
+        m.d.comb += pipe.o.ready.eq(Cat(takers).all())
+        stays, taken = pipe.o.valid & ~pipe.o.ready, Cat(passes(p.i) for p in self.rasterizers)
+        m.d.sync += offered.eq(Mux(stays, self.reached, 0))
+        m.d.sync += given.eq(Mux(stays, given | taken, 0))
 
     def _at(self, part: Rasterizer, group: Signal):
         """High if a rasterizer is at a group, so that its live blocks are the group's."""
@@ -188,7 +204,13 @@ class Raster(wiring.Component):
         """Splats wait in a queue, unless none of their tiles has a live pixel."""
         i = self.i.payload
         m.submodules.splats = queue = self.splats
-        live = self._live(m, "entering", self.i.valid & self.i.ready & i.end)
+        ends = passes(self.i) & i.end
+        live = self._live(m, "entering", ends)
+        for number, part in enumerate(self.rasterizers):
+            within(
+                m, f"groups{number}", ends, passes(part.positions), GROUPS_APART,
+                "groups that are that far apart look the same: GROUP_BITS", begin=1,
+            )  # fmt: skip
         m.d.comb += [
             self.live.eq(live),
             self.dropped.eq(self.i.valid & ~i.end & ~(i.mask & live).any()),

@@ -6,6 +6,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from splatcore.hdl.lib.holds import enough, never_waits
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded, lowest
@@ -50,6 +51,9 @@ class Rasterizer(wiring.Component):
         pair = raster.marked_record(config, Array(Bits(len(self.own)), 1 + self.levels))
         pixels = raster.pixels_record(config)
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
+        # Blocks that `level` does not count: on their way, entering now, just arrived.
+        on_the_way = 2 + Evaluate.LATENCY + Blend.LATENCY
+        enough(OUTPUT_SPARE, on_the_way, "OUTPUT_SPARE, rows for blocks on their way")
         self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
         ports = {
             "i": In(stream.Signature(layout(pair))),
@@ -222,3 +226,4 @@ class Rasterizer(wiring.Component):
             queue.i.payload.row.eq(block[widths[0] : -1]),
             queue.i.payload.pixels.eq(self.blend.o),
         ]
+        never_waits(m, "finished", queue.i, "a finished block: OUTPUT_SPARE")

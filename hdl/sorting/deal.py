@@ -6,6 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.holds import never_waits, within
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.spec import sort
@@ -13,11 +14,8 @@ from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, entry_record
 
-JOBS_WAITING = 8
-"""Jobs that may wait to be sorted, and lists in front of those of a job that is being made."""
-
-JOBS_INSIDE = 16
-"""Jobs that have been given out and are not over."""
+JOBS_WAITING = 8  # jobs to be sorted; lists in front of those of a job that is being made
+JOBS_INSIDE = 16  # jobs that have been given out and are not over
 
 
 class State(enum.Enum):
@@ -235,6 +233,9 @@ class Deal(wiring.Component):
             self.job_room.eq(job.ready & inside.i.ready),
         ]
         m.d.sync += used.eq(used + begins - ends)
+        for name, queue in (("jobs", job), ("lists", self.lists_waiting.i), ("inside", inside.i)):
+            never_waits(m, name, queue, f"what is given out: {name}")
+        within(m, "areas", begins, ends, sort.AREAS, "more areas are in use than there are")
         with m.If(self.start):
             m.d.sync += self.area.eq(0)
         with m.Elif(begins):

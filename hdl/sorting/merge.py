@@ -31,9 +31,11 @@ class Merge(wiring.Component):
         busy: something is left to be given.
         starved: none is given for want of a head; blocked: for want of room.
 
-    **Timing**: an entry every 2 cycles, the first one as many cycles after `begin` as there are
-    runs, and 5. No multiplier.
+    **Timing**: an entry every `INTERVAL` cycles, the first one as many cycles after `begin` as
+    there are runs, and 5. No multiplier.
     """
+
+    INTERVAL = 2  # cycles from an entry to the next one, at least
 
     def __init__(self, config: Config):
         self.config, self.ways = config, config.merge_ways

@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
+from splatcore.hdl.lib.holds import enough, never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.merge import Merge
@@ -18,6 +19,7 @@ from splatcore.spec.sort import job_record
 COUNTED = tuple(SORT)
 
 OUT_WAITING = 2  # entries that may wait at the end, the one that is being looked up included
+LOOK_UP = 2  # cycles from an entry's leaving the merge to its waiting at the end
 
 
 class Sort(wiring.Component):
@@ -40,6 +42,7 @@ class Sort(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
+        enough(Merge.INTERVAL, LOOK_UP, "cycles between entries, of which `room` is to know each")
         entry = layout(entry_record(config))
         ports = {
             "jobs": In(stream.Signature(layout(job_record(config)))),
@@ -109,6 +112,7 @@ class Sort(wiring.Component):
                 m.d.comb += given.splat.eq(half.value_found.splat)
                 m.d.comb += given.mask.eq(half.value_found.mask)
         m.d.comb += given.end.eq(self.ends)
+        never_waits(m, "given", self.given.i, "a sorted entry: OUT_WAITING")
         with m.If(self.ends):
             m.d.sync += self.ending.eq(1)
         with m.Elif(self.o.valid & self.o.ready & self.o.payload.end):

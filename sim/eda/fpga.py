@@ -18,6 +18,7 @@ from pathlib import Path
 from amaranth.back import rtlil
 from amaranth.lib import wiring
 
+from splatcore.hdl.lib.holds import BUILT
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.cache import kept_json
 from splatcore.sim.eda.fpga_wrap import Lanes, Wrap
@@ -145,7 +146,7 @@ def place(text: str, device: str) -> tuple[dict | None, str]:
 def placed(part: wiring.Component, device: str) -> Placed:
     """A part on a device; kept for the next time. NotPlaced says why it is not."""
     wrap = Wrap(part)
-    text = rtlil.convert(wrap, name="top", emit_src=False)
+    text = rtlil.convert(wrap, name="top", platform=BUILT, emit_src=False)
 
     def compute() -> dict:
         report, log = place(text, device)

@@ -11,6 +11,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from splatcore.hdl.lib.holds import BUILT
 from splatcore.hdl.stages import STAGES
 from splatcore.hdl.top import Top
 from splatcore.sim.common.output import write
@@ -104,7 +105,8 @@ def stage_source(
     source = type(component).__module__.removeprefix("splatcore.").replace(".", "/") + ".py"
     head = HEADER.format(name=name, source=source, preset=config.name, about=about)
     name = f"splatcore_{name}"
-    return f"{head}\n{_plain(verilog.convert(component, name, platform, emit_src=False), name)}"
+    text = verilog.convert(component, name, platform or BUILT, emit_src=False)
+    return f"{head}\n{_plain(text, name)}"
 
 
 def _plain(text: str, top: str) -> str:

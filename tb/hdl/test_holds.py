@@ -1,0 +1,137 @@
+"""What the hardware relies on: simulations stop where it is wrong, and nothing of it is built."""
+
+import numpy as np
+import pytest
+from amaranth.back import verilog
+from amaranth.hdl import Module, ResetInserter
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.binning import rows
+from splatcore.hdl.lib.holds import BUILT, enough, holds, keeps, never_waits, within
+from splatcore.hdl.memory.fetch import Fetch
+from splatcore.hdl.raster import raster, rasterizer
+from splatcore.hdl.raster.features import Features
+from splatcore.hdl.sorting.merge import Merge
+from splatcore.hdl.sorting.sort import Sort
+from splatcore.sim.eda.macros import Macros
+from splatcore.sim.rtl.streams import Simulation, SimulationError
+from splatcore.spec.config import TINY
+from tb.helpers.runs import compiled
+
+MOST = 3
+
+
+class Relying(wiring.Component):
+    """Asserts that `odd` is 0, that what is offered at `i` is taken, a count of ups and downs, and
+    that the offer of `given` is kept.
+
+    clear: resets the counter.
+    """
+
+    def __init__(self):
+        bits = stream.Signature(1)
+        inputs = dict.fromkeys(("odd", "up", "down", "clear", "ready"), In(1))
+        self.offer = stream.Signature(2).create()
+        inputs |= {"offered": In(1), "given": In(2), "taken": In(1)}
+        super().__init__({"i": In(bits), "o": Out(bits), **inputs})
+
+    def elaborate(self, platform) -> Module:
+        m, inner = Module(), Module()
+        m.submodules.inner = ResetInserter(self.clear)(inner)
+        m.d.comb += [self.offer.valid.eq(self.offered), self.offer.payload.eq(self.given)]
+        m.d.comb += self.offer.ready.eq(self.taken)
+        m.d.comb += [self.i.ready.eq(self.ready), self.o.valid.eq(self.i.valid & self.ready)]
+        holds(inner, "odd", ~self.odd, "something odd")
+        never_waits(inner, "input", self.i, "whatever it is")
+        keeps(inner, "offer", self.offer)
+        within(inner, "count", self.up, self.down, MOST, "ups and downs", begin=1)
+        return m
+
+
+def relying(count: int = 0, **inputs: list[int]):
+    """A run with so many items at the input."""
+    names = ("odd", "up", "down", "clear", "offered", "given", "taken")
+    given = dict.fromkeys(names, 0) | {"ready": 1} | inputs
+    constants = {k: np.array(np.atleast_1d(v), np.uint64) for k, v in given.items()}
+    compiled(Relying).run({"i": np.zeros((count, 1), np.uint8)}, constants=constants, idle_max=30)
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        {"count": 4},
+        {"ready": [0, 0, 1], "count": 0},
+        {"up": [1, 1, 0]},
+        {"up": [1, 1, 1, 0], "down": [0, 0, 1, 0]},
+        {"up": [1, 1, 0, 1, 1, 0], "clear": [0, 0, 1, 0]},
+        {"down": [1, 0]},
+        {"offered": [1, 1, 1, 0], "given": [2, 2, 3, 0], "taken": [0, 1, 1, 0]},
+        {"down": [1, 1, 0], "up": [0, 1, 0]},
+    ],
+)
+def test_what_holds_stops_nothing(inputs):
+    relying(**inputs)
+
+
+@pytest.mark.parametrize(
+    "inputs, message",
+    [
+        ({"odd": [0, 0, 1, 0]}, "something odd"),
+        ({"count": 2, "ready": [0] * 8 + [1]}, "no room, whatever it is"),
+        ({"up": [1, 0, 1, 0, 1, 0]}, "ups and downs"),
+        ({"down": [1, 0, 1, 0]}, "ups and downs"),
+        ({"offered": [1, 0], "taken": [0, 0]}, "not kept, offer"),
+        ({"offered": [1, 1, 1], "given": [2, 3, 3]}, "not kept, offer"),
+    ],
+)
+def test_what_is_wrong_stops_a_simulation(inputs, message):
+    with pytest.raises(SimulationError, match=message):
+        relying(**inputs)
+
+
+def test_nothing_of_it_is_built():
+    simulated = verilog.convert(Relying(), name="top")
+    assert simulated.count("assert (") == 4 and "something odd" in simulated
+    for platform in (BUILT, Macros()):
+        built = verilog.convert(Relying(), name="top", platform=platform)
+        assert "assert" not in built and "odd" not in built.replace("odd;", "").replace("odd,", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make, message", [(Fetch, "not asked for"), (Features, "a feature")])
+def test_beats_that_nobody_asked_for(make, message):
+    """What is always taken has room only for what was asked for."""
+    simulation = Simulation(make(TINY, 16, 8) if make is Fetch else make(TINY))
+    sources = simulation.ports.sources.items()
+    beats = np.zeros((100, TINY.port // 8 + 1), np.uint8)
+    beats[:, -1] = 1  # the last of its burst
+    inputs = {name: np.zeros((0, -(-bits // 8)), np.uint8) for name, bits in sources}
+    constants = dict.fromkeys(simulation.ports.driven, 0)
+    with pytest.raises(SimulationError, match=message):
+        simulation.run(inputs | {"data": beats}, constants=constants, stall=0.0)
+
+
+@pytest.mark.parametrize(
+    "module, name, least, make",
+    [
+        (rasterizer, "OUTPUT_SPARE", 9, lambda: rasterizer.Rasterizer(TINY, 0)),
+        (rows, "OUTLINES", 5, lambda: rows.Rows(TINY)),
+        (raster, "GROUPS_APART", 49, lambda: raster.Raster(TINY)),
+        (Merge, "INTERVAL", 2, lambda: Sort(TINY)),
+    ],
+)
+def test_depths_follow_from_latencies(monkeypatch, module, name, least, make):
+    """One less than what suffices is refused when the hardware is built."""
+    assert getattr(module, name) >= least
+    monkeypatch.setattr(module, name, least)
+    make()
+    monkeypatch.setattr(module, name, least - 1)
+    with pytest.raises(ValueError, match="are needed"):
+        make()
+
+
+def test_enough():
+    enough(3, 3, "rows")
+    with pytest.raises(ValueError, match="rows: 2, 3 are needed"):
+        enough(2, 3, "rows")
