@@ -14,6 +14,7 @@ UsageError = typer.BadParameter.__mro__[1]  # of click, or of typer's own copy o
 
 COMMANDS = {
     "scene": ("scene", "Generate a scene and write it as a 3DGS PLY."),
+    "join": ("scene", "Put scenes side by side in front of one camera."),
     "info": ("scene", "Say what a scene or packed model holds."),
     "train": ("compress", "Train a plain 3DGS scene from photographs."),
     "compress": ("compress", "Compress a scene."),

@@ -61,7 +61,6 @@ def join_command(
     --cameras writes the camera. Scenes reach into each other's columns, as real ones have
     surroundings.
     """
-    files.check_writable(output, cameras)
     with progress_bar("joining"):
         views = [(source.unpacked, camera) for source, camera in (View(s).open() for s in scene)]
         unseen = open_source(behind).unpacked if behind else None
