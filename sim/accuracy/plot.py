@@ -82,9 +82,11 @@ def draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ..
         across = np.arange(len(fields)) + WIDTH * ((place + 0.5) / count - 0.5)
         colour, marker = f"C{number % 10}", MARKERS[number % len(MARKERS)]
         below = rms < FLOOR
-        axes.plot(across[~below], rms[~below], marker, color=colour, **style)
+        points = {"color": colour, "linestyle": "none"}
+        axes.plot(across[~below], rms[~below], marker=marker, **points, **style)
         if below.any():
-            axes.plot(across[below], np.full(below.sum(), FLOOR), LOW, color=colour, **HOLLOW)
+            at = np.full(below.sum(), FLOOR)
+            axes.plot(across[below], at, marker=LOW, **points, **HOLLOW)
             low = True
     names = [field.replace("_", " ") for field in fields]
     axes.set_xticks(range(len(fields)), names, rotation=40, ha="right")

@@ -118,7 +118,7 @@ def test_write_errors(machine, models):
     "fault, rule",
     [
         ("ar", "AR was not kept"), ("aw", "AW was not kept"), ("w", "W was not kept"),
-        ("last", "WLAST"), ("boundary", "crosses a boundary"), ("size", "not of whole beats"),
+        ("last", "WLAST"), ("boundary", "crosses a boundary"), ("size", "neither of whole beats"),
     ],
 )  # fmt: skip
 def test_rules(machine, models, fault, rule):
