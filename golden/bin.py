@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from splatcore.golden.arithmetic import convert
+from splatcore.golden.arithmetic import convert, to_fixed
 from splatcore.golden.footprint import footprints
 from splatcore.spec import group as records
 from splatcore.spec.binning import PAGE_BITS, bursts_per_page
@@ -17,9 +17,9 @@ from splatcore.spec.feature import (
     FACTOR_SCALE,
     SHEAR,
     centre_codes,
-    feature_record,
     short_colours,
 )
+from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Codes
@@ -100,7 +100,6 @@ def keys(config: Config, near_code: int, codes: Codes) -> np.ndarray:
 
 def features(config: Config, splats: Codes) -> Codes:
     """Codes [K] of `feature_record` of splats with codes [K] of `splat_record`."""
-    record = feature_record(config)
     format, unit = config.arithmetic, config.screen_exponent
     u, v = (format.decode(splats[name]) for name in "uv")
     found = centre_codes(np.ldexp(u, unit), np.ldexp(v, unit))
@@ -108,20 +107,15 @@ def features(config: Config, splats: Codes) -> Codes:
     for name in ("across", "along"):
         scale = FACTOR_SCALE - 2 * unit
         found[name] = convert(format, FACTOR, splats[f"power_{name}"], scale)
-    steps = Fixed(record["opacity"].width, 0)
-    found["opacity"] = steps.encode(_number(format.decode(splats["attenuation"])))
+    found["opacity"] = to_fixed(format, Fixed(OPACITY.width, 0), splats["attenuation"])
     unscaled = unscaled_colour_format(config)
     for channel in CHANNELS:
-        source = dict(splat_record(config).fields)[channel]
-        codes = unscaled.encode(_number(source.decode(splats[channel]))).astype(np.int64)
-        codes = short_colours(config, scaled_colours(codes), np.where)
+        codes = splats[channel]
+        if config.colours == "array":
+            codes = to_fixed(format, unscaled, codes)
+        codes = short_colours(config, scaled_colours(codes.astype(np.int64)), np.where)
         found[channel] = codes.astype(np.uint64)
     return found
-
-
-def _number(values: np.ndarray) -> np.ndarray:
-    """Values, 0 for what is no number."""
-    return np.where(np.isnan(values), 0, values)
 
 
 def splat_codes(config: Config, values: dict[str, np.ndarray]) -> Codes:

@@ -1,7 +1,7 @@
 """A splat's features: what stage 3 needs of it, as it lies in memory.
 
-Lengths are in pixels. Against floats of 17 significant bits and whole colours, 24 bytes, these 16
-take less than 0.15 dB off the machine's 8-bit pictures, 0.04 on the mean of eleven views.
+Lengths are in pixels. Numbers are as short as the machine's pictures allow, so that a splat is one
+beat of memory (`spec.work.FEATURE`).
 """
 
 import numpy as np
@@ -81,12 +81,8 @@ def _bright_from(config: Config) -> int:
     return one + one // 2 - (2 * one >> BRIGHT_SHIFT)
 
 
-FEATURE_BITS = 128
-"""Most bits of a splat's features: a beat of the machine."""
-
-
 def feature_record(config: Config) -> Record:
-    """A splat as the rasterizer gets it, in `FEATURE_BITS` at most.
+    """A splat as the rasterizer gets it.
 
     across and along are the conic's factors times `spec.frame.POWER_SCALE`, so that
     E = −opacity − (dx − shear·dy)²·across − dy²·along; opacity is −log2 of it. Colours are in units

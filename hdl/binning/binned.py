@@ -4,6 +4,7 @@ from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from splatcore.hdl.lib.holds import enough
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.memory.store import Store
 from splatcore.hdl.memory.write_combiner import WriteCombiner
@@ -35,6 +36,7 @@ class Binned(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
+        enough(8 * FEATURE, feature_record(config).width, "FEATURE, bits of a splat's features")
         ports = {
             "clear": In(1),
             "features": In(stream.Signature(layout(feature_record(config)))),

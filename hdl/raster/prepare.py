@@ -75,7 +75,6 @@ class Prepare(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        self.colour_bits = colour_format(config).width
         ports = {
             "i": In(stream.Signature(layout(featured_record(config)))),
             "o": Out(stream.Signature(layout(readied_record(config)))),
@@ -119,7 +118,8 @@ class Prepare(wiring.Component):
         shear = Parts(SHEAR, i.splat.shear)
         values |= {"shear": shear.significand, "shear_exponent": shear.exponent}
         for name in COLOURS:
-            values[name] = whole_colours(self.config, i.splat[name], Mux)[: self.colour_bits]
+            colour = whole_colours(self.config, i.splat[name], Mux)
+            values[name] = colour[: colour_format(self.config).width]
         return values
 
     def _shifted(self, values: dict[str, Value]) -> dict[str, Value]:
