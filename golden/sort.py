@@ -13,6 +13,7 @@ from splatcore.spec.sort import (
     BUCKETS,
     LINE_SLOTS,
     bucket_shift,
+    full_enough,
     half_entries,
     shift_max,
 )
@@ -67,7 +68,7 @@ class Dealer:
             members = [left[bucket == b] for b in range(BUCKETS)]
             found = Round(self.area, [indices[:half] for indices in members])
             over = next((b for b, indices in enumerate(members) if len(indices) > half), BUCKETS)
-            for some in joined([len(indices) for indices in members[:over]], half):
+            for some in joined(self.config, [len(indices) for indices in members[:over]]):
                 order = np.concatenate([members[b] for b, _ in some])
                 found.jobs.append(Job(order, False, some))
                 left = np.setdiff1d(left, order, assume_unique=True)
@@ -86,11 +87,12 @@ class Dealer:
             yield found
 
 
-def joined(counts: Sequence[int], most: int) -> Iterator[list[tuple[int, int]]]:
-    """Neighbouring buckets with entries, as many together as fit: their numbers and counts."""
+def joined(config: Config, counts: Sequence[int]) -> Iterator[list[tuple[int, int]]]:
+    """Neighbouring buckets with entries, those of a job together: their numbers and counts."""
     some: list[tuple[int, int]] = []
     for bucket, count in enumerate(counts):
-        if count and some and sum(n for _, n in some) + count > most:
+        total = sum(n for _, n in some)
+        if count and (total >= full_enough(config) or total + count > half_entries(config)):
             yield some
             some = []
         if count:

@@ -5,7 +5,9 @@ Batches of `Config.sub_sorter_entries` consecutive entries are sorted into runs.
 keys that of the earliest run. So up to `half_entries` are sorted at once, a *job*.
 
 A longer list is *dealt* into `BUCKETS` buckets of neighbouring keys, which lie in scratch memory,
-and these are read as jobs: as many neighbouring buckets as fit into one. A round goes like this:
+and these are read as jobs: neighbouring buckets, as many as fit into one but none to those with
+half as many entries or more (`full_enough`), so that a job's entries have been read when the one
+before has been merged, at two cycles an entry. A round goes like this:
 
 1. The whole list is read. An entry that has not been given out goes to the bucket
 
@@ -62,6 +64,11 @@ def way_bits(config: Config) -> int:
 def half_entries(config: Config) -> int:
     """Entries that are sorted by one merge: a half of the on-chip memory."""
     return 1 << way_bits(config) + index_bits(config)
+
+
+def full_enough(config: Config) -> int:
+    """Entries with which a job of a long list takes no further bucket."""
+    return half_entries(config) // 2
 
 
 def shift_max(config: Config) -> int:

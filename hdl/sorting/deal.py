@@ -279,7 +279,9 @@ class Deal(wiring.Component):
 
     def _give(self, m: Module):
         """A bucket joins those of the next job, if there is room."""
-        count, fits = self.count, self.total + self.count <= self.half
+        count = self.count
+        room = (self.total + count <= self.half) & (self.total < sort.full_enough(self.config))
+        fits = room | ~count.any()
         with m.If(count > self.half):
             m.d.sync += [self.over.eq(1), self.state.eq(State.EDGE)]
         with m.Elif(~fits), m.If(self.job_room):
