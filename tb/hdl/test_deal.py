@@ -146,7 +146,6 @@ FAULTS = {
     "an area is written too early": ("_areas", "used == sort.AREAS", "0"),
     "a round ends with each job": ("_give", "self.total, 0, 0)", "self.total, 0, 1)"),
     "a job too long": ("_give", "<= self.half", "<= self.half + 3"),
-    "a job is as full as can be": ("_give", "sort.full_enough(self.config)", "self.half"),
     "an empty bucket ends a job": ("_give", "room | ~count.any()", "room"),
     "what was given is dealt again": ("_entry", "(key < self.low) | of_low", "of_low"),
     "equal keys are not skipped": ("_entry", "(key < self.low) | of_low", "key < self.low"),
