@@ -30,6 +30,7 @@ from functools import cache
 
 import numpy as np
 
+from splatcore.spec.axi import port_bytes
 from splatcore.spec.colour import CHANNELS, COLOUR_INTEGER, colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
@@ -37,6 +38,7 @@ from splatcore.spec.feature import FACTOR, POSITION, SCALE_MAX, SHEAR, feature_r
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
 from splatcore.spec.record import Array, Format, Record
+from splatcore.spec.work import PIXEL
 
 BLOCKS = TILE // BLOCK
 """Blocks along the side of a tile."""
@@ -201,9 +203,8 @@ def marked_record(config: Config, blocks: Format) -> Record:
 
 
 def pixels_record(config: Config) -> Record:
-    """A finished block: its place in the image, in blocks, and its pixels row by row."""
-    pixels = Array(Array(Bits(8), 3), BLOCK**2)
-    return Record("pixels", _place(config, BLOCK) | {"pixels": pixels})
+    """A finished block: its pixels row by row."""
+    return Record("pixels", {"pixels": Array(Array(Bits(8), 3), BLOCK**2)})
 
 
 def exponent_min(fraction: int) -> int:
@@ -282,3 +283,34 @@ def owned(config: Config, rasterizer: int) -> list[int]:
     """A rasterizer's blocks of a tile, in the order of their numbers there."""
     pairs = [(owner(config, block), block) for block in range(BLOCKS**2)]
     return [block for (who, _), block in sorted(pairs) if who == rasterizer]
+
+
+def span_blocks(config: Config) -> int:
+    """Blocks side by side that are written together, one of each rasterizer: a span."""
+    return min(config.rasterizers, BLOCKS)
+
+
+def spans_meet(config: Config) -> bool:
+    """Whether two spans side by side fill beats of the port of which they share one: then they are
+    written one after the other, and what the first has of that beat waits for the second."""
+    size, beat = span_blocks(config) * BLOCK * PIXEL, port_bytes(config)
+    several = config.group * BLOCKS > span_blocks(config)
+    return several and size > beat and size % beat != 0 and 2 * size % beat == 0
+
+
+def tiles_meet(config: Config) -> bool:
+    """Whether two such spans are rows of two tiles' blocks."""
+    return spans_meet(config) and span_blocks(config) == BLOCKS
+
+
+def nth_block(config: Config, number: int):
+    """Which of a rasterizer's blocks of a group, tile after tile, is given out as the one of that
+    number; of integers or hardware values. Rows of blocks of two tiles side by side follow each
+    other where they share beats of the port (`tiles_meet`).
+    """
+    if not tiles_meet(config):
+        return number
+    own = BLOCKS**2 // config.rasterizers
+    bits = own.bit_length() - 1
+    second, block, tiles = number & 1, number >> 1 & own - 1, number >> 1 + bits
+    return block | second << bits | tiles << bits + 1

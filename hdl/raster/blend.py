@@ -38,15 +38,17 @@ class Blend(wiring.Component):
         blocks: how many the memories hold. pixels: of a block; fewer are good for measurements.
 
     Members
-        valid, block: a block is to be blended: its number in the memory.
+        valid, block: something is to be done with a block: its number in the memory.
+        give: it is given out and forgotten. blend: a splat is blended into it, behind that.
         log2_alphas: of its pixels. colour: the splat's.
         inside: pixels within the image; the others have ended from the start.
-        rest: instead, all that is left of T is blended with the colour.
-        give: instead, the block is given out and forgotten.
-        busy: `block` is not to be blended now.
+        rest: all that is left of T is blended with the colour.
+        busy: `block` is not to be blended now. entered: one has been taken the cycle before, to be
+            blended.
         blended: of block `blended_block`, at the moment: ended: all pixels have ended; level: for
             each level of `spec.raster.mark_min` from 1 on, the block is at it, or at a higher one.
-        o: 8-bit colours of a block that is given out, when `given` is high.
+        o: 8-bit colours of block `given_block`, when it is given out: `given`.
+        giving: a block to be given out is on its way.
 
     **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has one
     multiplier. The memories have a write port and a read port of a block's pixels each.
@@ -65,14 +67,18 @@ class Blend(wiring.Component):
             "log2_alphas": In(data.ArrayLayout(log2_alpha_layout(config), self.pixels)),
             "colour": In(self.colour_shape),
             "inside": In(self.pixels),
-            "rest": In(1),
             "give": In(1),
+            "blend": In(1),
+            "rest": In(1),
             "busy": Out(1),
+            "entered": Out(1),
             "blended": Out(1),
             "blended_block": Out(self.number),
             "ended": Out(1),
             "level": Out(len(mark_min(config)) - 1),
+            "giving": Out(1),
             "given": Out(1),
+            "given_block": Out(self.number),
             "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
         }
         super().__init__(ports)
@@ -86,6 +92,9 @@ class Blend(wiring.Component):
         read = self._look_up(m, stored)
         product = self._multiply(m, stored.data, *read)
         taken = self._subtract(m, kept, *product)
+        on_the_way = (valid & stage.give for valid, stage in (read, product, taken))
+        m.d.comb += self.giving.eq(Cat(on_the_way).any())
+        m.d.comb += self.entered.eq(read[0] & read[1].blend)
         same = [valid & (stage.block == self.block) for valid, stage in (read, product)]
         m.d.comb += self.busy.eq(same[0] | same[1])
         self._add(m, *product, *taken)
@@ -94,7 +103,7 @@ class Blend(wiring.Component):
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
         """Registers of a stage, some for each lane, and a bit that says that they are valid."""
         shared = {"block": self.number, "colour": self.colour_shape}
-        shared |= {"fresh": 1, "rest": 1, "give": 1}
+        shared |= dict.fromkeys(("untouched", "give", "blend", "rest"), 1)
         lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
         stage = Signal(data.StructLayout({"lanes": lanes} | shared), name=name, reset_less=True)
         stage_valid = Signal(name=f"{name}_valid")
@@ -107,7 +116,7 @@ class Blend(wiring.Component):
         config = self.config
         fire = self.valid & ~self.busy
         m.d.comb += [stored.en.eq(fire), stored.addr.eq(self.block)]
-        self.fresh = ~self.touched.bit_select(self.block, 1)
+        self.untouched = ~self.touched.bit_select(self.block, 1)
         table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
         lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1, "inside": 1}
         valid, read = self._stage(m, "read", lane, fire, self)
@@ -122,17 +131,17 @@ class Blend(wiring.Component):
         """T · mantissa."""
         config = self.config
         with m.If(valid):
-            m.d.sync += self.touched.bit_select(read.block, 1).eq(~read.give)
+            m.d.sync += self.touched.bit_select(read.block, 1).eq(read.blend)
         lane = {"product": config.transmittance + config.power_mantissa, "halvings": HALVING_BITS}
         lane |= {"rest": config.transmittance, "ended": 1, "seen": 1}
         product_valid, product = self._stage(m, "product", lane, valid, read)
-        full = (1 << config.transmittance) - 1
+        full, fresh = (1 << config.transmittance) - 1, read.untouched | read.give
         for pixel, (lane, to) in enumerate(zip(read.lanes, product.lanes, strict=True)):
-            rest = Mux(read.fresh, full, stored[pixel][: config.transmittance])
+            rest = Mux(fresh, full, stored[pixel][: config.transmittance])
             m.d.sync += [
                 to.product.eq(rest * lane.mantissa),
                 to.rest.eq(rest),
-                to.ended.eq(Mux(read.fresh, ~lane.inside, stored[pixel][-1])),
+                to.ended.eq(Mux(fresh, ~lane.inside, stored[pixel][-1])),
                 to.halvings.eq(lane.halvings),
                 to.seen.eq(lane.seen),
             ]
@@ -168,7 +177,7 @@ class Blend(wiring.Component):
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
             for k in range(levels):
                 bright[k] |= after[bits - config.faint[0] - k :].any() & ~ended[pixel]
-        blended = valid & ~before.rest & ~before.give
+        blended = valid & before.blend & ~before.rest
         m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
         m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]
         m.d.comb += [self.ended.eq(ended.all()), self.level.eq(~Cat(bright))]
@@ -189,20 +198,23 @@ class Blend(wiring.Component):
         m.d.comb += [
             sums.en.eq(entering),
             sums.addr.eq(next_.block),
-            write.en.eq(valid & ~taken.give),
+            write.en.eq(valid & taken.blend),
             write.addr.eq(taken.block),
             self.given.eq(valid & taken.give),
+            self.given_block.eq(taken.block),
         ]
+        fresh = taken.untouched | taken.give
         for channel, name in enumerate(COLOURS):
             colour = taken.colour[name]
             triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
             m.d.sync += triple.eq(times(next_.colour[name], 3))
             multiples = Array([Const(0), colour, colour << 1, triple])
             for pixel, lane in enumerate(taken.lanes):
-                stored = Mux(taken.fresh, 0, sums.data[pixel][channel])
+                stored = sums.data[pixel][channel]
                 digits = range(0, config.weight, 2)
                 weighted = sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
                 part = (weighted + (1 << product - 1)) >> product
-                m.d.comb += write.data[pixel][channel].eq(stored + part)
+                m.d.comb += write.data[pixel][channel].eq(Mux(fresh, 0, stored) + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
-                m.d.comb += self.o[pixel][channel].eq(Mux(byte[8:].any(), 255, byte[:8]))
+                byte = Mux(byte[8:].any(), 255, byte[:8])
+                m.d.comb += self.o[pixel][channel].eq(Mux(taken.untouched, 0, byte))

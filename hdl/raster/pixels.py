@@ -7,8 +7,9 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Register
+from splatcore.hdl.lib.stream import Queue, Register, passes
 from splatcore.hdl.memory.axi import write_data
 from splatcore.spec.axi import (
     BEAT_ADDRESS_BITS,
@@ -29,6 +30,9 @@ from splatcore.spec.raster import (
     owner,
     pixels_record,
     position_record,
+    span_blocks,
+    spans_meet,
+    tiles_meet,
 )
 from splatcore.spec.record import Record
 from splatcore.spec.registers import WORD
@@ -41,7 +45,8 @@ class Pixels(wiring.Component):
     """Writes groups of finished blocks, those side by side of one row of blocks together: a span.
 
     Two groups are at work: one whose blocks rasterizers give, and one without a splat, of which a
-    span is written whenever the blocks of the other one's next span are not all present.
+    span is written whenever the blocks of the other one's next span are not all present. Where two
+    spans side by side share a beat (`spec.raster.spans_meet`), the second one writes it.
 
     Members
         start: a frame begins. width, height: of its image, pixels; groups: how many it has;
@@ -49,21 +54,24 @@ class Pixels(wiring.Component):
         background: a colour (`spec.colour.colour_format`), that of groups without a splat.
         positions: stream of `position_record`, the groups with splats in their order.
         empty: stream of `position_record`, the groups without.
-        i: streams of `pixels_record`, one for each rasterizer: the blocks within the image of the
-            groups with splats.
+        i: streams of `pixels_record`, one for each rasterizer: the blocks of the groups with
+            splats, as `spec.raster.nth_block` orders them.
         plain: the group without a splat is at work.
         through: the image's last span has been given.
         writes: to memory.
 
-    **Timing**: a row of `span` blocks in the port's beats that it lies in (4 blocks: 3 of 128 bits,
-    2 of 256), a beat a cycle without a pause between spans; 1 cycle more for each group, for each
-    change to the other group (2 where it is found out that blocks are not present), and for each
-    span of a group that is not in the image.
+    **Timing**: a row of `span` blocks in the port's beats that it lies in (4 blocks: 3 of 128 bits;
+    of 256 bits 1, then 2), a beat a cycle without a pause between spans; 1 cycle more for each
+    group, for each change to the other group (2 where it is found out that blocks are not present),
+    and for each span of a group that is not in the image.
     """
 
     def __init__(self, config: Config):
-        self.config, self.span = config, min(config.rasterizers, BLOCKS)
+        self.config, self.span = config, span_blocks(config)
         self.side = exact_log2(config.group)
+        self.kept = 0  # bytes of a span's row that wait for the next span
+        if spans_meet(config):
+            self.kept = self.span * ROW_BITS // 8 % port_bytes(config)
         pixels = In(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
         position = In(stream.Signature(layout(position_record(config))))
         ports = {
@@ -88,8 +96,16 @@ class Pixels(wiring.Component):
         m.submodules.written = register = Register(layout(write_record(self.config)))
         connect(m, register.o, flipped(self.writes))
         self.write = register.i
-        # Each group's span: its number in a row of a tile's blocks, that row, the tile.
-        self.counts = exact_log2(BLOCKS // self.span), exact_log2(BLOCKS), 2 * self.side
+        if self.kept:
+            m.submodules.tails = self.tails = Queue(8 * self.kept, BLOCK, memory=True)
+        # Each group's span: its number in a row of a tile's blocks, or of two tiles', that row, the
+        # tile, or pair of tiles.
+        meet = tiles_meet(self.config)
+        self.counts = (
+            exact_log2(BLOCKS // self.span) + meet,
+            exact_log2(BLOCKS),
+            2 * self.side - meet,
+        )
         self.blocks_span, self.empty_span = Signal(sum(self.counts)), Signal(sum(self.counts))
         self.pixel_row, self.beat = Signal(exact_log2(BLOCK)), Signal(2)
         # The group at work.
@@ -98,41 +114,42 @@ class Pixels(wiring.Component):
         m.d.comb += place.eq(Mux(self.plain, self.empty.payload, self.positions.payload))
         heads, present, takes = self._heads()
         column, row = self._place(self.span_number, place)
-        end = self._beats(m, heads, column << exact_log2(self.span))
-        self._control(m, place, row, present, end, takes)
+        end, there = self._beats(m, heads, column << exact_log2(self.span))
+        self._control(m, place, row, present, there, end, takes)
         return m
 
     def _place(self, span: Value, position) -> tuple[Value, Value]:
         """A span's column of spans, and its row of blocks, in the image."""
         number, block_row, tile = self._parts(span)
-        column = Cat(number, tile[: self.side], position.column)
-        return column, Cat(block_row, tile[self.side :], position.row)
+        across = self.side - tiles_meet(self.config)
+        column = Cat(number, tile[:across], position.column)
+        return column, Cat(block_row, tile[across:], position.row)
 
     def _parts(self, span: Value) -> list[Value]:
-        """A span's number in a row of a tile's blocks, that row, the tile."""
+        """The parts of its number that `counts` has the widths of."""
         ends = [sum(self.counts[:k]) for k in range(len(self.counts) + 1)]
         return [span[low:high] for low, high in pairwise(ends)]
 
     def _heads(self) -> tuple[list[Value], Value, list[Value]]:
-        """Of the group with splats the present row of the span's blocks; a bit: all within the
-        image are present; and a bit for each rasterizer: some of them are its own."""
+        """Of the group with splats the present row of the span's blocks; a bit: all are present;
+        and a bit for each rasterizer: one of them is its own."""
         heads, present = [], []
         rows = [i.payload.pixels.as_value().word_select(self.pixel_row, ROW_BITS) for i in self.i]
         takes = [Value.cast(0)] * self.config.rasterizers
-        first = self._place(self.blocks_span, self.positions.payload)[0] << exact_log2(self.span)
-        number, spans = Cat(self._parts(self.blocks_span)[:2]), BLOCKS // self.span
+        part, row, _ = self._parts(self.blocks_span)
+        spans = BLOCKS // self.span
+        number = Cat(part[: exact_log2(spans)], row)
         for k in range(self.span):
             owners = [
                 owner(self.config, row * BLOCKS + span * self.span + k)[0]
                 for row in range(BLOCKS)
                 for span in range(spans)
             ]
-            inside = (first + k) * BLOCK < self.width
             heads.append(Array(rows[who] for who in owners)[number])
-            present.append(Array(self.i[who].valid for who in owners)[number] | ~inside)
+            present.append(Array(self.i[who].valid for who in owners)[number])
             for who in set(owners):
                 mine = Cat(number == n for n, other in enumerate(owners) if other == who).any()
-                takes[who] = takes[who] | (mine & inside)
+                takes[who] = takes[who] | mine
         return heads, self.positions.valid & Cat(present).all(), takes
 
     def _background(self, skipped: Value) -> Value:
@@ -148,34 +165,52 @@ class Pixels(wiring.Component):
         ]
         return Array(turned)[Cat(self.beat, skipped)]
 
-    def _beats(self, m: Module, heads: list[Value], first: Value) -> Value:
-        """A row of the span as beats; the number of the last one. first: block of the span."""
+    def _beats(self, m: Module, heads: list[Value], first: Value) -> tuple[Value, Value]:
+        """A row of the span as beats; the number of the last one, and a bit: what it begins with is
+        there. first: block of the span."""
         words = ROW_BITS // 8 // WORD  # of a row of a block
-        size = port_bytes(self.config)
+        size, row = port_bytes(self.config), self.span * ROW_BITS // 8
         # A span begins at a multiple of 4 bytes.
         skipped = (first * words)[: exact_log2(size // WORD)]
-        if self.span * words * WORD % size == 0:
+        if row % size == 0:
             skipped = Const(0, len(skipped))
-        segment = Cat(heads) << (skipped * WORD * 8)
+        segment, begin, there = Cat(heads) << (skipped * WORD * 8), skipped * WORD, Const(1)
         pixels = Mux(
             (first + self.span) * BLOCK > self.width,
             (self.width - first * BLOCK)[: exact_log2(self.span * BLOCK) + 1],
             self.span * BLOCK,
         )
-        begin = skipped * WORD
         behind = begin + pixels * PIXEL
+        end = (behind - 1) >> exact_log2(size)
+        if self.kept:
+            second = (first >> exact_log2(self.span))[0]  # of two spans
+            keeps = ~second & ((first + self.span) * BLOCK < self.width)
+            i, o = self.tails.i, self.tails.o
+            own = passes(self.write) & ~self.plain
+            m.d.comb += [
+                i.valid.eq(own & keeps & (self.beat == row // size - 1)),
+                i.payload.eq(Cat(heads)[8 * (row - self.kept) :]),
+                o.ready.eq(own & second & ~self.beat.any()),
+            ]
+            segment |= Mux(second, o.payload, 0)
+            begin, there = Mux(second, 0, begin), ~second | self.beat.any() | o.valid
+            end = Mux(keeps, row // size - 1, end)
+            never_waits(m, "kept", i, "what a span's row leaves to the next span")
         write = self.write.payload
         bytes_ = [Cat(self.beat << exact_log2(size)) + k for k in range(size)]
         of_blocks = segment.word_select(self.beat, size * 8)
         beat = Mux(self.plain, self._background(skipped), of_blocks)
         m.d.comb += write_data(self.config, write).eq(beat)
         m.d.comb += write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_))
-        return (behind - 1) >> exact_log2(size)
+        return end, there
 
-    def _control(self, m: Module, place, row: Value, present: Value, end: Value, takes: list):
+    def _control(
+        self, m: Module, place, row: Value, present: Value, there: Value, end: Value, takes: list
+    ):
         """Span after span; the other group's at the end of one, or where blocks are missing.
 
-        place: of the group at work; row: of the span's blocks; end: a row's last beat.
+        place: of the group at work; row: of the span's blocks; present: these are; there: what a
+        row of them begins with; end: a row's last beat.
         """
         write, given, inside = self.write, Signal(), Signal()
         size, below = port_bytes(self.config), exact_log2(port_beats(self.config))
@@ -206,9 +241,9 @@ class Pixels(wiring.Component):
                 with m.Elif(inside):
                     m.next = "ROWS"
                 with m.Else():
-                    m.d.comb += given.eq(1)
+                    m.d.comb += given.eq(self.plain | present)
             with m.State("ROWS"):
-                m.d.comb += [write.valid.eq(self.plain | present), following.eq(1)]
+                m.d.comb += [write.valid.eq(self.plain | (present & there)), following.eq(1)]
                 with m.If(~write.valid & self.empty.valid):
                     m.d.sync += self.plain.eq(1)
                     m.next = "PLACE"
@@ -239,7 +274,7 @@ class Pixels(wiring.Component):
             with m.If(given & own):
                 m.d.sync += span.eq(span + 1)
         for i, take in zip(self.i, takes, strict=True):
-            m.d.comb += i.ready.eq(given & self.write.valid & ~self.plain & take)
+            m.d.comb += i.ready.eq(given & ~self.plain & take)
         m.d.comb += self.through.eq(through & (done + 1 == self.groups))
         with m.If(self.start):
             m.d.sync += done.eq(0)

@@ -1,18 +1,24 @@
-"""A rasterizer: blends pairs into the blocks that it owns in every tile of a group."""
+"""A rasterizer: blends pairs into the blocks that it owns in every tile of a group.
+
+A group's blocks are given out while the next group is blended: each with the first splat that comes
+to it, as the lanes begin it anew anyway, or, one after the other, where the lanes have nothing else
+to do.
+"""
 
 from collections.abc import Sequence
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.holds import enough, never_waits
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
+from splatcore.hdl.raster.finished import Finished, nth
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
@@ -22,11 +28,12 @@ from splatcore.spec.record import Array, Record
 PAIRS_WAITING = 16
 """Pairs that may wait before a rasterizer: others may have more to do with the same splats."""
 
-OUTPUT_SPARE = 10  # blocks on their way when the queue of finished ones may no longer be added to
+STAGES = 1 + Evaluate.LATENCY
+"""Blocks on their way to the lanes."""
 
 
 class Rasterizer(wiring.Component):
-    """Evaluates and blends one marked block a cycle; gives a group's pixels out at its end.
+    """Evaluates and blends one marked block a cycle; gives a group's pixels out after its end.
 
     Members
         i: stream of `marked_record` with this rasterizer's blocks by level, or a group's end.
@@ -35,12 +42,13 @@ class Rasterizer(wiring.Component):
         started, group: a group is being rasterized, and its number modulo 2^GROUP_BITS.
         live: blocks of each of the group's tiles that have live pixels. level: for each level from
             1 on (`spec.raster.mark_min`) those that are at it, or at a higher one.
-        o: stream of `pixels_record`: the group's blocks within the image.
+        o: stream of `pixels_record`: the group's blocks (`spec.raster.nth_block`).
         blended, waited: a block enters the lanes; none does although the group has not ended.
-        pairs, finished: the queues of pairs and of blocks to be given out (for tests).
+        pairs, finished: the queue of pairs, and the blocks that have been given out (for tests).
 
     **Timing**: a marked block a cycle, but for those in which no pixel reaches alpha 1/255 and for
-    blocks that come again within `Blend.BUSY` cycles; and for each group a cycle for every block.
+    blocks that come again within `Blend.BUSY` cycles. A group takes at least a cycle for every
+    block, for those of the group before, and one more for every block with a background.
     """
 
     def __init__(self, config: Config, number: int):
@@ -49,12 +57,8 @@ class Rasterizer(wiring.Component):
         self.blocks = self.tiles * len(self.own)
         self.levels = len(raster.mark_min(config)) - 1
         pair = raster.marked_record(config, Array(Bits(len(self.own)), 1 + self.levels))
-        pixels = raster.pixels_record(config)
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
-        # Blocks that `level` does not count: on their way, entering now, just arrived.
-        on_the_way = 2 + Evaluate.LATENCY + Blend.LATENCY
-        enough(OUTPUT_SPARE, on_the_way, "OUTPUT_SPARE, rows for blocks on their way")
-        self.finished = Queue(layout(pixels), self.blocks + OUTPUT_SPARE, memory=True)
+        self.finished = Finished(config)
         ports = {
             "i": In(stream.Signature(layout(pair))),
             "positions": In(stream.Signature(layout(raster.position_record(config)))),
@@ -65,7 +69,7 @@ class Rasterizer(wiring.Component):
             "group": Out(raster.GROUP_BITS, init=-1),
             "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
             "level": Out(data.ArrayLayout(len(self.own), self.tiles)).array(self.levels),
-            "o": Out(stream.Signature(layout(pixels))),
+            "o": Out(stream.Signature(layout(raster.pixels_record(config)))),
             "blended": Out(1),
             "waited": Out(1),
         }
@@ -79,12 +83,16 @@ class Rasterizer(wiring.Component):
         connect(m, flipped(self).i, self.pairs.i)
         self.position = Signal(layout(raster.position_record(self.config)))
         self.moves = Signal()  # blocks before the lanes move on
-        self.on_the_way = Signal(1 + Evaluate.LATENCY)  # valid bits of the stages before the lanes
-        self.issued, self.tile = Signal(), Signal(range(self.tiles))  # a block, and its tile
-        self.chosen, self.final = Signal(len(self.own)), Signal()  # which one; at the group's end
-        self.room = Signal()  # in the queue of finished blocks
+        # What is done with a block that is issued, and with those on their way to the lanes.
+        self.visits, self.gives, self.rests = Signal(), Signal(), Signal()
+        self.visiting, self.giving, self.resting = Signal(STAGES), Signal(STAGES), Signal(STAGES)
+        self.tile, self.chosen = Signal(range(self.tiles)), Signal(len(self.own))  # which one
+        # Blocks that have not been given out since their group ended; those not yet written, too.
+        blocks = data.ArrayLayout(len(self.own), self.tiles)
+        self.stale, self.blocked = Signal(blocks), Signal(blocks)
         self._begin(m)
-        self._lanes(m, self._issue(m))
+        self._issue(m)
+        self._lanes(m)
         return m
 
     def wanted(self, blocks: Sequence[Value], tile: Value) -> Value:
@@ -102,9 +110,10 @@ class Rasterizer(wiring.Component):
         return Cat(rest > k * step for k in range(side // step))
 
     def _begin(self, m: Module):
-        """A group begins when its position is known and the last one's blocks are in the lanes."""
+        """A group begins when its position is known and the last one's blocks have been blended."""
         position = self.positions.payload
-        m.d.comb += self.positions.ready.eq(~self.started & ~self.on_the_way.any())
+        behind = self.visiting.any() | self.blend.entered
+        m.d.comb += self.positions.ready.eq(~self.started & ~behind)
         columns = self._inside(position.column, self.width, BLOCK)
         rows = self._inside(position.row, self.height, BLOCK)
         with m.If(self.positions.valid & self.positions.ready):
@@ -125,73 +134,115 @@ class Rasterizer(wiring.Component):
             for level, reached in zip(self.level, self.blend.level, strict=True):
                 m.d.sync += level.as_value().bit_select(block, 1).eq(reached)
 
-    def _issue(self, m: Module) -> Value:
-        """The next block: of the pair at hand, unless it is not wanted any more; or at the group's
-        end one after the other, to be given out, after a first time in which the background, if
-        any, is blended into them."""
+    def _issue(self, m: Module):
+        """The next block: of the pair at hand, unless it is not wanted any more; else one of the
+        group before, to be given out."""
         pair, own = self.pairs.o.payload, len(self.own)
-        done, count = Signal(own), Signal(range(self.blocks))
-        left, lowest_left = Signal(own), Signal(own)
+        done, left, open_, lowest_left = Signal(own), Signal(own), Signal(own), Signal(own)
         valid = self.started & self.pairs.o.valid
-        giving = Signal()
-        last = count == self.blocks - 1
-        give = pair.end & (giving | ~self.background.as_value().any())
-        bits = (own - 1).bit_length()
-        counted = Cat((count[:bits] if bits else 0) == k for k in range(own))
         m.d.comb += [
+            self.blocked.as_value().eq(self.stale.as_value() & self.finished.taken),
             left.eq(self.wanted(pair.blocks, pair.tile) & ~done),
-            lowest_left.eq(lowest(left)),
-            self.final.eq(pair.end),
-            self.chosen.eq(Mux(pair.end, counted, lowest_left)),
-            self.tile.eq(Mux(pair.end, count >> bits, pair.tile)),
-            self.issued.eq(valid & Mux(pair.end, self.room, left.any())),
-            self.pairs.o.ready.eq(
-                self.moves & valid & Mux(pair.end, self.room & last & give, left == lowest_left)
+            open_.eq(left & ~self.blocked[pair.tile]),
+            lowest_left.eq(lowest(open_)),
+            self.visits.eq(valid & ~pair.end & open_.any()),
+        ]
+        tile, chosen, gives, ends = self._scan(m, valid & pair.end)
+        leaves = self.moves & valid & Mux(pair.end, ends, left == lowest_left)
+        m.d.comb += [
+            self.chosen.eq(Mux(self.visits, lowest_left, chosen)),
+            self.tile.eq(Mux(self.visits, pair.tile, tile)),
+            self.gives.eq(
+                (self.stale[pair.tile] & lowest_left & self.visits.replicate(own)).any() | gives
             ),
+            self.pairs.o.ready.eq(leaves),
             self.waited.eq(self.started & ~(valid & pair.end)),
         ]
-        with m.If(self.moves & self.issued):
-            m.d.sync += done.eq(done | lowest_left)
-            with m.If(pair.end):
-                m.d.sync += count.eq(Mux(last, 0, count + 1))
-                with m.If(last):
-                    m.d.sync += [giving.eq(~give), self.started.eq(~give)]
-        with m.If(self.pairs.o.valid & self.pairs.o.ready):
+        with m.If(leaves):
             m.d.sync += done.eq(0)
-        return give
+        with m.Elif(self.moves & self.visits):
+            m.d.sync += done.eq(done | lowest_left)
+        with m.If(leaves & pair.end):
+            m.d.sync += [self.started.eq(0), self.stale.as_value().eq(~0)]
+        with m.Elif(self.moves & self.gives):
+            m.d.sync += self.stale[self.tile].eq(self.stale[self.tile] & ~self.chosen)
 
-    def _lanes(self, m: Module, give: Value):
-        """From E around a tile to the lanes, and from these to the queue of finished blocks."""
+    def _scan(self, m: Module, end: Value) -> tuple[Value, Value, Value, Value]:
+        """One block after the other: those that have not been given out since their group ended,
+        while the lanes have nothing else to do; and at the group's end all, for the background, if
+        there is any, to be blended into them.
+
+        end: the group's end is at hand. Returns a block's tile and which one it is there; bits: it
+        is given out; the group ends.
+        """
+        own, bits = len(self.own), exact_log2(len(self.own))
+        count, again = Signal(range(self.blocks + 1), init=self.blocks), Signal()
+        number, through = nth(self.config, count[:-1]), count[-1]
+        stale, blocked = (
+            which.as_value().bit_select(number, 1) for which in (self.stale, self.blocked)
+        )
+        gives, background = Signal(), self.background.as_value().any()
+        behind = self.giving.any() | self.blend.giving  # one may still be on its way to its place
+        m.d.comb += [
+            gives.eq(~through & ~again & ~self.visits & stale & ~blocked),
+            self.rests.eq(~through & again),
+        ]
+        ends = end & through & (again | ~background) & ~behind
+        with m.If(through & end):
+            with m.If(background & ~again):
+                m.d.sync += [again.eq(1), count.eq(0)]
+            with m.Elif(self.moves & ends):
+                m.d.sync += [again.eq(0), count.eq(0)]
+        with m.Elif(~through & Mux(again | gives, self.moves, ~stale)):
+            m.d.sync += count.eq(count + 1)
+        chosen = Cat((number[:bits] if bits else 0) == k for k in range(own))
+        return number[bits:], chosen, gives, ends
+
+    def _lanes(self, m: Module):
+        """From E around a tile to the lanes, and from these to the finished blocks."""
         pair, evaluate, blend = self.pairs.o.payload, self.evaluate, self.blend
         cuts = ("issued", *(f"evaluate{k}" for k in range(evaluate.LATENCY)))
         pipeline = Pipeline(m, self.moves, dict.fromkeys(cuts, 1))
         quadratic, chosen, *rest = pipeline.cut(
-            "issued", pair.quadratic, self.chosen, self.tile, self.final, give,
+            "issued", pair.quadratic, self.chosen, self.tile,
             *(pair[name] for name in raster.COLOURS),
         )  # fmt: skip
         m.d.comb += [evaluate.quadratic.eq(quadratic), evaluate.number.eq(chosen)]
         m.d.comb += evaluate.enable.eq(self.moves)
         for cut in cuts[1:]:
             chosen, *rest = pipeline.cut(cut, chosen, *rest)
-        tile, final, give, *colour = rest
-        valid = self.on_the_way
+        tile, *colour = rest
         with m.If(self.moves):
-            m.d.sync += valid.eq(Cat(self.issued, valid))
-        seen = Cat(pixel.seen for pixel in evaluate.log2_alphas).any()
+            for issued, stages in (
+                (self.visits, self.visiting),
+                (self.gives, self.giving),
+                (self.rests, self.resting),
+            ):
+                m.d.sync += stages.eq(Cat(issued, stages))
+        visit, give, rests = self.visiting[-1], self.giving[-1], self.resting[-1]
+        seen = visit & Cat(pixel.seen for pixel in evaluate.log2_alphas).any()
         m.d.comb += [
-            blend.valid.eq(valid[-1] & (final | seen)),
+            blend.valid.eq(seen | give | rests),
             blend.block.eq(tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile),
-            blend.log2_alphas.eq(evaluate.log2_alphas),
-            blend.colour.eq(Mux(final, self.background, Cat(colour))),
-            blend.rest.eq(final),
             blend.give.eq(give),
+            blend.blend.eq(visit | rests),
+            blend.rest.eq(rests),
+            blend.log2_alphas.eq(evaluate.log2_alphas),
+            blend.colour.eq(Mux(rests, self.background, Cat(colour))),
             self.moves.eq(~blend.valid | ~blend.busy),
-            self.blended.eq(blend.valid & ~blend.busy & ~final),
+            self.blended.eq(seen & ~blend.busy),
         ]
-        self._give(m, *self._edges(m, tile, chosen))
+        self._edges(m, tile, chosen)
+        m.submodules.finished = finished = self.finished
+        connect(m, finished.o, flipped(self).o)
+        m.d.comb += [
+            finished.valid.eq(blend.given),
+            finished.block.eq(blend.given_block),
+            finished.pixels.eq(blend.o),
+        ]
 
-    def _edges(self, m: Module, tile: Value, chosen: Value) -> tuple[Value, Value]:
-        """A block's column and row in the image, and a bit for each of its pixels within."""
+    def _edges(self, m: Module, tile: Value, chosen: Value):
+        """A bit for each of a block's pixels within the image."""
         side = self.config.group
         columns = Mux(chosen[0], self.own[0] % raster.BLOCKS, 0)
         rows = Mux(chosen[0], self.own[0] // raster.BLOCKS, 0)
@@ -207,23 +258,3 @@ class Rasterizer(wiring.Component):
         across = [column * BLOCK + k < self.width for k in range(BLOCK)]
         down = [row * BLOCK + k < self.height for k in range(BLOCK)]
         m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))
-        return column, row
-
-    def _give(self, m: Module, column: Value, row: Value):
-        """Finished blocks, but those outside the image, wait in a queue for all of a group."""
-        m.submodules.finished = queue = self.finished
-        connect(m, queue.o, flipped(self).o)
-        widths = len(self.o.payload.column), len(self.o.payload.row)
-        block = Cat(column[: widths[0]], row[: widths[1]], self.blend.inside[0])
-        for k in range(self.blend.LATENCY):
-            register = Signal(len(block), name=f"block_{k}", reset_less=True)
-            m.d.sync += register.eq(block)
-            block = register
-        m.d.comb += [
-            self.room.eq(queue.level <= self.blocks),
-            queue.i.valid.eq(self.blend.given & block[-1]),
-            queue.i.payload.column.eq(block[: widths[0]]),
-            queue.i.payload.row.eq(block[widths[0] : -1]),
-            queue.i.payload.pixels.eq(self.blend.o),
-        ]
-        never_waits(m, "finished", queue.i, "a finished block: OUTPUT_SPARE")

@@ -12,7 +12,7 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.hdl.raster.features import FEATURES_WAITING
 from splatcore.hdl.raster.mark import Mark
-from splatcore.hdl.raster.rasterizer import OUTPUT_SPARE, PAIRS_WAITING
+from splatcore.hdl.raster.rasterizer import PAIRS_WAITING
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec.config import Config
 from splatcore.spec.raster import BLOCKS, block_count, owner
@@ -23,7 +23,9 @@ BLOCKS_A_TILE = BLOCKS**2
 PAIR_LATENCY = 19  # from a splat's coming to its first pair's being marked
 QUEUE_LATENCY = 2  # from a pair's entering a rasterizer's queue to its first block
 BLOCK_LATENCY = 1 + Evaluate.LATENCY  # from a block's being issued to the lanes
-TURN = 7  # from a group's last block being given out to the next group's first
+TURN = 8  # from behind a group's last block to the next group's first, at least
+END_TURN = 2  # and from the group's end
+GIVEN = BLOCK_LATENCY + Blend.LATENCY + 2  # from a block's being issued to its being written
 PAIRS_HELD = PAIRS_WAITING + 1  # of a rasterizer, the one at hand included
 SPLATS_INSIDE = 20  # splats before setup
 MARK_LATENCY = Setup.LATENCY + Mark.LATENCY
@@ -32,8 +34,8 @@ END_LATENCY = BLOCK_LATENCY + Blend.LATENCY + 4  # from a last pixel's block to 
 
 ENTERED, MARKED, PAIRS, SPLATS, MERGED, END = range(6)
 """Places of `Raster.clock`: when the last splat came and the last pair was marked, how many pairs
-and splats with live tiles there have been, when the last entry was merged, when the last group's
-blocks have been given out."""
+and splats with live tiles there have been, when the last entry was merged, when the last group
+ended."""
 
 
 class Raster:
@@ -41,7 +43,7 @@ class Raster:
 
     def __init__(self, config: Config, frame: Frame):
         self.start, self.mask = frame.start, frame.sorted.mask.astype(np.int64)
-        self.blocks, self.drained = frame.raster.blocks, block_count(config)
+        self.blocks, self.given = frame.raster.blocks, block_count(config)
         self.owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
         self.number = self.at = self.live_end = 0
         self.clock = np.zeros(6)
@@ -51,6 +53,9 @@ class Raster:
         self.count = np.zeros(config.rasterizers, np.int64)
         self.last = np.full((config.rasterizers, BUSY), -1)  # its last visited blocks
         self.lanes = np.zeros((config.rasterizers, BUSY))  # when they entered the lanes
+        # How many of the group before are yet to be given out, and when the last one was.
+        self.owed, self.gone = np.zeros((2, config.rasterizers))
+        self.visited = np.zeros(BLOCKS_A_TILE * config.group**2, bool)  # in this group
         self.left = np.zeros(SPLATS_INSIDE)  # when the last ones with live tiles left for setup
         self.taken = np.zeros(FEATURES_WAITING)  # when the last splats came
 
@@ -68,26 +73,31 @@ class Raster:
         pass_splats(
             first, self.at, self.live_end, self.mask, self.blocks, self.owners,
             pace, far, self.clock, self.free, self.begun, self.count, self.last, self.lanes,
-            self.left, self.taken,
+            self.owed, self.gone, self.visited, self.left, self.taken,
         )  # fmt: skip
         return self.clock[MERGED]
 
-    def drain(self, room: float = 0):
-        """A group's blocks are given out, not before there is room for the last ones."""
+    def end(self, room: float = 0) -> float:
+        """The group ends, when all blocks of the one before have been given out: when that was.
+
+        room: when there was room for the last ones.
+        """
         self.clock[MARKED] += 1
-        ends = np.maximum(self.clock[MARKED] + QUEUE_LATENCY, self.free) + self.drained
-        ends = np.maximum(ends, room)
+        ends = np.maximum(self.clock[MARKED] + QUEUE_LATENCY, self.free)
+        for r, at in enumerate(ends):
+            idle(r, at, self.free, self.owed, self.gone)
+        ends += self.owed
+        self.gone[self.owed > 0] = ends[self.owed > 0]
+        late = self.gone < room
+        self.gone[late], ends[late] = room, np.maximum(ends, room)[late]
         self.clock[END] = ends.max()
-        self.free = ends + TURN
+        self.free = np.maximum(self.free + TURN, ends + END_TURN)
+        self.owed[:], self.visited[:] = self.given, False
         for r, count in enumerate(self.count):
             self.begun[r, count % self.begun.shape[1]] = self.free[r]
         self.count += 1
         self.number += 1
-
-    @property
-    def spare(self) -> float:
-        """The part of a group's blocks that are given out while all of another's wait."""
-        return min(OUTPUT_SPARE / self.drained, 1)
+        return self.gone.max()
 
 
 def raster_cycles(config: Config, frame: Frame) -> int:
@@ -95,14 +105,23 @@ def raster_cycles(config: Config, frame: Frame) -> int:
     stage = Raster(config, frame)
     for count in np.diff(frame.start):
         stage.entries(count)
-        stage.drain()
-    return int(stage.free.max() + BLOCK_LATENCY)
+        stage.end()
+    return int(stage.free.max() + stage.given + BLOCK_LATENCY)
+
+
+@njit(cache=True)
+def idle(r, until, free, owed, gone):
+    """Blocks that a rasterizer gives out while it has nothing else to do."""
+    given = min(max(until - free[r], 0), owed[r])
+    if given > 0:
+        owed[r] -= given
+        gone[r] = free[r] + given
 
 
 @njit(cache=True)
 def pass_splats(
     first, end, ended, mask, blocks, owners,
-    pace, far, clock, free, begun, count, last, lanes, left, taken,
+    pace, far, clock, free, begun, count, last, lanes, owed, gone, visited, left, taken,
 ):  # fmt: skip
     """A group's entries first … end through the queues; changes clock and all behind it.
 
@@ -128,7 +147,10 @@ def pass_splats(
                 if found >= 0:
                     dead = False
                     marked = max(marked + 1, entered + PAIR_LATENCY)
-                    marked = _deal(found, tile, marked, owners, free, begun, count, last, lanes)
+                    marked = _deal(
+                        found, tile, marked, owners, free, begun, count, last, lanes,
+                        owed, gone, visited,
+                    )  # fmt: skip
             tile += 1
         if not dead:
             left[splats % SPLATS_INSIDE] = marked - MARK_LATENCY
@@ -153,7 +175,9 @@ def live_end(first, end, pair, mask, blocks):
 
 
 @njit(cache=True)
-def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
+def _deal(
+    found, tile, marked, owners, free, begun, count, last, lanes, owed, gone, visited
+):  # fmt: skip
     """Push a pair to the rasterizers that own its blocks; returns when all of them had room."""
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
@@ -164,6 +188,8 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
         for block in range(BLOCKS_A_TILE):
             if owners[block] != r or not found >> block & 1:
                 continue
+            if not some:
+                idle(r, time, free, owed, gone)
             some = True
             if found >> BLOCKS_A_TILE + block & 1:
                 name = tile * BLOCKS_A_TILE + block
@@ -174,6 +200,10 @@ def _deal(found, tile, marked, owners, free, begun, count, last, lanes):
                     last[r, back] = last[r, back - 1]
                     lanes[r, back] = lanes[r, back - 1]
                 last[r, 0], lanes[r, 0] = name, time
+                if owed[r] > 0 and not visited[name]:
+                    visited[name] = True
+                    owed[r] -= 1
+                    gone[r] = time
             time += 1
         if some:
             free[r] = time

@@ -10,13 +10,13 @@ import numpy as np
 
 from splatcore.golden.pipeline import Frame
 from splatcore.golden.sort import jobs
-from splatcore.sim.cycles.raster import END, Raster
+from splatcore.sim.cycles.raster import END, GIVEN, Raster
 from splatcore.sim.cycles.sort import Timeline
 from splatcore.spec.axi import port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.group import group_grid, group_pixels
-from splatcore.spec.raster import BLOCKS
+from splatcore.spec.raster import span_blocks, spans_meet
 from splatcore.spec.work import PIXEL, page_bytes
 
 MERGE_PACE = 2  # cycles from a merged entry to the next one
@@ -43,27 +43,37 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
     found = jobs(config, [keys for keys in frame.lists if len(keys)])
     counts, cycles = np.diff(frame.start), write_cycles(config, frame)
     empty = cycles[counts == 0].sum()  # cycles of groups without a splat that are yet to be written
-    written = begun = 0.0  # when a group's pixels were written, and when that began
+    written = ended = 0.0  # when the groups before the last one were written; when that one ended
+    last = 0.0  # cycles of its pixels
+
+    def write(gone: float):
+        """The last group's pixels are written. gone: when its last block was given out."""
+        nonlocal written, empty
+        begun = max(written, ended + GIVEN)
+        done = max(begun + last, gone + GIVEN)
+        empty -= min(empty, done - written - last)
+        written = done
+
     for count, spans in zip(counts, cycles, strict=True):
         if not count:  # it passes stages 2 and 3 by
             stage.number += 1
             continue
         timeline.group(next(found))
-        stage.drain(begun + (written - begun) * (1 - stage.spare))
-        begun = max(written, stage.clock[END] - stage.drained)
-        empty -= min(empty, begun - written)
-        written = begun + spans
-    written += empty
-    return int(written) + BEGIN + 2 * latency
+        write(stage.end(written))
+        ended, last = stage.clock[END], spans
+    write(ended + stage.given)
+    return int(written + empty) + BEGIN + 2 * latency
 
 
 def write_cycles(config: Config, frame: Frame) -> np.ndarray:
     """Cycles [groups] in which their pixels are written: rows of a few blocks side by side."""
     height, width = frame.pixels.shape[:2]
-    span, side = min(config.rasterizers, BLOCKS), group_pixels(config)
+    span, side = span_blocks(config), group_pixels(config)
     rows, columns = group_grid(config, width, height)
     high = np.minimum(height - np.arange(rows) * side, side)
     wide = np.minimum(width - np.arange(columns) * side, side)
-    turns = -(-high[:, None] // BLOCK) * -(-wide[None] // (span * BLOCK))
-    beats = -(-span * BLOCK * PIXEL // port_bytes(config))
-    return (turns * BLOCK * beats + GROUP_TURN).ravel()
+    across, size = -(-wide // (span * BLOCK)), span * BLOCK * PIXEL
+    pairs = across // 2 * spans_meet(config)
+    beats = pairs * (2 * size // port_bytes(config))
+    beats += (across - 2 * pairs) * -(-size // port_bytes(config))
+    return ((-(-high // BLOCK) * BLOCK)[:, None] * beats[None] + GROUP_TURN).ravel()

@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.binning import rows
 from splatcore.hdl.lib.holds import BUILT, enough, holds, keeps, never_waits, within
 from splatcore.hdl.memory.fetch import Fetch
-from splatcore.hdl.raster import raster, rasterizer
+from splatcore.hdl.raster import raster
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.sort import Sort
@@ -115,7 +115,6 @@ def test_beats_that_nobody_asked_for(make, message):
 @pytest.mark.parametrize(
     "module, name, least, make",
     [
-        (rasterizer, "OUTPUT_SPARE", 9, lambda: rasterizer.Rasterizer(TINY, 0)),
         (rows, "OUTLINES", 5, lambda: rows.Rows(TINY)),
         (raster, "GROUPS_APART", 49, lambda: raster.Raster(TINY)),
         (Merge, "INTERVAL", 2, lambda: Sort(TINY)),

@@ -15,16 +15,20 @@ from splatcore.sim.rtl.streams import Result
 from splatcore.spec import axi
 from splatcore.spec.binning import groups_max
 from splatcore.spec.config import DEFAULT, TINY, Config
-from splatcore.spec.convention import BLOCK
+from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid, group_pixels
 from splatcore.spec.number import Bits
 from splatcore.spec.raster import (
     BLOCKS,
     background_code,
+    block_count,
     colours,
+    nth_block,
     owned,
     pixels_record,
     position_record,
+    span_blocks,
+    spans_meet,
 )
 from splatcore.spec.record import Codes, Record
 from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, STRIDE_BITS, stride
@@ -33,8 +37,8 @@ from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
 
-SPAN_CYCLES = BLOCK * -(-BLOCKS * BLOCK * PIXEL // axi.port_bytes(DEFAULT))  # of `DEFAULT`
-GROUP_CYCLES = 16 * BLOCKS * SPAN_CYCLES + 1
+SPAN_CYCLES = 2 * BLOCK  # of `DEFAULT`, at most
+GROUP_CYCLES = 64 * 64 * PIXEL // axi.port_bytes(DEFAULT) + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
 OTHERS = {
@@ -143,26 +147,22 @@ def places(config: Config, size, empty: np.ndarray) -> Codes:
 
 
 def finished(config: Config, image: Image, rasterizer: int) -> Codes:
-    """Blocks that a rasterizer gives of the image: group after group, tile after tile."""
+    """Blocks that a rasterizer gives of the image, those outside it as well, group after group."""
     height, width = image.pixels.shape[:2]
-    padded = np.zeros((height + BLOCK, width + BLOCK, PIXEL), np.uint8)
+    side = group_pixels(config)
+    padded = np.random.default_rng(rasterizer).integers(
+        0, 256, (height + side, width + side, PIXEL)
+    )
     padded[:height, :width] = image.pixels
-    found = places(config, (width, height), ~image.empty)
-    rows, columns, pixels = [], [], []
+    found, own = places(config, (width, height), ~image.empty), owned(config, rasterizer)
+    pixels = []
     for group_row, group_column in zip(found["row"], found["column"], strict=True):
-        for tile in range(config.group**2):
-            for block in owned(config, rasterizer):
-                row = (group_row * config.group + tile // config.group) * BLOCKS + block // BLOCKS
-                column = group_column * config.group + tile % config.group
-                column = column * BLOCKS + block % BLOCKS
-                if row * BLOCK < height and column * BLOCK < width:
-                    rows.append(row)
-                    columns.append(column)
-                    y, x = row * BLOCK, column * BLOCK
-                    pixels.append(padded[y : y + BLOCK, x : x + BLOCK].reshape(-1, PIXEL))
-    shape = (-1, BLOCK**2, PIXEL)
-    return {"column": np.array(columns, int), "row": np.array(rows, int),
-            "pixels": np.array(pixels, np.uint8).reshape(shape)}  # fmt: skip
+        for number in range(block_count(config)):
+            tile, block = divmod(nth_block(config, number), len(own))
+            y = group_row * side + tile // config.group * TILE + own[block] // BLOCKS * BLOCK
+            x = group_column * side + tile % config.group * TILE + own[block] % BLOCKS * BLOCK
+            pixels.append(padded[y : y + BLOCK, x : x + BLOCK])
+    return {"pixels": np.array(pixels, np.uint8).reshape(-1, BLOCK**2, PIXEL)}
 
 
 def run(config: Config, images: list[Image], **options) -> Result:
@@ -205,9 +205,10 @@ def run(config: Config, images: list[Image], **options) -> Result:
 
 
 def beats_of(config: Config, image: Image) -> int:
-    """Beats in which an image is written: each span of a row takes those that it touches."""
+    """Beats in which an image is written: each span of a row takes those that it touches; two that
+    fill theirs together share none."""
     height, width = image.pixels.shape[:2]
-    step = min(config.rasterizers, BLOCKS) * BLOCK
+    step = span_blocks(config) * BLOCK * (1 + spans_meet(config))
     begins = np.arange(0, width, step)
     ends, beat = np.minimum(begins + step, width), axi.port_bytes(config)
     return height * int((-(-ends * PIXEL // beat) - begins * PIXEL // beat).sum())

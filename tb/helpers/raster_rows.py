@@ -29,8 +29,7 @@ class Watched(wiring.Component):
     finished blocks.
 
     Members, besides those of `hdl.raster.raster.Raster`
-        full, empty: a bit for each queue. Finished blocks are full where no more begin to be given
-        out: those on their way still find room.
+        full, empty: a bit for each queue. Finished blocks are full where each has its place in use.
     """
 
     def __init__(self, config: Config):
@@ -44,16 +43,19 @@ class Watched(wiring.Component):
         m.submodules.inner = inner = self.inner
         forward(m, self, inner)
         pairs = [part.pairs for part in inner.rasterizers]
-        finished = [(part.finished, part.blocks) for part in inner.rasterizers]
+        finished = [part.finished.taken for part in inner.rasterizers]
         m.d.comb += [
             self.full.eq(
                 Cat(
                     *(queue.level == queue.depth for queue in (inner.splats, *pairs)),
-                    *(queue.level > most for queue, most in finished),
+                    *(taken.all() for taken in finished),
                 )
             ),
             self.empty.eq(
-                Cat(queue.level == 0 for queue in (inner.splats, *pairs, *dict(finished)))
+                Cat(
+                    *(queue.level == 0 for queue in (inner.splats, *pairs)),
+                    *(~taken.any() for taken in finished),
+                )
             ),
         ]
         return m
@@ -99,20 +101,20 @@ def featured_rows(config: Config, features: Codes, entries: Entries) -> np.ndarr
 
 
 def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tuple[int, int]):
-    """Column and row [N, 2] of a rasterizer's blocks within the image, group after group."""
+    """Column and row [N, 2] of a rasterizer's blocks, as they come, group after group."""
     _, columns = group_grid(config, *size)
-    tiles = np.arange(config.group**2)
     own = np.array(raster.owned(config, rasterizer))
+    blocks = np.array([raster.nth_block(config, n) for n in range(raster.block_count(config))])
+    tile, block = np.divmod(blocks, len(own))
     row, column = np.divmod(groups, columns)
     places = [
-        (((first[:, None] * config.group + inner) * raster.BLOCKS)[:, :, None] + block).ravel()
-        for first, inner, block in (
-            (column, tiles % config.group, own % raster.BLOCKS),
-            (row, tiles // config.group, own // raster.BLOCKS),
+        ((first[:, None] * config.group + inner) * raster.BLOCKS + number).ravel()
+        for first, inner, number in (
+            (column, tile % config.group, own[block] % raster.BLOCKS),
+            (row, tile // config.group, own[block] // raster.BLOCKS),
         )
     ]
-    found = np.stack(places, axis=1)
-    return found[(found * BLOCK < np.array(size)).all(axis=1)]
+    return np.stack(places, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +162,7 @@ def run_groups(
     differing = 0
     for number, found in enumerate(places):
         codes = raster.pixels_record(config).unpack(result.outputs[f"o__{number}"])
-        assert len(codes["column"]) == len(found)
-        assert (np.stack([codes["column"], codes["row"]], axis=1) == found).all()
+        assert len(codes["pixels"]) == len(found)
         differing += differing_blocks(codes["pixels"], golden.pixels, found)
     counted = counters(counters_of(config), result.ports["counters"])
     return Run(result, golden, differing, sum(map(len, places)), counted)
