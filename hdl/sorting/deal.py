@@ -52,8 +52,7 @@ class Deal(wiring.Component):
 
     **Timing**: a list that fits on chip in a cycle. An entry of a long one in 2 cycles, in each
     round of its list; besides, a round takes some 5 cycles for each bucket and the memory's
-    latency, while jobs before it are sorted. Memories: a count and a line for each bucket. No
-    multiplier.
+    latency, while jobs before it are sorted. Memories: a count and a line for each bucket.
     """
 
     def __init__(self, config: Config):
@@ -294,8 +293,7 @@ class Deal(wiring.Component):
             m.d.sync += self.state.eq(Mux(self.bucket.all(), State.REST, State.LOOK))
 
     def _give_rest(self, m: Module):
-        """The round's last job; behind it some of a bucket with too many entries, if these have
-        equal keys."""
+        """The round's last job; behind it some of a bucket with too many, if their keys are equal."""
         equal, part = self.over & ~self.extent.any(), Signal()
         with m.If(self.total.any()), m.If(self.job_room):
             self._give_job(m, self.total, ~self.left.any(), ~equal | part)
