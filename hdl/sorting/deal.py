@@ -293,7 +293,7 @@ class Deal(wiring.Component):
             m.d.sync += self.state.eq(Mux(self.bucket.all(), State.REST, State.LOOK))
 
     def _give_rest(self, m: Module):
-        """The round's last job; behind it some of a bucket with too many, if their keys are equal."""
+        """The round's last job; behind it, if keys are equal, some of a bucket with too many."""
         equal, part = self.over & ~self.extent.any(), Signal()
         with m.If(self.total.any()), m.If(self.job_room):
             self._give_job(m, self.total, ~self.left.any(), ~equal | part)
