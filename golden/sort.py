@@ -43,7 +43,7 @@ class Round:
 
 @dataclass
 class Dealer:
-    """Deals the long lists of a frame, one after the other.
+    """Deals long lists, one after the other.
 
     base, shift: how the next list's keys become buckets, at first; area: where it goes next.
     """
@@ -56,12 +56,16 @@ class Dealer:
     def __post_init__(self):
         self.shift = shift_max(self.config)
 
+    def learn(self, keys: np.ndarray):
+        """The next list is expected to have keys like these."""
+        self.base = int(keys.min())
+        self.shift = bucket_shift(int(keys.max()) - self.base)
+
     def rounds(self, keys: np.ndarray) -> Iterator[Round]:
         """The rounds of a list with these keys [n], in the order in which they arrive."""
         half, keys = half_entries(self.config), keys.astype(np.int64)
         base, shift, left = self.base, self.shift, np.arange(len(keys))
-        self.base = int(keys.min())
-        self.shift = bucket_shift(int(keys.max()) - self.base)
+        self.learn(keys)
         while len(left):
             least, greatest = int(keys[left].min()), int(keys[left].max())
             bucket = np.clip(keys[left] - base >> shift, 0, BUCKETS - 1)
@@ -101,11 +105,19 @@ def joined(config: Config, counts: Sequence[int]) -> Iterator[list[tuple[int, in
         yield some
 
 
-def jobs(config: Config, lists: Sequence[np.ndarray]) -> Iterator[list[Round] | Job]:
-    """What becomes of each list, keys [n] in the order in which they arrive: rounds, or a job."""
-    dealer = Dealer(config)
+def jobs(
+    config: Config, lists: Sequence[np.ndarray], again: bool = False
+) -> Iterator[list[Round] | Job]:
+    """What becomes of each list, keys [n] in the order in which they arrive: rounds, or a job.
+
+    again: there was a frame with the same lists before, and nothing else since reset.
+    """
+    dealer, half = Dealer(config), half_entries(config)
+    long = [keys for keys in lists if len(keys) > half]
+    if again and long:
+        dealer.learn(long[-1])
     for keys in lists:
-        if len(keys) > half_entries(config):
+        if len(keys) > half:
             yield list(dealer.rounds(keys))
         else:
             yield Job(np.arange(len(keys)), True)

@@ -25,9 +25,10 @@ before has been merged, at two cycles an entry. A round goes like this:
    skips as many entries with this key.
 
 The first round of a list takes base and shift from all keys of the long list before: base is the
-least of them, shift as above up to the greatest; neighbouring groups have much the same depths. The
-first long list of a frame takes base 0 and `SHIFT_MAX`. Rounds that have given out a job take the
-two areas of scratch memory in turn, so that one is being dealt while another is being read.
+least of them, shift as above up to the greatest; neighbouring groups, and frames, have much the
+same depths. The first long list after reset takes base 0 and `shift_max`. Rounds that have given
+out a job take the two areas of scratch memory in turn, so that one is being dealt while another is
+being read.
 """
 
 from splatcore.spec.binning import PAGE_BITS

@@ -121,7 +121,6 @@ class Render(wiring.Component):
         line = waiting.o.payload
         connect(m, deal.lines, waiting.i)
         m.d.comb += [
-            deal.start.eq(self.start),
             deal.released.eq(self.sort.released),
             deal.settled.eq(~waiting.o.valid & self.settled[WRITING.index("buckets")]),
             lists.i.valid.eq(deal.reading.valid),

@@ -40,7 +40,6 @@ class Deal(wiring.Component):
     """Lists in; jobs and the lists of entries that they are about, out (`spec.sort`).
 
     Members
-        start: a frame begins.
         groups: stream of `group_record`, lists with entries.
         reading: stream of `group_record`: a list that is to be read, whose entries come at
             `entries`, a stream of `entry_record`.
@@ -60,7 +59,6 @@ class Deal(wiring.Component):
         entry, group = layout(entry_record(config)), layout(group_record())
         listed, job = layout(sort.listed_record()), layout(sort.job_record(config))
         ports = {
-            "start": In(1),
             "groups": In(stream.Signature(group)),
             "reading": Out(stream.Signature(group)),
             "entries": In(stream.Signature(entry)),
@@ -214,8 +212,6 @@ class Deal(wiring.Component):
                 m.d.sync += self.extent.eq(self.high - self.low)
             with m.Case(State.NEXT):
                 m.d.sync += [self.base.eq(self.low), self.shift.eq(shift)]
-        with m.If(self.start):
-            m.d.sync += [self.next_base.eq(0), self.next_shift.eq(sort.shift_max(self.config))]
 
     def _areas(self, m: Module):
         """An area is in use from its first job's being given out until its last one is over."""
@@ -235,9 +231,7 @@ class Deal(wiring.Component):
         for name, queue in (("jobs", job), ("lists", self.lists_waiting.i), ("inside", inside.i)):
             never_waits(m, name, queue, f"what is given out: {name}")
         within(m, "areas", begins, ends, sort.AREAS, "more areas are in use than there are")
-        with m.If(self.start):
-            m.d.sync += self.area.eq(0)
-        with m.Elif(begins):
+        with m.If(begins):
             m.d.sync += self.area.eq(Mux(self.area == sort.AREAS - 1, 0, self.area + 1))
 
     def _control(self, m: Module):

@@ -101,11 +101,17 @@ class Raster:
 
 
 def raster_cycles(config: Config, frame: Frame) -> int:
-    """Stage 3 alone, its splats always valid: the cycle of the last block that it gives out."""
+    """Stage 3 alone, its splats always valid: the cycle of the last block that it gives out.
+
+    Groups without a splat do not come to it.
+    """
     stage = Raster(config, frame)
     for count in np.diff(frame.start):
-        stage.entries(count)
-        stage.end()
+        if count:
+            stage.entries(count)
+            stage.end()
+        else:
+            stage.number += 1
     return int(stage.free.max() + stage.given + BLOCK_LATENCY)
 
 

@@ -40,7 +40,7 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
     beats = page_bytes(config) // port_bytes(config) + PAGE_LATENCY + latency
     pace = max(1.0, beats / (config.page - 1))
     timeline = Timeline(config, pace, latency, give, DEALT_TO_MEMORY)
-    found = jobs(config, [keys for keys in frame.lists if len(keys)])
+    found = jobs(config, [keys for keys in frame.lists if len(keys)], again=True)
     counts, cycles = np.diff(frame.start), write_cycles(config, frame)
     empty = cycles[counts == 0].sum()  # cycles of groups without a splat that are yet to be written
     written = ended = 0.0  # when the groups before the last one were written; when that one ended

@@ -78,7 +78,7 @@ def check(name: str, kind: str, counts, stall: float = 0, seed: int = 0):
     inputs, expected = deal_rows(config, lists, entries)
     return check_run(
         compiled(Deal, config), inputs, expected, f"{kind} {counts}: ",
-        constants={"start": 0, "settled": 1, "released": 1}, stall=stall, seed=seed, idle_max=3000,
+        constants={"settled": 1, "released": 1}, stall=stall, seed=seed, idle_max=3000,
     )  # fmt: skip
 
 
@@ -93,19 +93,6 @@ def test_tiny_equals_golden(kind, stall):
 def test_default_equals_golden(stall):
     for seed, kind in enumerate(KEYS):
         check("DEFAULT", kind, [2048, 2049, 5, 5200, 7000], stall, seed)
-
-
-def test_start_forgets_the_lists_before():
-    """While it is held every list begins as the first one of a frame does."""
-    counts = [65, 70, 68]
-    entries = entries_of(TINY, "random", counts, 3)
-    lists = np.split(entries["key"] >> np.uint64(1), np.cumsum(counts)[:-1])
-    entries["key"] = np.concatenate(lists)
-    each = [next(jobs(TINY, [keys])) for keys in lists]
-    assert [len(rounds) for rounds in each] == [1, 1, 1]
-    inputs, expected = deal_rows(TINY, lists, entries, each)
-    constants = {"start": 1, "settled": 1, "released": 1}
-    check_run(compiled(Deal, TINY), inputs, expected, constants=constants)
 
 
 def check_stage(name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, **more):

@@ -71,7 +71,7 @@ def test_stage_3():
     camera = generated_camera("garden")
     run = raster_rows.run_groups(
         DEFAULT, frame.binned.features, frame.sorted,
-        (camera.width, camera.height),
+        (camera.width, camera.height), np.flatnonzero(np.diff(frame.start)),
     )  # fmt: skip
     assert run.differing == 0
     check(cycles.raster, run.result.cycles)
