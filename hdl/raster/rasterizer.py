@@ -83,7 +83,8 @@ class Rasterizer(wiring.Component):
         connect(m, flipped(self).i, self.pairs.i)
         self.position = Signal(layout(raster.position_record(self.config)))
         self.moves = Signal()  # blocks before the lanes move on
-        # What is done with a block that is issued, and with those on their way to the lanes.
+        # What is done with a block that is issued, and with those on their way to the lanes. That a
+        # visit gives the block out as well, as it is stale, is known a cycle later.
         self.visits, self.gives, self.rests = Signal(), Signal(), Signal()
         self.visiting, self.giving, self.resting = Signal(STAGES), Signal(STAGES), Signal(STAGES)
         self.tile, self.chosen = Signal(range(self.tiles)), Signal(len(self.own))  # which one
@@ -147,14 +148,11 @@ class Rasterizer(wiring.Component):
             lowest_left.eq(lowest(open_)),
             self.visits.eq(valid & ~pair.end & open_.any()),
         ]
-        tile, chosen, gives, ends = self._scan(m, valid & pair.end)
+        tile, chosen, ends = self._scan(m, valid & pair.end)
         leaves = self.moves & valid & Mux(pair.end, ends, left == lowest_left)
         m.d.comb += [
             self.chosen.eq(Mux(self.visits, lowest_left, chosen)),
             self.tile.eq(Mux(self.visits, pair.tile, tile)),
-            self.gives.eq(
-                (self.stale[pair.tile] & lowest_left & self.visits.replicate(own)).any() | gives
-            ),
             self.pairs.o.ready.eq(leaves),
             self.waited.eq(self.started & ~(valid & pair.end)),
         ]
@@ -164,16 +162,19 @@ class Rasterizer(wiring.Component):
             m.d.sync += done.eq(done | lowest_left)
         with m.If(leaves & pair.end):
             m.d.sync += [self.started.eq(0), self.stale.as_value().eq(~0)]
-        with m.Elif(self.moves & self.gives):
-            m.d.sync += self.stale[self.tile].eq(self.stale[self.tile] & ~self.chosen)
+        with m.Elif(self.moves):
+            for number, row in enumerate(self.stale):
+                visited = Mux(valid & ~pair.end & (pair.tile == number), lowest_left, 0)
+                given = Mux(self.gives & (tile == number), chosen, 0)
+                m.d.sync += row.eq(row & ~(visited | given))
 
-    def _scan(self, m: Module, end: Value) -> tuple[Value, Value, Value, Value]:
+    def _scan(self, m: Module, end: Value) -> tuple[Value, Value, Value]:
         """One block after the other: those that have not been given out since their group ended,
         while the lanes have nothing else to do; and at the group's end all, for the background, if
         there is any, to be blended into them.
 
-        end: the group's end is at hand. Returns a block's tile and which one it is there; bits: it
-        is given out; the group ends.
+        end: the group's end is at hand. Returns a block's tile and which one it is there; a bit:
+        the group ends.
         """
         own, bits = len(self.own), exact_log2(len(self.own))
         count, again = Signal(range(self.blocks + 1), init=self.blocks), Signal()
@@ -181,10 +182,10 @@ class Rasterizer(wiring.Component):
         stale, blocked = (
             which.as_value().bit_select(number, 1) for which in (self.stale, self.blocked)
         )
-        gives, background = Signal(), self.background.as_value().any()
+        background = self.background.as_value().any()
         behind = self.giving.any() | self.blend.giving  # one may still be on its way to its place
         m.d.comb += [
-            gives.eq(~through & ~again & ~self.visits & stale & ~blocked),
+            self.gives.eq(~through & ~again & ~self.visits & stale & ~blocked),
             self.rests.eq(~through & again),
         ]
         ends = end & through & (again | ~background) & ~behind
@@ -193,32 +194,35 @@ class Rasterizer(wiring.Component):
                 m.d.sync += [again.eq(1), count.eq(0)]
             with m.Elif(self.moves & ends):
                 m.d.sync += [again.eq(0), count.eq(0)]
-        with m.Elif(~through & Mux(again | gives, self.moves, ~stale)):
+        with m.Elif(~through & Mux(again | self.gives, self.moves, ~stale)):
             m.d.sync += count.eq(count + 1)
         chosen = Cat((number[:bits] if bits else 0) == k for k in range(own))
-        return number[bits:], chosen, gives, ends
+        return number[bits:], chosen, ends
 
     def _lanes(self, m: Module):
         """From E around a tile to the lanes, and from these to the finished blocks."""
         pair, evaluate, blend = self.pairs.o.payload, self.evaluate, self.blend
         cuts = ("issued", *(f"evaluate{k}" for k in range(evaluate.LATENCY)))
         pipeline = Pipeline(m, self.moves, dict.fromkeys(cuts, 1))
-        quadratic, chosen, *rest = pipeline.cut(
-            "issued", pair.quadratic, self.chosen, self.tile,
+        quadratic, stale, chosen, *rest = pipeline.cut(
+            "issued", pair.quadratic, self.stale[pair.tile], self.chosen, self.tile,
             *(pair[name] for name in raster.COLOURS),
         )  # fmt: skip
         m.d.comb += [evaluate.quadratic.eq(quadratic), evaluate.number.eq(chosen)]
         m.d.comb += evaluate.enable.eq(self.moves)
+        given, later = Signal(), Signal(STAGES - 1)
+        gives = given | (self.visiting[0] & (stale & chosen).any())
         for cut in cuts[1:]:
             chosen, *rest = pipeline.cut(cut, chosen, *rest)
         tile, *colour = rest
+        m.d.comb += self.giving.eq(Cat(gives, later))
         with m.If(self.moves):
-            for issued, stages in (
-                (self.visits, self.visiting),
-                (self.gives, self.giving),
-                (self.rests, self.resting),
-            ):
-                m.d.sync += stages.eq(Cat(issued, stages))
+            m.d.sync += [
+                self.visiting.eq(Cat(self.visits, self.visiting)),
+                given.eq(self.gives),
+                later.eq(self.giving),
+                self.resting.eq(Cat(self.rests, self.resting)),
+            ]
         visit, give, rests = self.visiting[-1], self.giving[-1], self.resting[-1]
         seen = visit & Cat(pixel.seen for pixel in evaluate.log2_alphas).any()
         m.d.comb += [
