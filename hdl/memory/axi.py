@@ -14,6 +14,7 @@ from splatcore.spec.config import Config
 
 HALVES = (spec.PREPROCESSING, spec.RENDERING)
 
+CROWD = 32  # bursts a half is waiting for when those who can wait do not write
 OUTSTANDING_BITS = 8
 """Width of the count of bursts of a half's readers, or of a writer, that are not yet answered."""
 
@@ -92,7 +93,8 @@ class Axi(wiring.Component):
         writes: by index in `WRITERS` a stream of `write_record`; after a burst's first beat
             a writer offers the others without waiting for anything else.
         favoured: a bit for each half: its writers come before the other's. patient: a bit for each
-            writer: it comes after all others. Both are about what is begun next.
+            writer: it comes after all others, and not while a half waits for `CROWD` bursts or
+            more, with which it would share the memory. Both are about what is begun next.
         failing: a bit for each half. While it is high, nothing new is begun for the half, what
             comes back for it is dropped, and a burst that it has begun to write is brought to its
             end without writing anything. Its clients may be reset meanwhile; they are to be, as
@@ -147,9 +149,9 @@ class Axi(wiring.Component):
             self.m_axi.wvalid.eq(w.valid),
             w.ready.eq(self.m_axi.wready),
         ]
-        reads_idle = Signal(len(HALVES))
-        self._ask(m, self._return(m, reads_idle), reads_idle)
-        self._write(m, self._answers(m))
+        reads_idle, crowded = Signal(len(HALVES)), Signal(len(HALVES))
+        self._ask(m, self._return(m, reads_idle), reads_idle, crowded)
+        self._write(m, self._answers(m), crowded.any())
         for half in HALVES:
             settled = (self.settled | ~of_half(spec.WRITERS, half)).all()
             m.d.comb += self.idle[half].eq(reads_idle[half] & settled)
@@ -222,8 +224,9 @@ class Axi(wiring.Component):
             ]
         return Cat((fire & of_half(spec.READERS, half)).any() & beat.last for half in HALVES)
 
-    def _ask(self, m: Module, returned: Value, idle: Signal):
-        """Bursts to be read. idle: a bit for each half: none of them is on its way."""
+    def _ask(self, m: Module, returned: Value, idle: Signal, crowded: Signal):
+        """Bursts to be read. idle, crowded: a bit for each half: none of them is on its way; there
+        are `CROWD` or more."""
         m.submodules.read_turns = turns = Turns(len(spec.READERS))
         full = Signal(len(HALVES))
         request, began = self.ar.i, Signal(len(spec.READERS))
@@ -242,6 +245,7 @@ class Axi(wiring.Component):
             begins = (began & of_half(spec.READERS, half)).any()
             count = self._outstanding(m, f"reads{half}", begins, returned[half])
             m.d.comb += [full[half].eq(count.all()), idle[half].eq(count == 0)]
+            m.d.comb += crowded[half].eq(count >= CROWD)
 
     def _answers(self, m: Module) -> Value:
         """Answers to bursts written; a bit for each writer."""
@@ -261,7 +265,7 @@ class Axi(wiring.Component):
             m.d.comb += self.stray.written.eq(1)
         return answered
 
-    def _write(self, m: Module, answered: Value):
+    def _write(self, m: Module, answered: Value, crowded: Value):
         """Bursts to be written: a writer has the port for its burst."""
         m.submodules.write_turns = turns = Turns(len(spec.WRITERS))
         count = len(spec.WRITERS)
@@ -276,7 +280,9 @@ class Axi(wiring.Component):
         abandoned, takes = Signal(), Signal()
         m.d.comb += [
             wants.eq(valid & ~failing & ~full),
-            turns.wants.eq(Mux((wants & ~self.patient).any(), wants & ~self.patient, wants)),
+            turns.wants.eq(
+                Mux(crowded | (wants & ~self.patient).any(), wants & ~self.patient, wants)
+            ),
             turns.favoured.eq(self._of_halves(self.favoured, spec.WRITERS)),
             turns.served.eq(~inside & takes),
             current.eq(Mux(inside, owner, turns.chosen)),

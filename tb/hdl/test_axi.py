@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from splatcore.hdl.memory.axi import HALVES, OUTSTANDING_BITS, Axi
+from splatcore.hdl.memory.axi import CROWD, HALVES, OUTSTANDING_BITS, Axi
 from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Result
@@ -94,6 +94,19 @@ def test_a_half_comes_first(half):
     rank[patient] = 2
     assert (np.bincount(order, minlength=len(WRITERS)) == 40).all()
     assert (np.diff(rank[order]) >= 0).all()
+
+
+def test_patient_writers_wait_for_reads():
+    """They begin nothing while `CROWD` bursts of a half are to come back; others go on."""
+    most, patient = (
+        max(np.bincount(list(READERS.values()))),
+        list(WRITERS.values()).index(RENDERING),
+    )
+    for reads, begun in (((CROWD - 1) // most, 60), (-(-CROWD // most), 0)):
+        found = run(reads=reads, writes=60, patient=1 << patient, arready=1, awready=1, wready=1)
+        order = found.samples["m_axi__awid"][found.samples["m_axi__awvalid"] == 1]
+        count = np.bincount(order, minlength=len(WRITERS))
+        assert (np.delete(count, patient) == 60).all() and count[patient] == begun
 
 
 @pytest.mark.parametrize("beats", [1, 2, 5])
