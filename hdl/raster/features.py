@@ -14,7 +14,7 @@ from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, port_beats, read_re
 from splatcore.spec.config import Config
 from splatcore.spec.feature import feature_record
 
-FEATURES_WAITING = 48  # features that may be on their way or wait: what hides memory's latency
+FEATURES_WAITING = 64  # features that may be on their way or wait: what hides memory's latency
 ENDS_WAITING = 8  # groups' ends among them
 
 
