@@ -61,6 +61,8 @@ class Film:
 def check_files(film: Film, folder: Path | None, views: list[Camera], scene: str, cameras: str):
     """InputError for pictures that cannot be written or would overwrite an input, and for a video
     of frames of several sizes."""
+    if folder and folder.suffix.lower() == ".png":
+        raise InputError(f"-o {folder}: names a picture; with --cameras it is a folder")
     inputs = list(read_by({"scene": scene, "cameras": cameras}))
     for view in views if folder else ():
         check_distinct([("-o", picture_path(folder, view))], inputs)

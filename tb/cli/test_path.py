@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from splatcore.sim.bench import campaign, sweep
-from splatcore.sim.cli.path import folded
+from splatcore.sim.cli.path import folded, quality_of
 from splatcore.sim.common import output, video
 from splatcore.sim.common.metric import channel_error, difference
 from splatcore.sim.common.picture import error_picture, read_png
 from splatcore.sim.common.pool import processes
-from splatcore.sim.common.source import open_path
+from splatcore.sim.common.source import Source, open_path
 from splatcore.sim.packing import choose
+from splatcore.spec.config import DEFAULT
 from tb.helpers.campaign_tasks import say
 from tb.helpers.command import check_documented, check_refused, load, run, write_scene
 
@@ -113,7 +114,15 @@ def test_a_scene_is_opened_and_packed_once(here, monkeypatch):
         assert row["packing"]["quality"] == "faithful"
 
 
-def test_compare_each_camera(here, capsys):
+def test_few_views_choose_the_packing(monkeypatch):
+    """The first one and others, spread evenly over all."""
+    monkeypatch.setattr(choose, "quality_of", lambda source, config, views: views)
+    for count, some in ((1, [0]), (4, [0, 1, 2, 3]), (9, [0, 3, 6]), (400, [0, 100, 200, 300])):
+        assert quality_of(Source("scene"), DEFAULT, list(range(count))) == some
+
+
+def test_compare_each_camera(here, monkeypatch, capsys):
+    monkeypatch.setattr(choose, "quality_of", lambda *_: "faithful")
     found = path("compare reference golden --scene scene.ply --cameras 4,7")
     assert "SSIM, machine" in capsys.readouterr().out
     cycles = path("cycles scene.ply --cameras 4,7")
@@ -172,6 +181,16 @@ def test_a_video_without_pictures(here):
     assert abs(left - right).mean() < 3
 
 
+def test_colours_of_a_video(tmp_path):
+    """Its matrix is the one that it says it has: whoever decodes it sees the colours."""
+    colours = np.array([(200, 30, 30), (30, 200, 30), (30, 30, 200)], np.uint8)
+    with video.video(tmp_path / "v.mp4", 30) as add:
+        for colour in colours:
+            add(np.tile(colour, (32, 48, 1)))
+    found = [frame.mean((0, 1)) for frame in frames(str(tmp_path / "v.mp4"))]
+    assert np.abs(found - colours.astype(float)).max() < 4
+
+
 def test_a_failure_leaves_no_video(place, monkeypatch, capsys):
     def fail(tasks):
         yield tasks[0], tasks[0].function(*tasks[0].arguments)
@@ -222,6 +241,7 @@ BAD = {
     "compare reference golden --scene scene.ply --cameras 4 -o a.png": "without -o",
     "render scene.ply": "-o: is missing",
     "render scene.ply --cameras 4,7": "-o: is missing",
+    "render scene.ply -o a.png --cameras 4,7": "-o a.png: names a picture; with --cameras it is a",
     "render scene.ply -o new --cameras slash.json": "two cameras are called a/b",
     "render scene.ply -o cut.ply --cameras 4,7": "cut.ply: is no folder",
     "render scene.ply -o none/new --cameras 4,7": "none/new: there is no folder",
