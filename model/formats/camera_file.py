@@ -30,10 +30,11 @@ Named = list[tuple[Camera, str]]
 """Cameras, each with the file name of its image ("" if the file has none)."""
 
 
-def read_cameras(path: str | os.PathLike) -> list[Camera]:
+def read_cameras(path: str | os.PathLike, ids: list[str] | None = None) -> list[Camera]:
     """All cameras of a cameras.json (or the folder around it), a transforms.json or a COLMAP folder
-    (or its parent)."""
-    return [camera for camera, _ in read_named(path)]
+    (or its parent), or those that IDs mean."""
+    named = read_named(path)
+    return [camera for camera, _ in named] if ids is None else [_find(named, i, path) for i in ids]
 
 
 def read_camera(text: str) -> Camera:
@@ -45,8 +46,11 @@ def read_camera(text: str) -> Camera:
     if not os.path.exists(path):
         raise input_error(text, "no such file")
     named = read_named(path)
-    if camera_id is None:
-        return named[0][0]
+    return named[0][0] if camera_id is None else _find(named, camera_id, path)
+
+
+def _find(named: Named, camera_id: str, path: str | os.PathLike) -> Camera:
+    """The camera that an ID means; InputError if there is none."""
     for camera, _ in named:
         if camera.name == camera_id:
             return camera

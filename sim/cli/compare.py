@@ -5,7 +5,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from splatcore.sim.cli import options
+from splatcore.sim.cli import options, path
+from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.cli.options import argument, option
 from splatcore.sim.common.metric import (
     LEVELS,
@@ -17,7 +18,15 @@ from splatcore.sim.common.metric import (
 )
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
-from splatcore.sim.common.source import ENGINES, check_fits, note_unseen, open_camera, open_source
+from splatcore.sim.common.source import (
+    ENGINES,
+    Source,
+    check_fits,
+    note_unseen,
+    open_camera,
+    open_source,
+)
+from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -29,14 +38,19 @@ OutputOption = option(Path | None, "MAP.png", "Draw an error map of the second i
 
 WHOLE = "/"  # no image's name
 
+COLUMNS = path.ERRORS | {"SSIM, machine": path.cell("ssim_machine", form=".5f")}
+"""Columns of a table of cameras."""
+
 
 @options.app.command("compare")
 def compare_command(
     images: ImagesArgument,
     scene: SceneOption = None,
     camera: options.CameraOption = None,
+    cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     preset: options.PresetOption = "DEFAULT",
+    scheduler: SchedulerOption = None,
     output: OutputOption = None,
     json: options.JsonOption = None,
 ):
@@ -44,40 +58,79 @@ def compare_command(
 
     Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
     or rtl the reference renders the same packed model (machine); if it comes first, they are also
-    compared with its picture of the scene as it is (scene).
+    compared with its picture of the scene as it is (scene). With --cameras, which goes with
+    reference golden, there is a row for each camera, and the least, mean and most of them.
     """
+    path.check(camera, cameras, scheduler)
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
     config, drawn = find_preset(preset), {}
+    if cameras:
+        if images != ["reference", "golden"] or scene is None or output:
+            raise InputError("--cameras: goes with reference golden --scene SCENE, without -o")
+        source, views = path.open_all(cameras, size, scene, config)
+        quality = path.quality_of(source, config, views)
+        rows = list(path.along(compared_view, source, views, (config, quality), scheduler))
+        write_json(json, path.tell(source, rows, COLUMNS, "golden against reference"))
+        return
     for text in images:
         if text not in ENGINES:
             drawn[text] = read_png(text)
         elif scene is None:
             raise InputError(f"compare {text}: --scene says nothing about what to render")
     if named := [text for text in images if text in ENGINES]:
-        drawn |= rendered(named, scene, camera, size, config)
+        with progress_bar(f"reading {scene}"):
+            source = open_source(scene)
+            view = open_camera(camera, size, source)
+        pictures, counts = rendered(named, source, view, config)
+        drawn |= pictures
+        if counts:
+            note_unseen(source.name, view, counts)
+    found = compared(images, drawn, config.name, scene, camera)
+    results = [result for result, _ in found]
+    truth = results[0].against
+    table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=f"against {truth}")
+    for result, rows in found:
+        for name, one in rows.items():
+            table.add_row(result.engine, name, *cells(one))
+    console.print(table)
+    if output:
+        psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
+        write_error_map(
+            output, drawn[images[1]], drawn[images[0]], f"{images[1]} against {truth}: {psnr}"
+        )
+    write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
+
+
+def compared(
+    images: list[str], drawn: dict, preset: str, scene: str | None, camera: str | None
+) -> list[tuple[Compared, dict[str, Difference]]]:
+    """What was drawn of each image against the first one, and by name the same for the table."""
     first = images[0]
     packed = bool({"golden", "rtl"} & set(images))
     truth = f"{first} on the packed model" if first == "reference" and packed else first
     results = []
-    table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=f"against {truth}")
     for text in images[1:]:
         pixels, found = drawn[text], {}
         metrics = difference(pixels, drawn[first], text)
         if first == "reference" and text in ("golden", "rtl"):
             found = differences(pixels, {"machine": drawn[first]} | drawn[WHOLE])
-        for name, one in (found or {first: metrics}).items():
-            table.add_row(text, name, *cells(one))
-        about = text, config.name, scene, camera, (pixels.shape[1], pixels.shape[0]), truth
+        about = text, preset, scene, camera, (pixels.shape[1], pixels.shape[0]), truth
         facts = asdict(metrics) | against(found)
-        results.append(Compared(*about, **facts, identical=metrics.identical))
-    console.print(table)
-    if output:
-        psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
-        write_error_map(
-            output, drawn[images[1]], drawn[first], f"{images[1]} against {truth}: {psnr}"
-        )
-    write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
+        result = Compared(*about, **facts, identical=metrics.identical)
+        results.append((result, found or {first: metrics}))
+    return results
+
+
+def compared_view(source: Source, view: Camera, config: Config, quality: str | None) -> dict:
+    """golden against reference, the golden model's counts, how a scene was packed."""
+    from splatcore.sim.packing.choose import packing
+
+    images = ["reference", "golden"]
+    drawn, counts = rendered(images, source, view, config, quality)
+    [(result, _)] = compared(images, drawn, config.name, source.name, view.name)
+    exact = {"machine": drawn["reference"]} | drawn[WHOLE]
+    return vars(result) | {"counts": counts, "packing": packing(source, exact)}
 
 
 def cells(metrics: Difference) -> tuple[str, str, str]:
@@ -90,32 +143,28 @@ def cells(metrics: Difference) -> tuple[str, str, str]:
 
 
 def rendered(
-    engines: list[str], scene: str, camera: str | None, size: str | None, config: Config
-) -> dict:
-    """What engines render of a scene; beside golden or rtl the reference renders the model, and
-    `WHOLE` is the scene as it is: {"scene": picture}, if it is one."""
-    with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
-        view = open_camera(camera, size, source)
+    engines: list[str], source: Source, view: Camera, config: Config, quality: str | None = None
+) -> tuple[dict, dict]:
+    """What engines render of a source, and the counts of golden or reference; beside golden or rtl
+    the reference renders the model, and `WHOLE` is the scene as it is: {"scene": picture}, if it
+    is one."""
     from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
     from splatcore.sim.packing.choose import packed_model
 
     if engines == ["reference"] * len(engines):
         frame = reference(source.gaussians, view)
-        note_unseen(source.name, view, frame.counts)
-        return {"reference": frame.pixels}
+        return {"reference": frame.pixels}, frame.counts
     check_fits(config, view.width, view.height)
     with progress_bar("packing"):
-        model = packed_model(source, config, view)
-    pictures = {}
+        model = packed_model(source, config, view, quality)
+    pictures, counts = {}, {}
     if "reference" in engines:
         exact = truths(source, model, view)
         pictures["reference"] = exact.pop("machine")
         pictures[WHOLE] = exact
     if "golden" in engines:
-        frame = golden_of(source, view, config, SPLATCORE.background)
-        note_unseen(source.name, view, frame.counts)
-        pictures["golden"] = frame.pixels
+        frame = golden_of(source, view, config, SPLATCORE.background, quality)
+        pictures["golden"], counts = frame.pixels, frame.counts
     if "rtl" in engines:
         pictures["rtl"] = rtl_pixels(config, model, view, SPLATCORE.background)
-    return pictures
+    return pictures, counts

@@ -4,43 +4,67 @@ from itertools import takewhile
 from pathlib import Path
 
 from splatcore.model.pack.quality import QUALITIES
-from splatcore.sim.cli import options
+from splatcore.sim.cli import options, path
+from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import Source, View, check_fits, check_known, note_unseen
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
+from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
 TRUTHS = ("machine", "scene")
 
-SceneArgument = options.argument(list[str], "SCENE|MODEL …", "What to render.")
+COLUMNS = {name: path.cell(name, scale=1000) for name in ("preprocessing", "rendering", "frame")}
+COLUMNS |= {"frames a second": path.cell("fps", form=".1f")} | path.ERRORS
+"""Columns of a table of cameras."""
+
+SceneArgument = options.argument(list[str], "SCENE|MODEL …", "What to render; one with --cameras.")
 
 
 @options.app.command("cycles")
 def cycles_command(
     scene: SceneArgument,
     camera: options.CameraOption = None,
+    cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     preset: options.PresetOption = "DEFAULT",
     quality: options.QualityOption = None,
+    scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
     """Cycles of a frame by stage, from the golden model's counts, and the error of its picture,
     against the reference on the same packed model (machine) and on the scene as it is (scene).
 
     The cycle model agrees with the RTL within 3 % for each stage by itself; its halves have
-    LPDDR4's latency in them, its bandwidth is left out.
+    LPDDR4's latency in them, its bandwidth is left out. With --cameras there is a row for each
+    camera, and the least, mean and most of them.
     """
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
+    path.check(camera, cameras, scheduler)
     config, facts = find_preset(preset), {}
+    if cameras:
+        if len(scene) > 1:
+            raise InputError("--cameras: goes with one SCENE")
+        source, views = path.open_all(cameras, size, scene[0], config)
+        quality = quality or path.quality_of(source, config, views)
+        rows = list(path.along(measured, source, views, (config, quality), scheduler))
+        about = {"preset": config.name, "scene": source.name}
+        write_json(json, about | path.tell(source, rows, COLUMNS, "cycles / 1000"))
+        return
     for text in scene:
         with progress_bar(f"reading {text}"):
             source, view = View(text, size=size, file=camera).open()
             check_fits(config, view.width, view.height)
-        facts[text] = measured(config, source, view, quality)
+        facts[text] = measured(source, view, config, quality)
+        note_unseen(source.name, view, facts[text]["counts"])
+        if source.packed:
+            from splatcore.sim.packing.choose import packing_line
+
+            console.print(f"{source.name}: {packing_line(source)}", soft_wrap=True)
     table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
     for name in takewhile(lambda key: key != "fps", next(iter(facts.values()))):
         table.add_row(name, *(shown(row[name], ",.0f", 1000) for row in facts.values()))
@@ -51,22 +75,19 @@ def cycles_command(
     write_json(json, {"preset": config.name, "scenes": facts})
 
 
-def measured(config: Config, source: Source, view: Camera, quality: str | None) -> dict:
-    """A picture's cycles by stage, frames a second, errors and, of a scene, how it was packed."""
+def measured(source: Source, view: Camera, config: Config, quality: str | None) -> dict:
+    """A picture's cycles by stage, frames a second, counts, errors and, of a scene, how it was
+    packed."""
     from splatcore.golden.pipeline import render
     from splatcore.sim.cycles.frame import frame_cycles
     from splatcore.sim.machine.engines import truths
-    from splatcore.sim.packing.choose import packed_model, packing, packing_line
+    from splatcore.sim.packing.choose import packed_model, packing
 
     with progress_bar(f"packing {source.name}"):
         model = packed_model(source, config, view, quality)
     with progress_bar(f"rendering {source.name}"):
         frame = render(config, model, view)
-    metrics = against(differences(frame.pixels, truths(source, model, view)))
-    note_unseen(source.name, view, frame.counts)
-    found = frame_cycles(config, frame)
-    facts = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)} | metrics
-    if source.packed:
-        console.print(f"{source.name}: {packing_line(source)}", soft_wrap=True)
-        facts["packing"] = packing(source)
-    return facts
+    exact, found = truths(source, model, view), frame_cycles(config, frame)
+    facts = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)}
+    facts |= against(differences(frame.pixels, exact)) | {"counts": frame.counts}
+    return facts | ({"packing": packing(source, exact)} if source.packed else {})

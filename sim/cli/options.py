@@ -27,17 +27,19 @@ class Command(TyperCommand):
     """A command that does not run before its outputs are known to be writable and no input of it.
 
     A parameter of type `Path` is what it writes: a folder if `FOLDER` stands for it in the help,
-    else a file, of the type of what stands for it. A text that names a file or folder, with or
-    without :ID, is what it reads.
+    else a file, of the type of what stands for it; of A|B the latter with --cameras. A text that
+    names a file or folder, with or without :ID, is what it reads.
     """
 
     def invoke(self, context: typer.Context):
         values = [(each, context.params.get(each.name)) for each in self.params]
         written = [(each, value) for each, value in values if isinstance(value, Path)]
-        folders = [path for each, path in written if each.metavar == FOLDER]
+        which = -1 if context.params.get("cameras") else 0
+        stands = {each.name: (each.metavar or "").split("|")[which] for each, _ in written}
+        folders = [path for each, path in written if stands[each.name] == FOLDER]
         check_distinct([(each.opts[0], path) for each, path in written], read_by(context.params))
         for each, path in written:
-            check_type(each.opts[0], path, Path(each.metavar or "").suffix)
+            check_type(each.opts[0], path, Path(stands[each.name]).suffix)
             (check_folder if path in folders else check_writable)(path)
         with new_folders(folders):
             return super().invoke(context)
@@ -108,7 +110,11 @@ CameraOption = option(
     "camera without ID. Default: a sensible view of the scene.",
     "--camera",
 )
-CamerasOption = option(str | None, "FILE[:ID,ID,…]", "All cameras of a file, or some of them.")
+CamerasOption = option(
+    str | None,
+    "FILE[:ID,ID,…]",
+    "All cameras of a file, or some of them; ID,ID,… without FILE: of the file beside the scene.",
+)
 SizeOption = option(str | None, "WxH", "Pixels; the camera's intrinsics are scaled.", "--size")
 PresetOption = option(
     str,

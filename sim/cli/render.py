@@ -1,16 +1,21 @@
-"""The command `render`: one frame by one of the engines."""
+"""The command `render`: one frame by one of the engines, or one of each camera of a file."""
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from splatcore.sim.cli import options
+import numpy as np
+
+from splatcore.sim.cli import options, path
+from splatcore.sim.cli import render_path as along
 from splatcore.sim.cli import render_rtl as rtl
+from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
-from splatcore.sim.common.metric import Result, against, differences, told
+from splatcore.sim.common.metric import Difference, Result, against, differences, told
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.picture import write_heat_map, write_png
+from splatcore.sim.common.picture import error_picture, write_heat_map, write_png
 from splatcore.sim.common.source import (
     ENGINES,
     Source,
@@ -25,7 +30,13 @@ from splatcore.spec.convention import ORIGINAL, SPLATCORE, Convention
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-OutputOption = option(Path, "OUT.png", "Where to write it.", "-o")
+if TYPE_CHECKING:
+    from splatcore.golden import pipeline as golden
+    from splatcore.golden import reference
+
+OutputOption = option(
+    Path | None, "OUT.png|DIR", "Where to write it; with --cameras the folder, ID.png in it.", "-o"
+)
 OriginalOption = option(
     bool, None, "3σ tile bounds, as the original renderer has them.", "--original"
 )
@@ -40,8 +51,9 @@ HeatMapOption = option(Path | None, "FILE.png", "Draw the lengths of the tiles' 
 @options.app.command("render")
 def render_command(
     scene: options.SourceArgument,
-    output: OutputOption,
+    output: OutputOption = None,
     camera: options.CameraOption = None,
+    cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     engine: options.EngineOption = "reference",
     preset: options.PresetOption = "DEFAULT",
@@ -55,6 +67,10 @@ def render_command(
     waves: rtl.WavesOption = None,
     window: rtl.WindowOption = None,
     tile: rtl.TileOption = None,
+    video: along.VideoOption = None,
+    fps: along.RateOption = 30,
+    beside: along.BesideOption = None,
+    scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
     """Render one frame and count the work in it.
@@ -62,52 +78,124 @@ def render_command(
     A machine's picture (golden, rtl) is compared with the reference's of the same packed model
     ("machine") and of the scene as it is ("scene"). --engine rtl simulates the hardware, compares
     with the golden model, too, and tells cycles; exit status 1 if a pixel is not that model's.
+    With --cameras there is a picture of each camera, with --video a video of them, and a table of
+    all, with the least, mean and most; a scene is packed once for all of them.
     """
+    path.check(camera, cameras, scheduler)
     check_engine(engine, bool(original or heat_map), compare)
     request = rtl.Request(frames, timing, error_map, waves, window, tile)
+    film = along.Film(video, fps, beside)
+    film.check(cameras, engine, compare)
+    if not (output or video):
+        raise InputError("-o: is missing; it says where to write the picture")
     request.check(engine, output)
     config = find_preset(preset)
     convention = replace(ORIGINAL if original else SPLATCORE, background=parse_colour(background))
+    how = engine, config, convention, compare
+    if not cameras:
+        return render_one(scene, camera, size, how, request, heat_map, output, json)
+    if heat_map:
+        raise InputError("--heat-map: goes with one camera")
+    return render_all(scene, cameras, size, how, film, output, scheduler, json)
+
+
+def render_one(
+    scene: str, camera: str | None, size: str | None, how: tuple, request: rtl.Request,
+    heat_map: Path | None, output: Path, json: Path | None,
+):  # fmt: skip
+    """Render a picture and say what is in it. how: engine, config, convention, compare."""
+    engine, config, convention, _ = how
     begin = time.perf_counter()
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
-    from splatcore.sim.machine.engines import truths
-    from splatcore.sim.packing.choose import packed_model, packing, packing_line
+    from splatcore.sim.packing.choose import packing_line
 
     if engine == "rtl":
         colour = convention.background
         return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
-    frame = drawn(engine, source, view, config, convention)
-    seconds, found = round(time.perf_counter() - begin, 3), {}
+    made = pictured(source, view, *how, begin=begin)
+    result, frame = made.result, made.frame
+    note_unseen(source.name, view, frame.counts)
     write_png(output, frame.pixels)
-    if engine == "golden" and compare:
-        model = packed_model(source, config, view)
-        found = differences(frame.pixels, truths(source, model, view, convention))
-    result = Result(
-        engine, config.name, source.name, camera or view.name, (view.width, view.height), seconds,
-        frame.counts, packing=packing(source), **against(found),
-    )  # fmt: skip
     if result.packing:
         console.print(packing_line(source), soft_wrap=True)
-    if found:
-        console.print(f"against the reference: {told(found)}", soft_wrap=True)
+    if made.found:
+        console.print(f"against the reference: {told(made.found)}", soft_wrap=True)
     if heat_map:
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
     console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))
+    result.camera = camera or view.name
     write_json(json, result)
 
 
-def drawn(engine: str, source: Source, view: Camera, config: Config, convention: Convention):
-    """The frame of the golden model or of the reference; it is said if it shows nothing."""
-    from splatcore.sim.machine.engines import golden_of, reference
+def render_all(
+    scene: str, cameras: str, size: str | None, how: tuple, film: along.Film, output: Path | None,
+    scheduler: str | None, json: Path | None,
+):  # fmt: skip
+    """Render a picture of each camera. how: as `render_one` has it."""
+    engine, config, *_ = how
+    golden = engine == "golden"
+    source, views = path.open_all(cameras, size, scene, config if golden else None)
+    along.check_files(film, output, views, scene, cameras)
+    quality = path.quality_of(source, config, views) if golden else None
+    pictures = path.along(picture, source, views, (*how, quality, film.beside), scheduler)
+    rows = along.written(pictures, views, film, output)
+    write_json(json, path.tell(source, rows, along.COLUMNS, engine))
 
+
+def picture(source: Source, view: Camera, *how_and_beside) -> dict:
+    """What `pictured` makes of a view: a row, `pixels`, and what is `beside` them. Its seconds are
+    those of the picture alone."""
+    from splatcore.sim.packing.choose import packed_model
+
+    *how, beside = how_and_beside
+    engine, config, *_, quality = how
     if engine == "golden":
-        frame = golden_of(source, view, config, convention.background)
+        packed_model(source, config, view, quality)
+    made, right = pictured(source, view, *how), None
+    if made.result.packing and not made.exact:
+        del made.result.packing["psnr_db_packing"]  # of the view that the process packed it for
+    if beside:
+        right = made.exact["machine"]
+        right = error_picture(made.frame.pixels, right) if beside == "error" else right
+    return vars(made.result) | {"pixels": made.frame.pixels, "beside": right}
+
+
+@dataclass(frozen=True)
+class Pictured:
+    """A frame of the golden model or of the reference; of a machine's that is compared what with,
+    and the differences."""
+
+    result: Result
+    frame: "golden.Frame | reference.Frame"
+    exact: dict[str, np.ndarray]
+    found: dict[str, Difference]
+
+
+def pictured(
+    source: Source, view: Camera, engine: str, config: Config, convention: Convention,
+    compare: bool, quality: str | None = None, begin: float | None = None,
+) -> Pictured:  # fmt: skip
+    """A view's frame and how right it is. begin: of its seconds; None: now."""
+    from splatcore.sim.machine.engines import golden_of, reference, truths
+    from splatcore.sim.packing.choose import packed_model, packing
+
+    begin, exact = begin or time.perf_counter(), {}
+    if engine == "golden":
+        frame = golden_of(source, view, config, convention.background, quality)
     else:
         frame = reference(source.gaussians, view, convention)
-    note_unseen(source.name, view, frame.counts)
-    return frame
+    seconds = round(time.perf_counter() - begin, 3)
+    if engine == "golden" and compare:
+        model = packed_model(source, config, view, quality)
+        exact = truths(source, model, view, convention)
+    found = differences(frame.pixels, exact)
+    result = Result(
+        engine, config.name, source.name, view.name, (view.width, view.height), seconds,
+        frame.counts, packing=packing(source, exact), **against(found),
+    )  # fmt: skip
+    return Pictured(result, frame, exact, found)
 
 
 def check_engine(engine: str, of_reference: bool, compare: bool):

@@ -94,8 +94,8 @@ def differences(image: np.ndarray, truths: dict[str, np.ndarray]) -> dict[str, D
 
 def decibels(row: dict, name: str) -> str:
     """The PSNR of a row of `against` in a table; "–" where nothing of the name was compared."""
-    key = f"psnr_db_{name}"
-    return shown(row[key], ".2f", none="exact") if key in row else "–"
+    none = "exact" if row.get(f"max_error_{name}") == 0 else "–"
+    return shown(row.get(f"psnr_db_{name}"), ".2f", none=none)
 
 
 def told(found: dict[str, Difference]) -> str:

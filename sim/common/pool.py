@@ -10,6 +10,8 @@ from multiprocessing.queues import Queue
 from queue import Empty
 from typing import TypeVar
 
+from splatcore.sim.common import output
+
 Item = TypeVar("Item")
 
 CONTEXT = get_context("spawn")  # a fork would inherit locks of the libraries' threads
@@ -62,7 +64,8 @@ def send(*message: object):
 
 
 def _begin(messages: Queue | None):
-    """In a new process: an interrupt ends it without a word."""
+    """In a new process: an interrupt ends it without a word, and its progress is told nowhere."""
     global _messages
+    output.messages.quiet = True
     _messages = messages
     signal.signal(signal.SIGINT, signal.SIG_DFL)

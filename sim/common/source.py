@@ -91,17 +91,38 @@ def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
 def open_cameras(
     camera: str | None, cameras: str | None, size: str | None, source: Source
 ) -> list[Camera]:
-    """The camera of --camera, else all of --cameras FILE, else those of FILE:ID,ID,…; resized."""
-    if camera and cameras:
-        raise InputError("--camera and --cameras: one of them, not both")
+    """The camera of --camera, else those of --cameras as `open_path` has them; resized."""
+    check_one(camera, cameras)
     if not cameras:
         return [open_camera(camera, size, source)]
+    return open_path(cameras, size, source.name)
+
+
+def check_one(camera: str | None, cameras: str | None):
+    """InputError if both options are given."""
+    if camera and cameras:
+        raise InputError("--camera and --cameras: one of them, not both")
+
+
+def open_path(cameras: str, size: str | None, scene: str) -> list[Camera]:
+    """All cameras of FILE, those of FILE:ID,ID,…, or those of ID,ID,… in the file beside a scene;
+    resized."""
     path, ids = split_id(cameras)
-    if ids:
-        return [open_camera(f"{path}:{one.strip()}", size, source) for one in ids.split(",")]
-    found = read_cameras(path)
-    shape = open_camera(path, size, source) if size else None
-    return [one.resized(shape.width, shape.height) if shape else one for one in found]
+    if os.path.exists(path):
+        found = read_cameras(path, _ids(ids) if ids else None)
+    elif beside := camera_beside(scene):
+        try:
+            found = read_cameras(beside, _ids(cameras))
+        except InputError as error:
+            raise InputError(f"--cameras {cameras}: no such file; {error}") from None
+    else:
+        raise InputError(f"--cameras {cameras}: no such file; {scene} has none of cameras beside")
+    shape = parse_size(size) if size else None
+    return [one.resized(*shape) if shape else one for one in found]
+
+
+def _ids(text: str) -> list[str]:
+    return [one.strip() for one in text.split(",")]
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -44,11 +44,13 @@ def golden(config: Config, job: Job) -> pipeline.Frame:
         return pipeline.render(config, *job)
 
 
-def golden_of(source: Source, camera: Camera, config: Config, background) -> pipeline.Frame:
+def golden_of(
+    source: Source, camera: Camera, config: Config, background, quality: str | None = None
+) -> pipeline.Frame:
     """The same of a source; a scene is packed first. InputError for too large an image."""
     check_fits(config, camera.width, camera.height)
     with progress_bar("packing"):
-        model = packed_model(source, config, camera)
+        model = packed_model(source, config, camera, quality)
     return golden(config, Job(model, camera, background_codes(config, background)))
 
 

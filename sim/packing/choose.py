@@ -86,13 +86,25 @@ def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
     return render(gaussians, camera).pixels
 
 
-def packing(source: Source) -> dict | None:
-    """How a source's scene was packed for a machine, last; None if it was not."""
+def packing(source: Source, truths: dict[str, np.ndarray] | None = None) -> dict | None:
+    """How a source's scene was packed for a machine, last; None if it was not. truths: what the
+    reference makes of model and scene, if it is to another view than what the scene was packed for.
+    """
     if not source.packed:
         return None
     *_, last = source.packed.values()
-    size = last.model.bytes_per_gaussian
-    return {"quality": last.quality, "bytes_per_gaussian": size, "psnr_db_packing": last.psnr_db}
+    size, db = last.model.bytes_per_gaussian, last.psnr_db
+    if truths:
+        db = psnr(truths["machine"] / LEVELS, truths["scene"] / LEVELS)
+    return {"quality": last.quality, "bytes_per_gaussian": size, "psnr_db_packing": db}
+
+
+def quality_of(source: Source, config: Config, cameras: Sequence[Camera]) -> str | None:
+    """The quality that is chosen for some views; None for what is packed already."""
+    if source.scene is None:
+        return None
+    only, *more = candidates(source.scene, config)
+    return choose(source.scene, config, cameras).quality if more else only
 
 
 def packing_line(source: Source) -> str:

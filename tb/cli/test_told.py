@@ -28,7 +28,7 @@ def place(tmp_path, monkeypatch):
 
 USAGE = {
     "render": "Missing argument 'SCENE|MODEL'; see .*render --help",
-    "render scene.ply": "Missing option '-o'; see",
+    "pack scene.ply": "Missing option '-o'; see",
     "render scene.ply -o": "'-o' requires an argument",
     "render scene.ply -o a.png --frames two": "'--frames': .*integer",
     "render scene.ply -o a.png --roof": "No such option: --roof",

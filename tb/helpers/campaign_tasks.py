@@ -15,3 +15,10 @@ def double(number: int, log: str) -> dict:
 def die(number: int, log: str) -> dict:
     """A measurement that takes its process with it."""
     os._exit(1)
+
+
+def say(text: str):
+    """A measurement that tells its progress."""
+    from splatcore.sim.common.output import messages
+
+    messages.print(text)
