@@ -27,8 +27,7 @@ before has been merged, at two cycles an entry. A round goes like this:
 The first round of a list takes base and shift from all keys of the long list before: base is the
 least of them, shift as above up to the greatest; neighbouring groups, and frames, have much the
 same depths. The first long list after reset takes base 0 and `shift_max`. Rounds that have given
-out a job take the two areas of scratch memory in turn, so that one is being dealt while another is
-being read.
+out a job take the areas of scratch memory in turn, so that lists are dealt while others are read.
 """
 
 from splatcore.spec.binning import PAGE_BITS
@@ -37,8 +36,8 @@ from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, key_format
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Array, Record
 
-AREAS = 2
-"""Areas of scratch memory: one is read while the other is written."""
+AREAS = 3
+"""Areas of scratch memory: one is read, one waits to be, one is written."""
 
 BUCKET_BITS = 5
 BUCKETS = 1 << BUCKET_BITS

@@ -86,7 +86,7 @@ class Deal(wiring.Component):
         self.count = Signal(range(self.half + 2))  # of the bucket looked up
         self.through, self.keep, self.ignored = Signal(), Signal(), Signal()  # the entry held
         self.total = Signal(range(self.half + 1))  # of the buckets of the next job
-        self.ends_round, self.both_used = Signal(), Signal()
+        self.ends_round, self.all_used = Signal(), Signal()
         self.over, self.job_room = Signal(), Signal()  # a bucket has too many; a job may be given
 
     def elaborate(self, platform) -> Module:
@@ -224,7 +224,7 @@ class Deal(wiring.Component):
             inside.o.ready.eq(self.released),
             begins.eq(inside.i.valid & self.ends_round),
             ends.eq(self.released & inside.o.valid & inside.o.payload),
-            self.both_used.eq(used == sort.AREAS),
+            self.all_used.eq(used == sort.AREAS),
             self.job_room.eq(job.ready & inside.i.ready),
         ]
         m.d.sync += used.eq(used + begins - ends)
@@ -248,7 +248,7 @@ class Deal(wiring.Component):
                     self._give_list(m, group.page, group.count, 0)
                     self._give_job(m, group.count, 1, 0)
             with m.Case(State.BEGIN):
-                m.d.comb += self.reading.valid.eq(~self.both_used)
+                m.d.comb += self.reading.valid.eq(~self.all_used)
                 m.d.sync += self.bucket.eq(0)
                 with m.If(self.reading.valid & self.reading.ready):
                     m.d.sync += state.eq(State.DEAL)

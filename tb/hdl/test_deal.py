@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
 
 from splatcore.golden.sort import Job, jobs, lines
 from splatcore.hdl.sorting.deal import Deal
@@ -22,6 +25,7 @@ from splatcore.spec.sort import (
     line_record,
     listed_record,
 )
+from tb.helpers.parts import forward
 from tb.helpers.runs import check_run, compiled
 from tb.helpers.variants import faults_are_found
 
@@ -147,15 +151,33 @@ FAULTS = {
 }
 
 
+class Held(wiring.Component):
+    """`SortStage`; while `hold` is high from the beginning nothing that it gives is taken."""
+
+    def __init__(self, config):
+        self.inner = SortStage(config)
+        super().__init__(dict(self.inner.signature.members) | {"hold": In(1)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.inner = inner = self.inner
+        forward(m, self, inner)
+        m.d.comb += self.o.valid.eq(inner.o.valid & ~self.hold)
+        m.d.comb += inner.o.ready.eq(self.o.ready & ~self.hold)
+        return m
+
+
 def check_all(part: Simulation, fault: int):
     """Runs that find every fault."""
     for seed, stall in enumerate((0, 0.5)):
         for kind in ("equal", "clustered", "random"):
-            check_stage("NARROW", kind, MIXED, stall, seed, part, fault=fault)
+            check_stage("NARROW", kind, MIXED, stall, seed, part, fault=fault, hold=0)
+    hold = np.append(np.ones(8000, np.uint64), 0)
+    check_stage("NARROW", "clustered", [65] * 24, 0, 0, part, fault=fault, hold=hold)
 
 
 test_fault_is_found = faults_are_found(
-    lambda: SortStage(MACHINES["NARROW"]),
+    lambda: Held(MACHINES["NARROW"]),
     {name: (Deal, *fault) for name, fault in FAULTS.items()},
     check_all,
 )
