@@ -62,13 +62,18 @@ class Add(wiring.Component):
         large, small = Signal(operand(format)), Signal(operand(format))
         distance = Signal(format.exponent)
         magnitude = format.exponent + format.fraction
-        with m.If(self.a[:magnitude] < self.b[:magnitude]):
+        less = self.a[:magnitude] < self.b[:magnitude]
+        with m.If(less):
             m.d.comb += [large.eq(b.o), small.eq(a.o)]
         with m.Else():
             m.d.comb += [large.eq(a.o), small.eq(b.o)]
         large, small = pipeline.cut("order", large, small)
 
-        m.d.comb += distance.eq(large.exponent - small.exponent)
+        if self.registers["order"]:
+            m.d.comb += distance.eq(large.exponent - small.exponent)
+        else:  # both differences are made while the summands are compared
+            ahead, behind = a.o.exponent - b.o.exponent, b.o.exponent - a.o.exponent
+            m.d.comb += distance.eq(Mux(less, behind, ahead))
         # A zero still has its fraction. The larger summand's does no harm: it has no exponent.
         significand = small.significand
         if not format.subnormal:

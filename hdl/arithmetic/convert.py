@@ -174,8 +174,9 @@ class ToFixed(wiring.Component):
             "floor": sign & (guard | lost),
             "ceiling": ~sign & (guard | lost),
         }[self.fixed.rounding]
-        magnitude = integer + up
-        return Mux(sign, -magnitude, magnitude)
+        # −(n + up) = ~n + ~up: one carry chain rounds and negates.
+        negative = sign.replicate(len(integer) + 2)
+        return ((integer ^ negative) + (up ^ sign))[: len(negative)].as_signed()
 
     def _saturated(self, m: Module, sign: Value, too_large: Value, steps: Value) -> Value:
         """The nearest code."""

@@ -119,9 +119,10 @@ class Round(wiring.Component):
 
     @staticmethod
     def cuts(format: Float, zeros: int) -> dict[str, int]:
-        """Cuts for registers: leading zeros counted, significand shifted, code made."""
-        shift = {"shift": 10} if zeros > 1 or format.subnormal else {}
-        return ({"count": 10} if zeros > 1 else {}) | shift | {"round": 13}
+        """Cuts for registers: leading zeros counted; significand shifted and whether to round up
+        decided; code made."""
+        shift = {"shift": 13 if zeros > 1 or format.subnormal else 5}
+        return ({"count": 10} if zeros > 1 else {}) | shift | {"round": 10}
 
     @staticmethod
     def width(format: Float, zeros: int) -> int:
@@ -132,7 +133,7 @@ class Round(wiring.Component):
         m = Module()
         pipeline = Pipeline(m, self.enable, self.registers)
         i, left = pipeline.cut("count", self.i, self._leading_zeros(m))
-        i, *parts = pipeline.cut("shift", i, *self._normalised(m, i, left))
+        i, *parts = pipeline.cut("shift", i, *self._decided(*self._normalised(m, i, left)))
         code = self._packed(m, i, *self._rounded(m, *parts))
         m.d.comb += self.o.eq(*pipeline.cut("round", code))
         return m
@@ -175,12 +176,18 @@ class Round(wiring.Component):
             exponent = Mux(significand[-1], exponent, 0)[:highest]
         return exponent, more, significand
 
-    def _rounded(self, m: Module, exponent: Value, more: Value, significand: Value):
+    def _decided(self, exponent: Value, more: Value, significand: Value) -> tuple[Value, ...]:
+        """Whether to round up, and whether any bit is set below the integer bit, in place of the
+        guard bit and the sticky bit."""
+        lost, guard, rest = significand[0], significand[1], significand[2:]
+        return exponent, more, rest, guard & (lost | rest[0]), significand[:-1].any()
+
+    def _rounded(
+        self, m: Module, exponent: Value, more: Value, significand: Value, up: Value, below: Value
+    ) -> tuple[Value, Value]:
         """Code of the magnitude, bits above it being set if it is too large; whether it is zero."""
-        lost, guard, fraction, integer = (
-            significand[0], significand[1], significand[2:-1], significand[-1]
-        )  # fmt: skip
-        exact, up = Cat(fraction, exponent), guard & (lost | fraction[0])
+        fraction, integer = significand[:-1], significand[-1]
+        exact = Cat(fraction, exponent)
         # A carry out of the fraction goes to the exponent.
         total = exact + Cat(up, Const(0, len(fraction) - 1), more)
         if self.format.subnormal:
@@ -188,7 +195,7 @@ class Round(wiring.Component):
         # From half of the smallest value, which has the exponent 0, up to that value the latter is
         # nearer; the half itself goes to zero.
         normal = integer & (exponent > -more)
-        smallest = integer & (exponent == -more) & significand[:-1].any()
+        smallest = integer & (exponent == -more) & below
         code = Signal(len(total))
         m.d.comb += code.eq(Mux(normal, total, smallest << self.format.fraction))
         return code, ~(normal | smallest)

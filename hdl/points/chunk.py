@@ -28,6 +28,15 @@ AXES = "xyz"
 CONVERT_LATENCY = 4  # cycles from grid steps to a float
 
 
+def _chosen(chosen: Value, values: data.View) -> Value:
+    """The bits of the value that is chosen, one of them at most; 0 without one."""
+    found = Const(0)
+    for one, value in zip(chosen, values, strict=True):
+        bits = Value.cast(value).as_unsigned()
+        found |= bits & one.replicate(len(bits))
+    return found
+
+
 class Chunk(wiring.Component):
     """Chunk headers in, chunks that may hold something visible out; the others are skipped.
 
@@ -78,21 +87,17 @@ class Chunk(wiring.Component):
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
         way = Signal(signed(AWAY.width))
-        step = Signal(range(2 * len(AXES) + CONVERT_LATENCY + 2))
-        converted = step == 2 * len(AXES) + CONVERT_LATENCY + 1
-        high = step > len(AXES) + CONVERT_LATENCY  # what leaves the converter
-        origin, eye = Signal(signed(AWAY.width)), Signal(signed(AWAY.width))
-        span = Signal(AWAY.width)
-        with m.Switch(step):
-            for k in range(2 * len(AXES)):
-                axis = k % len(AXES)
-                with m.Case(k):
-                    m.d.comb += origin.eq(header.origin[axis].as_signed())
-                    m.d.comb += eye.eq(self.camera[axis])
-                    if k >= len(AXES):
-                        # The largest offset with this extent is below the next one's smallest.
-                        end = (header.extent[axis] + 1) << EXTENT_SHIFT
-                        m.d.comb += span.eq(end << header.shift[axis])
+        # A bit for each step, that of the present one set: axes of the low ends, then of the high
+        # ends, then what the converter takes.
+        step = Signal(2 * len(AXES) + CONVERT_LATENCY + 2, init=1)
+        low_ends, high_ends = step[: len(AXES)], step[len(AXES) :][: len(AXES)]
+        converted = step[-1]
+        high = step[len(AXES) + CONVERT_LATENCY + 1 :].any()  # what leaves the converter
+        origin = _chosen(low_ends | high_ends, header.origin).as_signed()
+        eye = _chosen(low_ends | high_ends, self.camera).as_signed()
+        # The largest offset with this extent is below the next one's smallest.
+        end = (_chosen(high_ends, header.extent) + high_ends.any()) << EXTENT_SHIFT
+        span = (end << _chosen(high_ends, header.shift))[: AWAY.width]
         m.d.sync += way.eq(origin + span - eye)
         m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
         m.d.comb += convert.scale.eq(self.position_exponent)
@@ -102,11 +107,11 @@ class Chunk(wiring.Component):
             for axis in AXES
         ]
         with m.If(~converted & self.i.valid):
-            m.d.sync += step.eq(step + 1)
+            m.d.sync += step.eq(step << 1)
             comes = self._outward(convert.o, high)
             m.d.sync += [a.eq(b) for a, b in zip(values, [*values[1:], comes], strict=True)]
         with m.If(self.taken):
-            m.d.sync += step.eq(0)
+            m.d.sync += step.eq(1)
         return converted, values[: len(AXES)], values[len(AXES) :]
 
     def _outward(self, code: Value, up: Value) -> Value:

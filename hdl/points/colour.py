@@ -1,6 +1,6 @@
 """Colours of Gaussians, made beside the projection's array in small integers (`spec.colour`)."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -225,12 +225,13 @@ class Colour(wiring.Component):
         for lane in range(LANES):
             convert = ToFixed(BASIS, POLYNOMIAL, 1, scales)
             m.submodules[f"polynomial_{lane}"] = convert
-            value = Const(0)
+            value, scale = Const(0), Signal(Shape.cast(scales), name=f"scale_{lane}")
             for k, term in enumerate(self.terms, 1):
                 if lane < len(term.polynomials):
                     value |= Mux(self.turn[k], outputs[term.polynomials[lane]], 0)
-                    with m.If(self.turn[k]):
-                        m.d.comb += convert.scale.eq(term.doubled[lane])
+                    with m.If(self.turn[k - 1]):  # decoded in the cycle before
+                        m.d.sync += scale.eq(term.doubled[lane])
             # Both parts of G are multiplied with the first term's.
             m.d.comb += convert.enable.eq(~(self.codebooks & self.turn[2]))
-            m.d.comb += [convert.i.eq(value), self.sum.polynomials[lane].eq(convert.o)]
+            m.d.comb += [convert.i.eq(value), convert.scale.eq(scale)]
+            m.d.comb += self.sum.polynomials[lane].eq(convert.o)

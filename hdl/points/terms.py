@@ -1,6 +1,6 @@
 """The sum of a Gaussian's terms of colour (`spec.colour`): integers, a term a cycle."""
 
-from amaranth.hdl import Module, Mux, Signal, Value, signed
+from amaranth.hdl import Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -24,18 +24,29 @@ def sums_of_products(a: list[Value], b: list[Value]) -> tuple[Value, Value]:
     beyond it.
 
     Rows of partial products are added as they are, without copies of their signs: a bit that counts
-    negative is inverted, and what all of these are then too much is a constant.
+    negative is inverted, and what all of these are then too much is a constant. The first number is
+    that of the lower rows: it has few bits, and the second one ends in zeros.
     """
-    rows, constant = [], 0
+    low, high, constant = [], [], 0
     for x, y in zip(a, b, strict=True):
         for k in range(len(x)):
             last = k == len(x) - 1
             row = y & x[k].replicate(len(y))
             flip = (1 << len(y) - 1) - 1 if last else 1 << len(y) - 1
-            rows.append((row ^ flip)[: len(y)] << k)
+            half = low if k < len(x) // 2 else high
+            half.append((row ^ flip)[: len(y)].shift_left(k))
         constant += (1 << len(x) - 1) + (1 << len(y) - 1) - (1 << len(x) + len(y) - 1)
-    middle = len(rows) // 2
-    return sum(rows[:middle]), sum(rows[middle:]) + constant
+    bits = sum(1 << len(row) for row in low).bit_length()
+    return _sum(low, bits), _sum([*high, Const(constant, PRODUCTS)], PRODUCTS.width)
+
+
+def _sum(rows: list[Value], bits: int) -> Value:
+    """Their sum in so many bits. No partial sum has more: so synthesis makes one tree of carry-save
+    adders of all rows, with one carry chain behind it."""
+    total = Const(0, bits)
+    for row in rows:
+        total = (total + row)[:bits]
+    return total
 
 
 class Terms(wiring.Component):
@@ -132,7 +143,7 @@ class Terms(wiring.Component):
             factors.append(factor)
         parts = []
         for k, part in enumerate(sums_of_products(factors, list(self.polynomials))):
-            kept = Signal(PRODUCTS, name=f"part_{channel}{k}", reset_less=True)
+            kept = Signal(len(part), name=f"part_{channel}{k}", reset_less=True)
             m.d.sync += kept.eq(part)
             parts.append(kept)
         total = Signal(PRODUCTS, name=f"sum_{channel}", reset_less=True)
