@@ -15,7 +15,7 @@ from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec.config import Config
-from splatcore.spec.raster import BLOCKS, block_count, owner
+from splatcore.spec.raster import BLOCKS, block_count, nth_block, owned, owner
 
 BLOCKS_A_TILE = BLOCKS**2
 
@@ -56,6 +56,9 @@ class Raster:
         # How many of the group before are yet to be given out, and when the last one was.
         self.owed, self.gone = np.zeros((2, config.rasterizers))
         self.visited = np.zeros(BLOCKS_A_TILE * config.group**2, bool)  # in this group
+        # When there is room for each of them; which part of its rasterizer's are before it.
+        self.room = np.zeros(len(self.visited))
+        self.order = order(config)
         self.left = np.zeros(SPLATS_INSIDE)  # when the last ones with live tiles left for setup
         self.taken = np.zeros(FEATURES_WAITING)  # when the last splats came
 
@@ -73,23 +76,24 @@ class Raster:
         pass_splats(
             first, self.at, self.live_end, self.mask, self.blocks, self.owners,
             pace, far, self.clock, self.free, self.begun, self.count, self.last, self.lanes,
-            self.owed, self.gone, self.visited, self.left, self.taken,
+            self.owed, self.gone, self.visited, self.room, self.left, self.taken,
         )  # fmt: skip
         return self.clock[MERGED]
 
-    def end(self, room: float = 0) -> float:
-        """The group ends, when all blocks of the one before have been given out: when that was.
+    def write(self, begin: float, cycles: float):
+        """The finished blocks are written from then on, in so many cycles."""
+        self.room = begin + self.order * cycles
 
-        room: when there was room for the last ones.
-        """
+    def end(self) -> float:
+        """The group ends, when all blocks of the one before have been given out: when that was."""
         self.clock[MARKED] += 1
         ends = np.maximum(self.clock[MARKED] + QUEUE_LATENCY, self.free)
         for r, at in enumerate(ends):
             idle(r, at, self.free, self.owed, self.gone)
         ends += self.owed
         self.gone[self.owed > 0] = ends[self.owed > 0]
-        late = self.gone < room
-        self.gone[late], ends[late] = room, np.maximum(ends, room)[late]
+        self.gone = np.maximum(self.gone, self.room.max())
+        ends = np.maximum(ends, self.gone + GIVEN)  # none is on its way any more
         self.clock[END] = ends.max()
         self.free = np.maximum(self.free + TURN, ends + END_TURN)
         self.owed[:], self.visited[:] = self.given, False
@@ -98,6 +102,17 @@ class Raster:
         self.count += 1
         self.number += 1
         return self.gone.max()
+
+
+def order(config: Config) -> np.ndarray:
+    """Of each block of a group the part of its rasterizer's that are written up to it."""
+    found = np.zeros((config.group**2, BLOCKS_A_TILE))
+    for rasterizer in range(config.rasterizers):
+        own = np.array(owned(config, rasterizer))
+        for number in range(block_count(config)):
+            tile, block = divmod(nth_block(config, number), len(own))
+            found[tile, own[block]] = (number + 1) / block_count(config)
+    return found.ravel()
 
 
 def raster_cycles(config: Config, frame: Frame) -> int:
@@ -127,7 +142,8 @@ def idle(r, until, free, owed, gone):
 @njit(cache=True)
 def pass_splats(
     first, end, ended, mask, blocks, owners,
-    pace, far, clock, free, begun, count, last, lanes, owed, gone, visited, left, taken,
+    pace, far, clock, free, begun, count, last, lanes, owed, gone, visited, room,
+    left, taken,
 ):  # fmt: skip
     """A group's entries first … end through the queues; changes clock and all behind it.
 
@@ -155,7 +171,7 @@ def pass_splats(
                     marked = max(marked + 1, entered + PAIR_LATENCY)
                     marked = _deal(
                         found, tile, marked, owners, free, begun, count, last, lanes,
-                        owed, gone, visited,
+                        owed, gone, visited, room,
                     )  # fmt: skip
             tile += 1
         if not dead:
@@ -182,7 +198,7 @@ def live_end(first, end, pair, mask, blocks):
 
 @njit(cache=True)
 def _deal(
-    found, tile, marked, owners, free, begun, count, last, lanes, owed, gone, visited
+    found, tile, marked, owners, free, begun, count, last, lanes, owed, gone, visited, room
 ):  # fmt: skip
     """Push a pair to the rasterizers that own its blocks; returns when all of them had room."""
     for block in range(BLOCKS_A_TILE):
@@ -199,6 +215,11 @@ def _deal(
             some = True
             if found >> BLOCKS_A_TILE + block & 1:
                 name = tile * BLOCKS_A_TILE + block
+                if owed[r] > 0 and not visited[name]:
+                    visited[name] = True
+                    time = max(time, room[name])
+                    owed[r] -= 1
+                    gone[r] = time
                 for back in range(BUSY):
                     if last[r, back] == name:
                         time = max(time, lanes[r, back] + BUSY)
@@ -206,10 +227,6 @@ def _deal(
                     last[r, back] = last[r, back - 1]
                     lanes[r, back] = lanes[r, back - 1]
                 last[r, 0], lanes[r, 0] = name, time
-                if owed[r] > 0 and not visited[name]:
-                    visited[name] = True
-                    owed[r] -= 1
-                    gone[r] = time
             time += 1
         if some:
             free[r] = time

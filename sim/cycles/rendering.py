@@ -51,6 +51,7 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
         nonlocal written, empty
         begun = max(written, ended + GIVEN)
         done = max(begun + last, gone + GIVEN)
+        stage.write(begun, done - begun)
         empty -= min(empty, done - written - last)
         written = done
 
@@ -59,7 +60,7 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
             stage.number += 1
             continue
         timeline.group(next(found))
-        write(stage.end(written))
+        write(stage.end())
         ended, last = stage.clock[END], spans
     write(ended + stage.given)
     return int(written + empty) + BEGIN + 2 * latency

@@ -36,6 +36,7 @@ from tb.helpers.scene_frames import parameters
 from tb.helpers.scenes import scene_path
 
 ONE = replace(DEFAULT, rasterizers=1)
+FEW = replace(TINY, name="FEW", rasterizers=8, group=1)  # two blocks for each rasterizer
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
@@ -155,15 +156,41 @@ def test_counters(count):
 
 
 @pytest.mark.slow
-def test_stop():
-    """No tile is live once all pixels have ended, and what comes then changes nothing."""
-    size = (32, 32)
-    features = random_features(TINY, 600, size, 5)
+def test_few_blocks():
+    """Where a rasterizer has few blocks, one is given out when it has just been before."""
+    size = (64, 64)
+    for seed, stall in enumerate((0, 0, 0.3, 0.7)):
+        case = random_case(FEW, (40, 400)[seed & 1], size, seed)
+        groups = np.tile(np.arange(16), 4)
+        assert run_groups(FEW, *case, size, groups, stall=stall, seed=seed).differing == 0
+
+
+def opaque(count: int, size: tuple[int, int]) -> Codes:
+    """Splats that cover an image; after two of them nothing is to be seen."""
+    features = random_features(TINY, count, size, 5)
     features["opacity"][:] = 0
     for name in ("across", "along"):
         features[name][:] = FACTOR.encode(np.ldexp(1e-6, FACTOR_SCALE))
     features["u"][:] = features["v"][:] = POSITION.encode(16.0)
     features["scale"][:] = 0
+    return features
+
+
+@pytest.mark.slow
+def test_blocks_end_with_the_group():
+    """What the last splat of a group ends has not ended in the next one."""
+    size, count = (64, 64), 4 * 2
+    entries = Entries(np.arange(5) * 2, np.arange(count), np.full(count, 15))
+    for seed, stall in enumerate((0, 0.2, 0.5)):
+        case, groups = (opaque(count, size), entries), np.tile(np.arange(4), 4)
+        assert run_groups(TINY, *case, size, groups, stall=stall, seed=seed).differing == 0
+
+
+@pytest.mark.slow
+def test_stop():
+    """No tile is live once all pixels have ended, and what comes then changes nothing."""
+    size = (32, 32)
+    features = opaque(600, size)
     entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
     run = run_groups(TINY, features, entries, size)
     assert run.differing == 0 and (run.result.samples["live"] == 0).any()
