@@ -39,7 +39,7 @@ class Blend(wiring.Component):
 
     Members
         valid, block: something is to be done with a block: its number in the memory.
-        give: it is given out and forgotten. blend: a splat is blended into it, behind that.
+        give: it is given out and forgotten. blends: a splat is blended into it, behind that.
         log2_alphas: of its pixels. colour: the splat's.
         inside: pixels within the image; the others have ended from the start.
         rest: all that is left of T is blended with the colour.
@@ -68,7 +68,7 @@ class Blend(wiring.Component):
             "colour": In(self.colour_shape),
             "inside": In(self.pixels),
             "give": In(1),
-            "blend": In(1),
+            "blends": In(1),
             "rest": In(1),
             "busy": Out(1),
             "entered": Out(1),
@@ -94,7 +94,7 @@ class Blend(wiring.Component):
         taken = self._subtract(m, kept, *product)
         on_the_way = (valid & stage.give for valid, stage in (read, product, taken))
         m.d.comb += self.giving.eq(Cat(on_the_way).any())
-        m.d.comb += self.entered.eq(read[0] & read[1].blend)
+        m.d.comb += self.entered.eq(read[0] & read[1].blends)
         same = [valid & (stage.block == self.block) for valid, stage in (read, product)]
         m.d.comb += self.busy.eq(same[0] | same[1])
         self._add(m, *product, *taken)
@@ -103,7 +103,7 @@ class Blend(wiring.Component):
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
         """Registers of a stage, some for each lane, and a bit that says that they are valid."""
         shared = {"block": self.number, "colour": self.colour_shape}
-        shared |= dict.fromkeys(("untouched", "give", "blend", "rest"), 1)
+        shared |= dict.fromkeys(("untouched", "give", "blends", "rest"), 1)
         lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
         stage = Signal(data.StructLayout({"lanes": lanes} | shared), name=name, reset_less=True)
         stage_valid = Signal(name=f"{name}_valid")
@@ -131,7 +131,7 @@ class Blend(wiring.Component):
         """T · mantissa."""
         config = self.config
         with m.If(valid):
-            m.d.sync += self.touched.bit_select(read.block, 1).eq(read.blend)
+            m.d.sync += self.touched.bit_select(read.block, 1).eq(read.blends)
         lane = {"product": config.transmittance + config.power_mantissa, "halvings": HALVING_BITS}
         lane |= {"rest": config.transmittance, "ended": 1, "seen": 1}
         product_valid, product = self._stage(m, "product", lane, valid, read)
@@ -177,7 +177,7 @@ class Blend(wiring.Component):
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
             for k in range(levels):
                 bright[k] |= after[bits - config.faint[0] - k :].any() & ~ended[pixel]
-        blended = valid & before.blend & ~before.rest
+        blended = valid & before.blends & ~before.rest
         m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
         m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]
         m.d.comb += [self.ended.eq(ended.all()), self.level.eq(~Cat(bright))]
@@ -198,7 +198,7 @@ class Blend(wiring.Component):
         m.d.comb += [
             sums.en.eq(entering),
             sums.addr.eq(next_.block),
-            write.en.eq(valid & taken.blend),
+            write.en.eq(valid & taken.blends),
             write.addr.eq(taken.block),
             self.given.eq(valid & taken.give),
             self.given_block.eq(taken.block),

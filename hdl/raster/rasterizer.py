@@ -229,7 +229,7 @@ class Rasterizer(wiring.Component):
             blend.valid.eq(seen | give | rests),
             blend.block.eq(tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile),
             blend.give.eq(give),
-            blend.blend.eq(visit | rests),
+            blend.blends.eq(visit | rests),
             blend.rest.eq(rests),
             blend.log2_alphas.eq(evaluate.log2_alphas),
             blend.colour.eq(Mux(rests, self.background, Cat(colour))),

@@ -19,7 +19,8 @@ BEGUN = 3  # from the beginning of a merge to its first entry, besides one for e
 MARKED = 4  # from the last entry of a merge to the group's mark being taken
 RELEASED = 5  # from the last entry of a merge to the half and the merge being free
 DEALT = 2  # of an entry in each round, with memory that takes lines at once
-ROUND = 4 * BUCKETS + 8  # of a round besides, and the memory's latency
+LOOKED_UP = 2  # a bucket's, for its last line to be written; and again, for it to be given out
+ROUND = 8  # of a round besides, and the memory's latency
 LISTED = 4  # a bucket's, however few entries it has
 
 Give = Callable[[float, int], float]
@@ -67,10 +68,13 @@ class Timeline:
     def _round(self, part: Round, count: int) -> float:
         """Deals a list of so many entries, and merges the round's jobs."""
         begin = max(self.deal, self.areas.popleft())
-        self.deal = begin + max(self.pace, self.dealt) * count + ROUND + self.latency
+        dealt = max(self.pace, self.dealt) * count + ROUND + self.latency
+        written = begin + dealt + LOOKED_UP * BUCKETS
         last = begin
         for job in part.jobs:
+            self.deal = written + LOOKED_UP * (job.buckets[-1][0] + 1)
             last = self._job(len(job.order), max(len(job.order), LISTED * len(job.buckets)))
+        self.deal = max(self.deal, written + LOOKED_UP * BUCKETS)
         self.areas.append(last + RELEASED) if part.jobs else self.areas.appendleft(begin)
         return last
 

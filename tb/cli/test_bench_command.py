@@ -27,8 +27,7 @@ def test_bench_sort(tmp_path, monkeypatch, capsys):
     for kind, values in found["cycles"].items():
         assert values[1] <= BOUND * 16 and values == sorted(values)
         known = len(LENGTHS) if kind == "random" else 2  # rounds of dealing depend on the keys
-        # 3.6 %: of a dealt job the model has some 10 cycles too many, and TINY's have 60 entries.
-        assert values[:known] == pytest.approx(found["model"][:known], rel=0.04, abs=2)
+        assert values[:known] == pytest.approx(found["model"][:known], rel=0.02, abs=2)
     assert read_png("out/sort.png").std() > 5
     printed = capsys.readouterr().out
     assert f"{BOUND * 16:.0f}" in printed and "out/sort.png" in printed and "…" not in printed

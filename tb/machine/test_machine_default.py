@@ -61,4 +61,4 @@ def test_hard_harmonics():
 def test_scene(name, camera):
     path = scene_path(f"{name.split('.')[0]}.cameras.json")
     view = read_camera(f"{path}:{camera}").resized(*SIZE)
-    run(pack(read_scene(scene_path(name)), DEFAULT)[0], view)
+    run(pack(read_scene(scene_path(name)), DEFAULT)[0], view, 2)  # buckets are known from the first
