@@ -268,7 +268,7 @@ def owner(config: Config, block: int) -> tuple[int, int]:
     so that a small splat keeps several of them busy.
     """
     row, column = divmod(block, BLOCKS)
-    columns = min(config.rasterizers, BLOCKS)
+    columns = span_blocks(config)
     rows = config.rasterizers // columns
     number = row // rows * (BLOCKS // columns) + column // columns
     return (column + row) % columns + columns * (row % rows), number

@@ -69,9 +69,9 @@ class Pixels(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.span = config, span_blocks(config)
         self.side = exact_log2(config.group)
-        self.kept = 0  # bytes of a span's row that wait for the next span
-        if spans_meet(config):
-            self.kept = self.span * ROW_BITS // 8 % port_bytes(config)
+        self.row = self.span * ROW_BITS // 8  # bytes of a row of a span
+        # Those that wait for the next span.
+        self.kept = self.row % port_bytes(config) if spans_meet(config) else 0
         pixels = In(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
         position = In(stream.Signature(layout(position_record(config))))
         ports = {
@@ -169,7 +169,7 @@ class Pixels(wiring.Component):
         """A row of the span as beats; the number of the last one, and a bit: what it begins with is
         there. first: block of the span."""
         words = ROW_BITS // 8 // WORD  # of a row of a block
-        size, row = port_bytes(self.config), self.span * ROW_BITS // 8
+        size, row = port_bytes(self.config), self.row
         # A span begins at a multiple of 4 bytes.
         skipped = (first * words)[: exact_log2(size // WORD)]
         if row % size == 0:
@@ -222,7 +222,7 @@ class Pixels(wiring.Component):
             (self.span_number + following)[: sum(self.counts)], place
         )
         at = self.pixels_at[below:] + next_row * BLOCK * stride
-        at += (next_column * (self.span * ROW_BITS // 8)) >> exact_log2(size)
+        at += (next_column * self.row) >> exact_log2(size)
         m.d.comb += inside.eq(
             (next_column * self.span * BLOCK < self.width) & (next_row * BLOCK < self.height)
         )

@@ -88,7 +88,8 @@ class Rasterizer(wiring.Component):
         self.visits, self.gives, self.rests = Signal(), Signal(), Signal()
         self.visiting, self.giving, self.resting = Signal(STAGES), Signal(STAGES), Signal(STAGES)
         self.tile, self.chosen = Signal(range(self.tiles)), Signal(len(self.own))  # which one
-        # Blocks that have not been given out since their group ended; those not yet written, too.
+        # Blocks that have not been given out since their group ended; those of them whose place is
+        # still taken by the group before that one.
         blocks = data.ArrayLayout(len(self.own), self.tiles)
         self.stale, self.blocked = Signal(blocks), Signal(blocks)
         self._begin(m)

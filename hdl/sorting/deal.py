@@ -51,7 +51,8 @@ class Deal(wiring.Component):
 
     **Timing**: a list that fits on chip in a cycle. An entry of a long one in 2 cycles, in each
     round of its list; besides, a round takes some 5 cycles for each bucket and the memory's
-    latency, while jobs before it are sorted. Memories: a count and a line for each bucket.
+    latency, while jobs before it are sorted. Memories: a count and a line for each bucket. No
+    multiplier.
     """
 
     def __init__(self, config: Config):
