@@ -91,7 +91,7 @@ template <class Item> struct Held {
     }
 };
 
-// The numbers, counted from 0, of what is to fail.
+// The numbers, counted from 0, of what is to go wrong.
 struct Failing {
     std::set<uint64_t> numbers;
     uint64_t count = 0;
@@ -105,7 +105,7 @@ struct Memory {
     double bandwidth, tokens = 0;
     size_t outstanding;
     std::vector<Region> regions;
-    Failing read_errors, write_errors, read_strays, write_strays;
+    Failing read_errors, write_errors, read_strays, write_strays, read_missing, write_missing;
     Stall ar, r, aw, w, b;
     Random noise;
     bool scrambled, turn = false, moved = false, reading = false, answering = false;
@@ -129,10 +129,12 @@ struct Memory {
         auto number = [](const std::string& text) { return std::stoull(text); };
         for (auto& line : s.all("region"))
             regions.push_back({line[0], number(line[1]), number(line[2]), line[3] == "1"});
-        for (auto& line : s.all("read_error")) read_errors.numbers.insert(number(line[0]));
-        for (auto& line : s.all("write_error")) write_errors.numbers.insert(number(line[0]));
-        for (auto& line : s.all("read_stray")) read_strays.numbers.insert(number(line[0]));
-        for (auto& line : s.all("write_stray")) write_strays.numbers.insert(number(line[0]));
+        const std::pair<const char*, Failing*> kinds[] = {
+            {"read_errors", &read_errors},   {"write_errors", &write_errors},
+            {"read_strays", &read_strays},   {"write_strays", &write_strays},
+            {"read_missing", &read_missing}, {"write_missing", &write_missing}};
+        for (auto& [name, failing] : kinds)
+            for (auto& line : s.all(name)) failing->numbers.insert(number(line[0]));
     }
     void forget() {
         read_beats.clear(), bursts.clear(), answers.clear(), write_beats.clear();
@@ -228,7 +230,7 @@ struct Memory {
         if (!last) return;
         burst.due = cycle + latency;
         if (write_strays.next()) answers.push_back({{NOBODY}, SLAVE_ERROR, nullptr, burst.due, {}});
-        answers.push_back(std::move(burst));
+        if (!write_missing.next()) answers.push_back(std::move(burst));
         bursts.pop_front();
     }
 
@@ -276,6 +278,7 @@ struct Memory {
             if (read_strays.next())
                 read_beats.push_back({beat.due, NOBODY, SLAVE_ERROR, false, false, {}});
             if (read_errors.next()) beat.response = SLAVE_ERROR;
+            if (read_missing.next()) continue;
             if (!region) beat.response = DECODE_ERROR;
             for (uint64_t word = 0; word < BEAT; word += 8) {
                 uint64_t value = beat.response == OKAY && request.size == BEAT_BITS ? 0 : noise();

@@ -79,6 +79,7 @@ int main(int argc, char** argv) {
     for (auto& [id, beats] : memory.beats_read) count("read", std::to_string(id), beats, 0);
     for (auto& [id, beats] : memory.beats_written) count("written", std::to_string(id), beats, 0);
     for (auto& region : memory.regions) count("region", region.name, region.read, region.written);
+    count("asked", "of", memory.read_errors.count, memory.write_errors.count);
     count("outside", "accesses", memory.outside, 0);
     for (auto& text : memory.outside_told) std::fprintf(host.report, "told %s\n", text.c_str());
 #if WAVES || TOGGLES

@@ -31,6 +31,12 @@ REASONS = {
 }
 
 
+GOING_WRONG = tuple(
+    f"{way}_{what}" for what in ("errors", "strays", "missing") for way in ("read", "write")
+)
+"""Settings of memory that list the numbers of what goes wrong (`Timing`)."""
+
+
 @dataclass(frozen=True)
 class Timing:
     """Behaviour of memory (`memory.hpp`).
@@ -40,7 +46,8 @@ class Timing:
     a path that memory takes before the first is answered. stall: probability with which a side of
     memory (and of the host) idles in a cycle, drawn from `seed`. read_errors, write_errors: numbers
     of read beats and of written bursts, from 0 on, that are answered by an error. read_strays,
-    write_strays: those before whose answer there is one that nobody has asked for.
+    write_strays: those before whose answer there is one that nobody has asked for. read_missing,
+    write_missing: those that are never answered.
     """
 
     name: str
@@ -54,14 +61,16 @@ class Timing:
     write_errors: tuple[int, ...] = ()
     read_strays: tuple[int, ...] = ()
     write_strays: tuple[int, ...] = ()
+    read_missing: tuple[int, ...] = ()
+    write_missing: tuple[int, ...] = ()
 
     @property
     def settings(self) -> list[str]:
         """Lines for the program."""
         names = ("latency", "bandwidth", "granule", "outstanding", "stall", "seed")
         lines = [f"{name} {getattr(self, name)}" for name in names]
-        for kind in ("read_error", "write_error", "read_stray", "write_stray"):
-            lines += [f"{kind} {number}" for number in getattr(self, f"{kind}s")]
+        for name in GOING_WRONG:
+            lines += [f"{name} {number}" for number in getattr(self, name)]
         return lines
 
 
@@ -171,8 +180,9 @@ class Answer:
 class Report:
     """A run. config: the machine. answers: by the number of the command, for those
     that were done. events: cycle and bits of each interrupt. read, written: beats by reader and
-    writer. regions: bytes read and written. outside: accesses that no region allows, the first ones
-    told. rule: of AXI that was broken. command: that the script was at."""
+    writer. asked: read beats and written bursts that memory was asked for, as those that go wrong
+    are counted. regions: bytes read and written. outside: accesses that no region allows, the first
+    ones told. rule: of AXI that was broken. command: that the script was at."""
 
     config: Config
     result: str = ""
@@ -183,6 +193,7 @@ class Report:
     events: list[tuple[int, int]] = field(default_factory=list)
     read: dict[str, int] = field(default_factory=dict)
     written: dict[str, int] = field(default_factory=dict)
+    asked: tuple[int, int] = (0, 0)
     regions: dict[str, tuple[int, int]] = field(default_factory=dict)
     outside: int = 0
     outside_told: list[str] = field(default_factory=list)
@@ -225,6 +236,8 @@ def read_report(path: Path, config: Config) -> Report:
             report.read[readers[int(rest[0])]] = int(rest[1])
         elif kind == "written":
             report.written[writers[int(rest[0])]] = int(rest[1])
+        elif kind == "asked":
+            report.asked = int(rest[1]), int(rest[2])
         elif kind == "region":
             report.regions[rest[0]] = int(rest[1]), int(rest[2])
         elif kind == "outside":

@@ -38,7 +38,7 @@ def summary(results: Results) -> Iterator[Item]:
         "All machines of the sweep: cycles and frames a second of the slowest scene, PSNR and "
         "largest error of a channel over all scenes, machine: against the reference on the same "
         "packed model, 8-bit pictures of both. Front: no other machine is better in one of "
-        "cycles, mean PSNR and gates without being worse in another.",
+        "cycles (also their mean over scenes), mean PSNR and gates without being worse in another.",
         [
             Column("machine"), Column("what"), Column("value"), Column("gates", "k NAND2", 1),
             Column("memory", "KB", 1), Column("frame", "M cycles", 2),

@@ -1,0 +1,227 @@
+"""Kinds of what can go wrong, drawn at random, and what must come of each."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from splatcore.sim.soak.fault_runs import (
+    SPOILT,
+    A,
+    B,
+    Fault,
+    Outcome,
+    golden,
+    job,
+    timetable,
+    values_of,
+)
+from splatcore.spec import registers
+from splatcore.spec.axi import ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
+from splatcore.spec.colour import EXPONENT_MAX
+from splatcore.spec.config import Config
+from splatcore.spec.memory import MAGIC, PLACED
+from splatcore.spec.registers import ErrorCode, addresses, frame_registers
+from splatcore.spec.work import STRIDE_ALIGNMENT, WORK_ALIGNMENT, stride
+
+KINDS = (
+    "read", "write", "stray", "missing", "hand over", "reset", "abort", "start", "locked",
+    "pages", "features", "size", "alignment", "range", "parts",
+    "magic", "version", "format", "degree",
+)  # fmt: skip
+"""Kinds of what can go wrong."""
+
+PAIR_KINDS = (*KINDS, "both")
+"""The same with two frames in flight. both: B's model cannot be taken, and a read fails."""
+
+AROUND = {"abort": range(-20, 8), "read": range(-16, 8), "write": range(-8, 4)}
+"""Cycles after the hand-over of B at which ABORT is sent, beats and bursts behind it that fail."""
+
+SOON = 40  # beats after B's start in which the other frame is still there
+
+CLIENTS = {ErrorCode.READ: READERS, ErrorCode.WRITE: WRITERS}
+
+Below = Callable[[int], int]
+"""n → a random number in 0 … n − 1."""
+
+
+def drawn(config: Config, kind: str, seed: int, pair: bool) -> Fault:
+    """A fault of a kind, drawn at random, for `run_fault` with the same seed."""
+    generator = np.random.default_rng([seed, len(kind)])
+
+    def below(n: int) -> int:
+        return int(generator.integers(n))
+
+    if kind == "both":
+        other = drawn_header(config, ("magic", "version", "degree")[below(3)], below)
+        beat = timetable(config, seed, pair).first[0] + below(SOON)
+        return replace(other, detail=None, timing={"read_errors": (beat,)}, twice=True)
+    if kind == "hand over":
+        found = hand_over(config, seed, pair)
+        return found[below(len(found))]
+    if kind in ("read", "write", "stray", "missing"):
+        return drawn_answer(config, kind, seed, pair, below)
+    if kind in ("reset", "abort", "start", "locked"):
+        return drawn_host(config, kind, seed, pair, below)
+    if kind in ("range", "parts"):
+        return drawn_place(config, kind, below)
+    if kind in ("size", "alignment", "pages", "features"):
+        return drawn_register(config, kind, below)
+    return drawn_header(config, kind, below)
+
+
+def drawn_header(config: Config, kind: str, below: Below) -> Fault:
+    """A model that this machine does not take."""
+    if kind == "magic":
+        return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
+    if kind == "version":
+        return Fault(ErrorCode.VERSION, header={"version": [0, 2, 4, 0xFFFF][below(4)]})
+    if kind == "degree":
+        degree = config.sh_degree + 1 + below(255 - config.sh_degree)
+        return Fault(ErrorCode.DEGREE, degree, header={"sh_degree": degree})
+    fields = [{"position": 1}, {"colour_index": below(6)}]
+    fields += [{"position_exponent": 256 + below(1000)}]
+    fields += [{"exponent": EXPONENT_MAX + 1 + below(1000)}]
+    if not config.sh_degree:
+        fields += [{"sh_index": 1}]
+    return Fault(ErrorCode.FORMAT, header=fields[below(len(fields))])
+
+
+def drawn_register(config: Config, kind: str, below: Below) -> Fault:
+    """A register of the frame with a value that cannot be, or that is too small for it."""
+    frame = golden(config, B)
+    if kind == "pages":
+        return Fault(ErrorCode.PAGES, values={"LISTS_PAGES": below(frame.binned.lists.needed)})
+    if kind == "features":
+        return Fault(ErrorCode.FEATURES, values={"FEATURES_MAX": below(len(frame.binned.kept))})
+    if kind == "alignment":
+        name = list(registers.ALIGNED)[below(len(registers.ALIGNED))]
+        value = values_of(config, B, SPOILT, B)[name] + 1 + below(registers.ALIGNED[name] - 1)
+        return Fault(ErrorCode.ALIGNMENT, number(config, name), values={name: value})
+    width = job(config, B).camera.width
+    choices = [({"WIDTH": 0}, 0), ({"WIDTH": config.width_max + 1 + below(63)}, 0)]
+    choices += [({"HEIGHT": 0}, 1), ({"HEIGHT": config.height_max + 1 + below(63)}, 1)]
+    choices += [({"STRIDE": stride(width) + 1 + below(STRIDE_ALIGNMENT - 1)}, 2)]
+    choices += [({"STRIDE": stride(width) - STRIDE_ALIGNMENT}, 2)]
+    values, detail = choices[below(len(choices))]
+    return Fault(ErrorCode.SIZE, detail, values=values)
+
+
+def number(config: Config, name: str) -> int:
+    """A frame's register as an error's detail."""
+    return [register.name for register in frame_registers(config)].index(name)
+
+
+def drawn_place(config: Config, kind: str, below: Below) -> Fault:
+    """Something ends beyond 4 GiB, or the model's header places its parts wrongly."""
+    at = {name: job(config, B).model.value(name) for name in PLACED}
+    if kind == "parts":
+        fields = [{"count": 4 * at["colours"] + 1 + below(1 << 20)}, {"end": at["colours"] - 1}]
+        fields += [{"positions": at["attributes"] + 1 + below(1000)}, {"colours": 0}]
+        return Fault(ErrorCode.PARTS, header=fields[below(len(fields))])
+    name = ["MODEL", "GROUPS", "LISTS", "FEATURES", "SCRATCH", "PIXELS"][below(6)]
+    if name == "MODEL":
+        beyond = {"header": {"end": at["end"] + (1 << 26 + below(6))}}
+    else:
+        beyond = {"values": {name: (1 << 32) - WORK_ALIGNMENT}}
+    return Fault(ErrorCode.RANGE, number(config, name), **beyond)
+
+
+def drawn_answer(config: Config, kind: str, seed: int, pair: bool, below: Below) -> Fault:
+    """Memory answers beats or bursts by an error, does not answer, or answers what was not asked.
+
+    All after B's start.
+    """
+    times = timetable(config, seed, pair)
+    first, end = (dict(zip(("read", "write"), n, strict=True)) for n in (times.first, times.asked))
+
+    def one(way: str) -> tuple[int]:
+        return (first[way] + below(end[way] - first[way]),)
+
+    way = kind if kind in ("read", "write") else ("read", "write")[below(2)]
+    if kind == "missing":
+        timing = {f"{way}_missing": one(way)}
+        return Fault(ErrorCode.NONE, timing=timing, told=False, stuck=True)
+    if kind == "stray":
+        nobody = (1 << ID_BITS) - 1
+        detail = nobody + (1 << ID_BITS if way == "write" else 0)
+        timing = {f"{way}_strays": one(way)}
+        return Fault(ErrorCode.STRAY, detail, timing=timing, survives=True)
+    code = ErrorCode.READ if way == "read" else ErrorCode.WRITE
+    return Fault(code, None, timing={f"{way}_errors": one(way)})
+
+
+def hand_over(config: Config, seed: int, pair: bool) -> list[Fault]:
+    """ABORT, and errors on beats and bursts, in all cycles around the hand-over of B."""
+    times = timetable(config, seed, pair)
+    handed = dict(zip(("read", "write"), times.handed, strict=True))
+    found = [aborted(times.ready - times.begin + cycles) for cycles in AROUND["abort"]]
+    for way, code in (("read", ErrorCode.READ), ("write", ErrorCode.WRITE)):
+        numbers = [handed[way] + n for n in AROUND[way]]
+        found += [Fault(code, None, timing={f"{way}_errors": (n,)}) for n in numbers]
+    return found
+
+
+def aborted(cycles: int) -> Fault:
+    """ABORT so many cycles after B's start."""
+    after = cycles, "write", "CONTROL", registers.ABORT
+    return Fault(ErrorCode.NONE, after=after, told=False)
+
+
+def drawn_host(config: Config, kind: str, seed: int, pair: bool, below: Below) -> Fault:
+    """The host does what it must not, or changes its mind."""
+    times = timetable(config, seed, pair)
+    whole, points = times.end - times.begin, times.ready - times.begin
+    if kind == "reset":
+        return Fault(ErrorCode.NONE, after=(below(whole + 100) + 1, "reset"), told=False)
+    if kind == "abort":
+        return aborted(below(whole) + 1)
+    wait = below(points - 300) + 1
+    if kind == "start":
+        after = wait, "write", "CONTROL", registers.START
+        return Fault(ErrorCode.START, after=after, survives=True)
+    names = [register.name for register in frame_registers(config)]
+    detail, value = below(len(names)), below(1 << 32)
+    assert addresses(config)[names[detail]] == registers.FRAME_START + detail * registers.WORD
+    after = wait, "write", names[detail], value
+    return Fault(ErrorCode.LOCKED, detail, after=after, survives=True)
+
+
+def check_outcome(config: Config, fault: Fault, outcome: Outcome, pair: bool):
+    """AssertionError unless the right error was told, all came to rest, C is the golden model's
+    frame, and so is each of A and B that the fault does not take."""
+    above, code = divmod(outcome.error, 1 << registers.CODE_BITS)
+    halves, detail = divmod(above, 1 << registers.DETAIL_BITS)
+    code, flight = ErrorCode(code), [A, B] if pair else [B]
+    told = {fault.code} | ({ErrorCode.READ} if fault.twice else set())
+    assert code in told, f"told {code.name}, not {fault.code.name}"
+    if code in CLIENTS:
+        half = [*CLIENTS[code].values()][detail]
+        assert fault.twice or halves == 1 << half, f"half {half} failed, told of {halves:02b}"
+    elif fault.detail is not None:
+        assert detail == fault.detail, f"detail {detail}, not {fault.detail}"
+    if code != ErrorCode.READ:  # what was read wrong may be an address
+        assert not outcome.report.outside, outcome.report.why
+    assert fault.stuck == (outcome.status != registers.READY), f"STATUS {outcome.status}"
+    right = {k: np.array_equal(outcome.images[k], golden(config, k).pixels) for k in flight}
+    if fault.after and fault.after[1] == "reset":
+        done = []
+    elif not (fault.told or fault.survives):  # each frame in flight is given up, or waits for ever
+        done = flight[: outcome.finished]
+        assert not fault.stuck or len(done) < len(flight)
+    else:
+        done = [k for k in flight if k not in lost(fault, outcome, halves, pair)]
+        assert outcome.finished == len(done), f"{outcome.finished} frames are complete"
+    assert all(right[k] for k in done), f"wrong pixels: of A and B these are right: {right}"
+    assert np.array_equal(outcome.good, golden(config, B).pixels), "C has wrong pixels"
+
+
+def lost(fault: Fault, outcome: Outcome, halves: int, pair: bool) -> set[int]:
+    """The frames that an error takes. halves: those that failed, as ERROR says."""
+    found = set()
+    if halves >> PREPROCESSING & 1:
+        found.add(B)
+    if halves >> RENDERING & 1:
+        found.add(A if pair and not outcome.before else B)
+    assert bool(found) != fault.survives, f"halves {halves:02b} failed"
+    return found

@@ -1,0 +1,235 @@
+"""Frames that something goes wrong in, with another one in flight or alone, and a good one behind.
+
+A run: frame A is started and handed over; frame B is started behind it while A's tiles are
+rendered, and something goes wrong; when all is at rest frame C is rendered, which must be right
+whatever happened. Without A, B is alone in the machine.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from splatcore.golden.pipeline import Frame, render
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
+from splatcore.sim.machine.machine import Job, Machine, frame_values
+from splatcore.sim.machine.script import Report, Script, Timing, execute
+from splatcore.spec import registers
+from splatcore.spec.config import Config
+from splatcore.spec.group import group_pixels
+from splatcore.spec.memory import HEADER
+from splatcore.spec.registers import ErrorCode
+from splatcore.spec.work import PIXEL, stride
+
+QUIET = 4_000  # cycles in which whatever was on its way comes to its end
+IDLE_MAX = 20_000  # cycles without any movement after which a run counts as hung
+
+A, B = 0, 1
+"""The frames in flight; the images that they go to. C goes to A's."""
+
+WHOLE, SPOILT = 0, 1
+"""Models in memory: of A and C, of B."""
+
+GAUSSIANS = 250
+STEP = 0.1  # of B's and C's camera, so that no picture is another one's
+
+ALL = registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong, and what must come of it.
+
+    code, detail: of ERROR (None: any). values: registers of frame B. header: fields of its model's
+    header. timing: memory's faults. after: cycles from B's start, and what the host does then.
+    survives: no frame is lost. told: there will be an error. twice: it and a read error. stuck: the
+    machine waits for ever, and the host resets it.
+    """
+
+    code: ErrorCode
+    detail: int | None = 0
+    values: dict[str, int] | None = None
+    header: dict[str, int] | None = None
+    timing: dict | None = None
+    after: tuple | None = None
+    survives: bool = False
+    told: bool = True
+    twice: bool = False
+    stuck: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run: its report; FINISHED when the error was told; ERROR, FINISHED and STATUS at rest; the
+    images of A and B then, and of C."""
+
+    report: Report
+    before: int
+    error: int
+    finished: int
+    status: int
+    images: tuple[np.ndarray, np.ndarray]
+    good: np.ndarray
+
+
+@dataclass(frozen=True)
+class Timetable:
+    """A run in which nothing goes wrong. begin, ready, end: cycles of B's start, of its being
+    READY, and of its last pixel. first, handed, asked: what memory was asked for until its start,
+    until READY, and in all (`Report.asked`)."""
+
+    begin: int
+    ready: int
+    end: int
+    first: tuple[int, int]
+    handed: tuple[int, int]
+    asked: tuple[int, int]
+
+
+@cache
+def machine(config: Config) -> Machine:
+    """A compiled machine."""
+    return Machine(config)
+
+
+@cache
+def job(config: Config, which: int) -> Job:
+    """A's frame, or B's and C's: four groups, with lists that a small machine has to deal."""
+    side = group_pixels(config)
+    camera = generated_camera("garden", side * 5 // 4, side * 9 // 8)
+    camera = replace(camera, translation=camera.translation - [STEP * which, 0, 0])
+    return Job(pack(generate("garden", GAUSSIANS), config)[0], camera)
+
+
+@cache
+def golden(config: Config, which: int) -> Frame:
+    """The golden model's frame of it."""
+    return render(config, *job(config, which))
+
+
+@cache
+def areas_of(config: Config) -> Areas:
+    """Room for two models."""
+    frame = job(config, B)
+    size = frame.camera.width, frame.camera.height
+    return place_areas(config, [frame.model] * 2, [size, size])
+
+
+def memory_timing(seed: int) -> Timing:
+    """Memory of a run: any latency, some stalls."""
+    generator = np.random.default_rng(seed)
+    stall = float(generator.choice([0, 0, 0.3]))
+    latency = int(generator.integers(1, 60))
+    return Timing("faulty", latency=latency, stall=stall, seed=seed)
+
+
+def values_of(config: Config, which: int, model: int, image: int) -> dict[str, int]:
+    """Values of a frame's registers."""
+    return frame_values(config, job(config, which), model, areas_of(config), image)
+
+
+def start(script: Script, values: dict[str, int]) -> int:
+    """Write a frame's registers and start it; the number of the last command."""
+    for name, value in values.items():
+        script.write(name, value)
+    return script.write("CONTROL", registers.START)
+
+
+def begun(config: Config, pair: bool, values: dict[str, int] | None = None) -> tuple[Script, int]:
+    """A script up to B's start, the number of which comes with it. pair: with A before it."""
+    script = Script(config)
+    script.write("INTERRUPT_ENABLE", ALL)
+    if pair:
+        start(script, values_of(config, A, WHOLE, A))
+        script.wait(registers.INTERRUPT_READY)
+    return script, start(script, values_of(config, B, SPOILT, B) | (values or {}))
+
+
+@cache
+def timetable(config: Config, seed: int, pair: bool) -> Timetable:
+    """The run of a seed in which nothing goes wrong."""
+    script, begin = begun(config, pair)
+    parts = []
+    for wanted in ([], [registers.INTERRUPT_READY], [registers.INTERRUPT_FRAME] * (1 + pair)):
+        for bits in wanted:
+            script.wait(bits)
+        parts.append(_execute(config, script, memory_timing(seed))[0])
+    whole = parts[-1]
+    assert whole.done, whole.why
+    cycles = {
+        bits: [cycle for cycle, found in whole.events if found & bits]
+        for bits in (registers.INTERRUPT_READY, registers.INTERRUPT_FRAME)
+    }
+    ready, end = (found[-1] for found in cycles.values())
+    return Timetable(whole.answers[begin].cycle, ready, end, *(part.asked for part in parts))
+
+
+def run_fault(config: Config, fault: Fault, seed: int, pair: bool) -> Outcome:
+    """A run with a fault. pair: B has another frame in flight before it."""
+    areas, timing = areas_of(config), replace(memory_timing(seed), **(fault.timing or {}))
+    size = stride(job(config, B).camera.width) * job(config, B).camera.height
+    script, _ = begun(config, pair, fault.values)
+    if fault.after:
+        cycles, command, *values = fault.after
+        script.cycles(cycles)
+        getattr(script, command)(*values)
+    if fault.told:
+        script.wait(registers.INTERRUPT_ERROR)
+    asked = {"before": script.read("FINISHED")}
+    rest = timetable(config, seed, pair).end + QUIET
+    script.cycles(rest)
+    asked |= {name: script.read(name.upper()) for name in ("error", "finished", "status")}
+    for image in (A, B):
+        script.save(areas.images[image], size, f"image{image}")
+    if fault.stuck:
+        script.reset()
+    script.write("ERROR", 0)
+    start(script, values_of(config, B, WHOLE, A))
+    script.cycles(rest)
+    script.save(areas.images[A], size, "good")
+    files = "image0", "image1", "good"
+    report, images = _execute(config, script, timing, fault.header or {}, files)
+    assert report.done, report.why
+    *images, good = (_picture(config, image) for image in images)
+    found = {name: report.answers[number].value for name, number in asked.items()}
+    return Outcome(report, **found, images=tuple(images), good=good)
+
+
+def _execute(
+    config: Config,
+    script: Script,
+    timing: Timing,
+    header: dict[str, int] | None = None,
+    files: tuple[str, ...] = (),
+) -> tuple[Report, list[np.ndarray]]:
+    """Run a script; its report, and the bytes of files that it leaves."""
+    areas = areas_of(config)
+    with TemporaryDirectory(prefix="splatcore") as name:
+        folder = Path(name)
+        make_memory(folder, areas, [job(config, B).model] * 2)
+        _spoil(folder, areas, header or {})
+        program = machine(config).program
+        report = execute(program, folder, script, areas, timing, idle_max=IDLE_MAX)
+        found = [folder / file for file in files]
+        return report, [np.fromfile(path, np.uint8) for path in found if path.exists()]
+
+
+def _picture(config: Config, data: np.ndarray) -> np.ndarray:
+    """Rows of memory as pixels [H, W, 3]."""
+    camera = job(config, B).camera
+    rows = data.reshape(camera.height, stride(camera.width))
+    return rows[:, : camera.width * PIXEL].reshape(camera.height, camera.width, PIXEL)
+
+
+def _spoil(folder: Path, areas: Areas, fields: dict[str, int]):
+    """Other values in the header of B's model."""
+    memory = np.memmap(folder / "memory", np.uint8, "r+")
+    for name, value in fields.items():
+        at = areas.models[SPOILT] - BASE + HEADER.offset(name) // 8
+        width = HEADER[name].width // 8
+        memory[at : at + width] = np.frombuffer(value.to_bytes(width, "little"), np.uint8)
+    memory.flush()
