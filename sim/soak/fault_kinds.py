@@ -209,6 +209,7 @@ def check_outcome(config: Config, fault: Fault, outcome: Outcome, pair: bool):
     elif not (fault.told or fault.survives):  # each frame in flight is given up, or waits for ever
         done = flight[: outcome.finished]
         assert not fault.stuck or len(done) < len(flight)
+        assert fault.stuck or outcome.before == outcome.finished, "a frame outlives ABORT"
     else:
         done = [k for k in flight if k not in lost(fault, outcome, halves, pair)]
         assert outcome.finished == len(done), f"{outcome.finished} frames are complete"
