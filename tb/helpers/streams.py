@@ -156,12 +156,16 @@ class Monitor:
         self.payloads: list[int] = []
         self.cycles: list[int] = []
 
+    def clear(self) -> None:
+        """Forget what has passed."""
+        self.payloads, self.cycles = [], []
+
     async def watch(self) -> None:
         stream, offered, now = self.stream, None, 0
         while True:
             await RisingEdge(stream.clk)
             payload = int(stream.payload.value) if stream.valid.value else None
-            if offered is not None:
+            if offered is not None and not stream.rst.value:
                 assert payload is not None, f"{stream.name}: valid fell before ready came"
                 assert payload == offered, f"{stream.name}: payload changed before ready came"
             if stream.rst.value:
