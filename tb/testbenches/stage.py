@@ -9,7 +9,7 @@ import random
 from pathlib import Path
 
 import cocotb
-from cocotb.triggers import ClockCycles, Combine, RisingEdge
+from cocotb.triggers import ClockCycles, RisingEdge
 
 from splatcore.sim.rtl.cocotb_runner import parameters
 from tb.helpers.streams import (
@@ -79,7 +79,8 @@ class Bench:
             receive(self.sinks[k], len(rows), stall()) for k, rows in feed["expected"].items()
         ]
         self.tasks = [*map(cocotb.start_soon, works)]
-        await Combine(*self.tasks)
+        for task in self.tasks:
+            await task
 
     async def breaks_off(self, feed: dict, pattern: str, cycles: int):
         """The same for some cycles, then a reset."""
