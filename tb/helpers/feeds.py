@@ -1,7 +1,6 @@
 """Cases of a stage's cocotb testbench, frame by frame, and their run in a simulator."""
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -50,31 +49,22 @@ def _numbers(rows: Rows) -> dict[str, list[int]]:
     }
 
 
-def run_feeds(
-    stage: str,
-    component: wiring.Component,
-    cases: Mapping[str, Feed],
-    folder: Path,
-    simulator: str | None = None,
-) -> None:
-    """Run the testbench of stages without memory on all cases, and print what it compared."""
-    given = {name: feed.numbers() for name, feed in cases.items()}
-    run_cases(stage, component, "tb.testbenches.stage", given, folder, simulator)
-
-
 def run_cases(
     stage: str,
     component: wiring.Component,
-    module: str,
-    cases: Mapping[str, dict],
+    cases: Mapping[str, Feed | dict],
     folder: Path,
-    simulator: str | None = None,
+    simulator: str,
 ) -> None:
-    """Run a testbench that finds its cases in a file and leaves lines about them in another."""
-    simulator = simulator or os.environ.get("SIM", "verilator")
-    (folder / "cases.json").write_text(json.dumps(cases))
+    """Run all cases in a simulator, and print a line for each run about what was compared.
+
+    cases: feeds, or what the testbench of stages on memory takes.
+    """
+    streams = {name: case.numbers() for name, case in cases.items() if isinstance(case, Feed)}
+    (folder / "cases.json").write_text(json.dumps(streams or cases))
     told = folder / "told"
     told.touch()
+    module = f"tb.testbenches.{'stage' if streams else 'memory'}"
     try:
         run_testbench(component, module, simulator=simulator, folder=str(folder))
     finally:

@@ -6,7 +6,7 @@ from pkgutil import iter_modules
 import pytest
 
 from tb import stages
-from tb.helpers.feeds import KINDS, run_feeds
+from tb.helpers.feeds import KINDS, run_cases
 from tb.helpers.runs import needs_icarus
 
 STAGES = {
@@ -32,4 +32,4 @@ def test_stages_have_all_cases(stage):
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_stage(stage, simulator, tmp_path):
     module = STAGES[stage]
-    run_feeds(stage, module.component(), module.cases(), tmp_path, simulator)
+    run_cases(stage, module.component(), module.cases(), tmp_path, simulator)
