@@ -54,9 +54,12 @@ def run_cases(
     component: wiring.Component,
     cases: Mapping[str, Feed | dict],
     folder: Path,
-    simulator: str,
+    simulator: str = "verilator",
+    few: bool = False,
 ) -> None:
     """Run all cases in a simulator, and print a line for each run about what was compared.
+
+    few: both sides of all streams are in bursts, and there is one reset, for a slow simulator.
 
     cases: feeds, or what the testbench of stages on memory takes.
     """
@@ -66,7 +69,7 @@ def run_cases(
     told.touch()
     module = f"tb.testbenches.{'stage' if streams else 'memory'}"
     try:
-        run_testbench(component, module, simulator=simulator, folder=str(folder))
+        run_testbench(component, module, simulator=simulator, folder=str(folder), few=few)
     finally:
         for line in told.read_text().splitlines():
             print(f"{stage} under {simulator}: {line}")

@@ -108,7 +108,7 @@ def jobs() -> dict[str, Job]:
     tied, bright = HARD["equal_depths"](0).scene[:60], HARD["saturated_colours"](0).scene[::5]
     packed = {
         "empty": (HARD["empty"](0).scene, straight, (0, most, 0)),
-        "full": (generate("garden", 250), camera, (0, 0, 0)),
+        "full": (generate("garden", 350), camera, (0, 0, 0)),
         "tie": (tied, straight, (0, 0, 0)),
         "saturated": (replace(bright, scale=bright.scale * 4), straight, (most, most, 0)),
     }

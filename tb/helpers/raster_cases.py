@@ -19,6 +19,7 @@ from splatcore.spec.record import Array, Codes, Record
 from tb.helpers.raster_rows import (
     block_places,
     featured_rows,
+    opaque_features,
     prepared_codes,
     random_features,
 )
@@ -220,6 +221,14 @@ def extreme(count: int, size: tuple[int, int], seed: int = 0) -> Case:
     return _drawn(features, size, seed, background=(most, 0, most))
 
 
+def opaque(size: tuple[int, int]) -> Case:
+    """Two splats for each group that cover all of it; the second one ends all pixels."""
+    groups = int(np.prod(group_grid(TINY, *size)))
+    every = np.full(2 * groups, (1 << TINY.group**2) - 1)
+    entries = Entries(np.arange(groups + 1) * 2, np.tile([0, 1], groups), every)
+    return Case(opaque_features(TINY, 2, size), entries, size)
+
+
 def nothing(size: tuple[int, int]) -> Case:
     """Groups without splats."""
     case = mixed(1, size)
@@ -239,9 +248,10 @@ def _drawn(features: Codes, size: tuple[int, int], seed: int, **options) -> Case
 
 def by_kind(count: int) -> dict[str, Case]:
     """The cases of all steps."""
-    size = (TINY.width_max, TINY.height_max)
+    whole, cut = (TINY.width_max, TINY.height_max), (61, 35)  # the latter within blocks
     return {
-        "empty": nothing((61, 35)),
-        "full": mixed(count, size, background=(100, 200, 300)),
-        "saturated": extreme(count, size),
+        "empty": nothing(cut),
+        "full": mixed(count, cut, background=(100, 200, 300)),
+        "saturated": extreme(count, whole),
+        "opaque": opaque(cut),
     }

@@ -11,7 +11,7 @@ from tb.helpers.feeds import Feed
 from tb.helpers.raster_cases import Case, Pairs, by_kind
 
 SPLATS = 100
-LIVE = {"full": (1 << TINY.group**2) - 1, "some tiles live": 0b0110, "no tile live": 0}
+LIVE = {"full": (1 << TINY.group**2) - 1, "some_live": 0b0110, "none_live": 0}
 
 component = partial(Expand, TINY)
 
