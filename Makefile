@@ -7,12 +7,13 @@ SPLATCORE := $(BIN)/splatcore
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo pictures test test-compress verify check report results clean
+.PHONY: help install demo pictures test test-compress verify testbenches check report results clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
-	@echo "make test   install, then run all tests but those of make verify; the demo is one"
+	@echo "make test   install, then run all tests but those below; the demo is one"
 	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
+	@echo "make testbenches   each stage under cocotb, in Verilator and in Icarus if that is installed"
 	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
 	@echo "make check  lint, the rules of the house and the quick tests"
 	@echo "make pictures   the pictures in docs/, from those of the demo"
@@ -46,10 +47,14 @@ pictures: demo
 test: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(PYTEST) -m "not verify"
+	$(PYTEST) -m "not verify and not testbenches"
 
 test-compress: .venv/compress
 	$(PYTEST) -m compress
+
+# A line for each run of a stage; for the whole of Icarus, if there is none.
+testbenches: install
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -rPsfE --show-capture=stdout tb/stages
 
 verify: install
 	$(PYTEST) -m verify

@@ -182,13 +182,21 @@ def _rasterize_groups(
 
 
 @njit(cache=True)
+def plane(coefficients, p, q):
+    """E and its slopes at (2p, 2q) from a tile's centre: at the centre of one of its blocks."""
+    e, gx, gy, cxx, cxy, cyy = coefficients
+    centre = e + 2 * (gx * p + gy * q) - 4 * (cxx * p * p - cxy * p * q + cyy * q * q)
+    return centre, gx - 4 * cxx * p + 2 * cxy * q, gy - 4 * cyy * q + 2 * cxy * p
+
+
+@njit(cache=True)
 def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table, owners, work):
     """Blend a splat into a tile: area [16, 16, 5] pixels, alive and level [4, 4] live pixels and
     level of each block.
 
     Returns which blocks were marked and visited, and how many pixels ended.
     """
-    e, gx, gy, cxx, cxy, cyy = coefficients
+    _, _, _, cxx, cxy, cyy = coefficients
     coarser = blending[2]
     blocks = ended = 0
     for row in range(BLOCKS):
@@ -196,9 +204,7 @@ def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table
             p, q = STEPS[column], STEPS[row]
             if not alive[row, column]:
                 continue
-            centre = e + 2 * (gx * p + gy * q) - 4 * (cxx * p * p - cxy * p * q + cyy * q * q)
-            slope_x = gx - 4 * cxx * p + 2 * cxy * q
-            slope_y = gy - 4 * cyy * q + 2 * cxy * p
+            centre, slope_x, slope_y = plane(coefficients, p, q)
             # E is concave: nowhere in the block is it above the plane that touches it here.
             if 2 * centre + 3 * (abs(slope_x) + abs(slope_y)) < levels[level[row, column], 1]:
                 continue

@@ -1,8 +1,8 @@
 """The order of the tests' files: the longest first, so that all processes end at the same time."""
 
 LONGEST = (
-    "test_demo", "sim/test_verilog", "machine/test_machine", "hdl/test_sort", "hdl/test_raster",
-    "hdl/test_points", "machine/test_machine_axi", "planted/test_mutate", "hdl/test_colour",
+    "stages/test_stages", "test_demo", "sim/test_verilog", "machine/test_machine", "hdl/test_sort",
+    "hdl/test_raster", "hdl/test_points", "planted/test_mutate", "hdl/test_colour",
     "sim/test_fit", "machine/test_machine_default", "cli/test_command", "hdl/test_bin",
     "sim/test_quality", "hdl/test_subsort", "hdl/test_model_reader", "machine/test_machine_steps",
     "sim/test_cycles", "hdl/test_float", "hdl/test_unary", "hdl/test_codebook",

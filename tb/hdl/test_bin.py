@@ -19,20 +19,15 @@ from splatcore.spec.group import entry_record
 from splatcore.spec.point import splat_record
 from tb.helpers.bin_frames import (
     MACHINES,
-    BinFrames,
     Ellipses,
     Frame,
     bin_frame,
     check,
     compare_tiles,
-    near_code,
     pairs,
     read_lists,
-    rows_in,
-    rows_out,
 )
 from tb.helpers.bin_splats import KINDS, splats, together
-from tb.helpers.runs import check_under_icarus, needs_icarus
 from tb.helpers.scene_frames import SCENES, scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
 
@@ -277,12 +272,3 @@ def test_pages_that_do_not_hold_the_lists(monkeypatch):
                 assert run.samples["done"][end]
                 assert run.samples["needed"][end] == min(needed, most)
                 assert run.samples["exceeded"][end] == (needed > pages), (wanted, pages)
-
-
-@needs_icarus
-@pytest.mark.slow
-def test_under_icarus(tmp_path):
-    frames = [random_frame(TINY, 6, (3, 5))]
-    expected = rows_out(TINY, [bin_frame(TINY, frame) for frame in frames])
-    constants = {"near_code": near_code(TINY)}
-    check_under_icarus(BinFrames(TINY), tmp_path, rows_in(TINY, frames), expected, constants)

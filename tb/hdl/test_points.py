@@ -1,7 +1,6 @@
 """Stages 0 and 1: hardware against golden model, that against the reference, on real Gaussians."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -20,9 +19,8 @@ from splatcore.spec.depth import finer, whole_depth
 from splatcore.spec.memory import EXTENT_SHIFT, chunk_count
 from splatcore.spec.microprogram import projection
 from tb.helpers.point_rows import PointRows, point_rows
-from tb.helpers.runs import check_under_icarus, needs_icarus
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
-from tb.helpers.stage_cases import STAGES, case, check, settled_outputs
+from tb.helpers.stage_cases import STAGES, check
 
 
 def points(name: str) -> tuple:
@@ -99,22 +97,6 @@ def test_culling_leaves_the_same_splats():
     assert len(points["none"].index) == len(points["near"].index)
     for frame in found.values():
         assert np.array_equal(frame.pixels, found["all"].pixels)
-
-
-GAUSSIANS = {"chunk": 600, "cull": 60, "place": 60, "project": 24}
-"""Of each stage under Icarus, which is slow."""
-
-
-@needs_icarus
-@pytest.mark.slow
-@pytest.mark.parametrize("stage", GAUSSIANS)
-def test_under_icarus(stage, tmp_path):
-    model, _ = pack(generate("garden", GAUSSIANS[stage]), DEFAULT)
-    given = case(stage, point_rows(DEFAULT, model, GARDEN))
-    check_under_icarus(
-        given.component, tmp_path, given.inputs, given.expected, given.constants, given.first,
-        partial(settled_outputs, stage, DEFAULT),
-    )  # fmt: skip
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from splatcore.sim.accuracy.points import with_width
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
-from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, feature_record
+from splatcore.spec.feature import feature_record
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import entry_record, group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
@@ -31,7 +31,7 @@ from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
 from tb.helpers.bounds import RULE
 from tb.helpers.machines import NEEDLES, long_needles
-from tb.helpers.raster_rows import prepared_codes, random_features, run_groups
+from tb.helpers.raster_rows import opaque_features, prepared_codes, random_features, run_groups
 from tb.helpers.scene_frames import parameters
 from tb.helpers.scenes import scene_path
 
@@ -165,24 +165,13 @@ def test_few_blocks():
         assert run_groups(FEW, *case, size, groups, stall=stall, seed=seed).differing == 0
 
 
-def opaque(count: int, size: tuple[int, int]) -> Codes:
-    """Splats that cover an image; after two of them nothing is to be seen."""
-    features = random_features(TINY, count, size, 5)
-    features["opacity"][:] = 0
-    for name in ("across", "along"):
-        features[name][:] = FACTOR.encode(np.ldexp(1e-6, FACTOR_SCALE))
-    features["u"][:] = features["v"][:] = POSITION.encode(16.0)
-    features["scale"][:] = 0
-    return features
-
-
 @pytest.mark.slow
 def test_blocks_end_with_the_group():
     """What the last splat of a group ends has not ended in the next one."""
     size, count = (64, 64), 4 * 2
     entries = Entries(np.arange(5) * 2, np.arange(count), np.full(count, 15))
     for seed, stall in enumerate((0, 0.2, 0.5)):
-        case, groups = (opaque(count, size), entries), np.tile(np.arange(4), 4)
+        case, groups = (opaque_features(TINY, count, size), entries), np.tile(np.arange(4), 4)
         assert run_groups(TINY, *case, size, groups, stall=stall, seed=seed).differing == 0
 
 
@@ -190,7 +179,7 @@ def test_blocks_end_with_the_group():
 def test_stop():
     """No tile is live once all pixels have ended, and what comes then changes nothing."""
     size = (32, 32)
-    features = opaque(600, size)
+    features = opaque_features(TINY, 600, size)
     entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
     run = run_groups(TINY, features, entries, size)
     assert run.differing == 0 and (run.result.samples["live"] == 0).any()

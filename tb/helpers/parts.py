@@ -47,6 +47,33 @@ class Piped(wiring.Component):
         return m
 
 
+class Handshake(wiring.Component):
+    """A component that is a pipeline of ports `i`, `enable` and `o`, behind a handshake.
+
+    Members: streams `i` and `o` of what its ports are.
+    """
+
+    def __init__(self, inner: wiring.Component):
+        self.inner = inner
+        members = inner.signature.members
+        i, o = (stream.Signature(members[name].shape) for name in "io")
+        super().__init__({"i": In(i), "o": Out(o)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.inner, m.submodules.pipe = inner, pipe = self.inner, Pipe(self.inner.LATENCY)
+        m.d.comb += [
+            pipe.i.valid.eq(self.i.valid),
+            self.i.ready.eq(pipe.i.ready),
+            self.o.valid.eq(pipe.o.valid),
+            pipe.o.ready.eq(self.o.ready),
+            inner.i.eq(self.i.payload),
+            inner.enable.eq(pipe.enable),
+            self.o.payload.eq(inner.o),
+        ]
+        return m
+
+
 class Beside(wiring.Component):
     """Components side by side, nothing joined, so that one build serves them all.
 

@@ -17,6 +17,7 @@ from splatcore.spec import raster
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION
 from splatcore.spec.group import group_grid
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.record import Codes
@@ -73,6 +74,17 @@ def random_features(config: Config, count: int, size: tuple[int, int], seed: int
     opacity = 2.0 ** -OPACITY.decode(codes.astype(np.uint8))
     colour = rng.choice([0, 0.3, 1, 2, 8], (count, 3)) * rng.random((count, 3))
     return encode(config, centre, 1 / schur, xy / yy, 1 / yy, opacity, colour)
+
+
+def opaque_features(config: Config, count: int, size: tuple[int, int]) -> Codes:
+    """Splats that cover an image; after two of them nothing is to be seen."""
+    features = random_features(config, count, size, 5)
+    features["opacity"][:] = 0
+    for name in ("across", "along"):
+        features[name][:] = FACTOR.encode(np.ldexp(1e-6, FACTOR_SCALE))
+    features["u"][:] = features["v"][:] = POSITION.encode(16.0)
+    features["scale"][:] = 0
+    return features
 
 
 def prepared_codes(config: Config, features: Codes) -> Codes:

@@ -3,12 +3,10 @@
 import shutil
 from collections.abc import Callable, Hashable, Iterable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from splatcore.sim.rtl.cocotb_runner import run_testbench
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.counters import COUNTER_BITS
 
@@ -43,25 +41,6 @@ def check_run(
         wrong = np.flatnonzero((found != rows).any(axis=1))
         assert not len(wrong), f"{label}{port}: {len(wrong)} differ, first {wrong[0]}"
     return result
-
-
-def check_under_icarus(
-    component, folder: Path, inputs: Rows, expected: Rows, constants: dict, first=(), settled=dict
-):
-    """Compare all rows of all out streams under Icarus, an independent simulator, without stalls
-    and in bursts. component: under test. settled: leaves what matters of the rows found."""
-    for kind, streams in (("in", inputs), ("out", expected)):
-        for name, rows in streams.items():
-            np.save(folder / f"{kind}_{name}.npy", rows)
-    run_testbench(
-        component, "tb.testbenches.stage", simulator="icarus", folder=str(folder),
-        constants=constants, first=list(first),
-    )  # fmt: skip
-    for pattern in ("never", "bursts"):
-        found = {name: np.load(folder / f"found_{pattern}_{name}.npy") for name in expected}
-        for name, rows in settled(found).items():
-            assert len(rows) > 0
-            np.testing.assert_array_equal(rows, expected[name], f"{pattern} {name}")
 
 
 def counters(names: Iterable[str], bits: int) -> dict[str, int]:

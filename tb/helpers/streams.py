@@ -25,6 +25,7 @@ PERIOD = 10  # clock period in ns; nothing depends on it
 
 RESET_CYCLES = 2
 
+STALL_MAX = 200  # longest run of stalled cycles in `long_stalls`
 BURST_MAX = 12  # longest run of equal cycles in `bursts`: longer than any small queue is deep
 
 
@@ -55,6 +56,14 @@ def bursts() -> Iterator[bool]:
         stalled = not stalled
 
 
+def long_stalls() -> Iterator[bool]:
+    """Runs of stalled cycles in which whatever queue there is fills, and shorter ones of free
+    cycles."""
+    while True:
+        yield from repeat(True, random.randint(1, STALL_MAX))
+        yield from repeat(False, random.randint(1, BURST_MAX))
+
+
 def mostly() -> Iterator[bool]:
     return at_random(0.8)
 
@@ -63,9 +72,18 @@ STALLS = [never, alternate, at_random, mostly, bursts]
 """The patterns that every case is crossed with, on both sides; `always` is for cases of its own."""
 
 
-def pause(writing, reading, pattern: Callable[[], Iterator[bool]]) -> None:
-    """Pauses on all channels of the two sides of one of cocotbext-axi's models."""
-    for side, names in ((writing, ("aw", "w", "b")), (reading, ("ar", "r"))):
+def pause(
+    writing,
+    reading,
+    read: Callable[[], Iterator[bool]],
+    write: Callable[[], Iterator[bool]] | None = None,
+) -> None:
+    """Pauses on all channels of the two sides of one of cocotbext-axi's models; write: on those by
+    which is written, if not the same."""
+    for side, names, pattern in (
+        (writing, ("aw", "w", "b"), write or read),
+        (reading, ("ar", "r"), read),
+    ):
         for name in names:
             getattr(side, f"{name}_channel").set_pause_generator(pattern())
 
@@ -156,12 +174,16 @@ class Monitor:
         self.payloads: list[int] = []
         self.cycles: list[int] = []
 
+    def clear(self) -> None:
+        """Forget what has passed."""
+        self.payloads, self.cycles = [], []
+
     async def watch(self) -> None:
         stream, offered, now = self.stream, None, 0
         while True:
             await RisingEdge(stream.clk)
             payload = int(stream.payload.value) if stream.valid.value else None
-            if offered is not None:
+            if offered is not None and not stream.rst.value:
                 assert payload is not None, f"{stream.name}: valid fell before ready came"
                 assert payload == offered, f"{stream.name}: payload changed before ready came"
             if stream.rst.value:

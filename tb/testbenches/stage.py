@@ -1,55 +1,180 @@
-"""The testbench of a stage: rows of its in streams under stalls, rows of its out streams back.
+"""The testbench of a stage without memory: rows of its in streams under stalls, rows of its out
+streams compared, every bit; from case to case with and without a reset.
 
-Parameters: the folder with `in_NAME` and `out_NAME` as rows of packed records, the values of the
-ports that stay, the streams that are through before the others begin.
+Parameters: the folder with the cases (`tb.helpers.feeds`), to which a line is added for each run;
+whether few runs are enough.
 """
 
+import json
+import random
+from collections.abc import Iterable
 from pathlib import Path
 
 import cocotb
-import numpy as np
-from cocotb.triggers import Combine
+from cocotb.triggers import ClockCycles, RisingEdge
 
 from splatcore.sim.rtl.cocotb_runner import parameters
-from tb.helpers.streams import PERIOD, Monitor, Stream, bursts, never, receive, send, start
+from tb.helpers.streams import (
+    PERIOD,
+    Monitor,
+    Stream,
+    bursts,
+    long_stalls,
+    mostly,
+    never,
+    receive,
+    reset,
+    send,
+    start,
+    timed_test,
+)
 
 FOLDER = Path(parameters()["folder"])
-CYCLES_MAX = 20_000
+FEW = parameters()["few"]
+CASES = json.loads((FOLDER / "cases.json").read_text())
+CYCLES_MAX = 200_000
+PATTERNS = {
+    "free": (never, never),
+    "starved": (mostly, never),
+    "blocked": (never, long_stalls),
+    "bursts": (bursts, bursts),
+}
+"""Idle pattern of the in streams and stall pattern of the out streams."""
+
+IDLE_MAX = 10_000  # cycles in which something comes, unless the stage hangs
+RESETS = 1 if FEW else 4
+TAIL = 64  # cycles that a run goes on after its last row, in which nothing more may come
+SETTLING = 2  # cycles for which other inputs stand before a frame begins
 
 
-def rows(kind: str) -> dict[str, list[int]]:
-    """Packed records as integers, by stream."""
-    found = {}
-    for path in sorted(FOLDER.glob(f"{kind}_*.npy")):
-        numbers = [int.from_bytes(row.tobytes(), "little") for row in np.load(path)]
-        found[path.stem.removeprefix(f"{kind}_")] = numbers
-    return found
+def some(patterns: Iterable[str]) -> list[str]:
+    """These patterns, or where few are to be run bursts."""
+    return ["bursts"] if FEW else list(patterns)
 
 
-@cocotb.test(timeout_time=CYCLES_MAX * PERIOD, timeout_unit="ns")
-@cocotb.parametrize(pattern=[never, bursts])
-async def every_output_is_right(dut, pattern):
-    """All items come out in order and are held while they are not taken.
+class Bench:
+    """A stage between streams."""
 
-    The result is left in `found_NAME`: what of it matters is known outside.
-    """
-    given, expected = rows("in"), rows("out")
-    sources = {name: Stream(dut, name) for name in given}
-    sinks = {name: Stream(dut, name) for name in expected}
-    for name, value in parameters()["constants"].items():
-        getattr(dut, name).value = value
-    await start(dut, list(sources.values()), list(sinks.values()))
-    monitors = {name: Monitor(sink) for name, sink in sinks.items()}
-    for monitor in monitors.values():
-        cocotb.start_soon(monitor.watch())
-    for name in parameters()["first"]:
-        await send(sources[name], given[name])
-    rest = [name for name in sources if name not in parameters()["first"]]
-    works = [send(sources[name], given[name], pattern()) for name in rest]
-    works += [receive(sink, len(expected[name]), pattern()) for name, sink in sinks.items()]
-    await Combine(*map(cocotb.start_soon, works))
-    for name, monitor in monitors.items():
-        size = np.load(FOLDER / f"out_{name}.npy").shape[1]
-        packed = b"".join(payload.to_bytes(size, "little") for payload in monitor.payloads)
-        path = FOLDER / f"found_{pattern.__name__}_{name}.npy"
-        np.save(path, np.frombuffer(packed, np.uint8).reshape(-1, size))
+    def __init__(self, dut):
+        self.dut = dut
+        one = next(iter(CASES.values()))
+        self.sources = {name: Stream(dut, name) for name in one["inputs"]}
+        self.sinks = {name: Stream(dut, name) for name in one["expected"]}
+        self.monitors = {name: Monitor(sink) for name, sink in self.sinks.items()}
+
+    async def begin(self):
+        self.constants(next(iter(CASES.values())))
+        await start(self.dut, [*self.sources.values()], [*self.sinks.values()])
+        for monitor in self.monitors.values():
+            cocotb.start_soon(monitor.watch())
+
+    def constants(self, feed: dict):
+        for name, value in feed["constants"].items():
+            port = getattr(self.dut, name)
+            port.value = value % (1 << len(port))
+
+    async def work(self, feed: dict, pattern: str):
+        """All goes in and comes out."""
+        idle, stall = PATTERNS[pattern]
+        self.constants(feed)
+        await ClockCycles(self.dut.clk, SETTLING)
+        for name in feed["first"]:
+            await send(self.sources[name], feed["inputs"][name])
+        works = [
+            send(self.sources[name], rows, idle())
+            for name, rows in feed["inputs"].items()
+            if name not in feed["first"]
+        ]
+        works += [
+            receive(self.sinks[k], len(rows), stall()) for k, rows in feed["expected"].items()
+        ]
+        self.tasks = [*map(cocotb.start_soon, works)]
+        for task in self.tasks:
+            await task
+
+    async def breaks_off(self, feed: dict, pattern: str, cycles: int):
+        """The same for some cycles, then a reset."""
+        self.tasks = []
+        whole = cocotb.start_soon(self.work(feed, pattern))
+        await ClockCycles(self.dut.clk, cycles)
+        for task in (whole, *self.tasks):
+            task.cancel()
+        for stream in self.sources.values():
+            stream.valid.value = 0
+        for stream in self.sinks.values():
+            stream.ready.value = 0
+        await reset(self.dut, random.randint(1, 3))
+
+    async def check(self, names: list[str], pattern: str, label: str) -> int:
+        """Cases one after the other; what came, and that nothing follows. Returns the cycles."""
+        for monitor in self.monitors.values():
+            monitor.clear()
+        task = cocotb.start_soon(self.count())
+        for name in names:
+            await self.work(CASES[name], pattern)
+        task.cancel()
+        for sink in self.sinks.values():
+            sink.ready.value = 1
+        await ClockCycles(self.dut.clk, TAIL)
+        for sink in self.sinks.values():
+            sink.ready.value = 0
+        self.compare(names, f"{label}, {pattern}")
+        return self.passed
+
+    async def count(self):
+        """Count cycles; AssertionError if nothing comes any more."""
+        self.passed, last, came = 0, 0, {}
+        while True:
+            await RisingEdge(self.dut.clk)
+            self.passed += 1
+            if self.passed - last == IDLE_MAX:
+                before, last = came, self.passed
+                came = {name: len(monitor.payloads) for name, monitor in self.monitors.items()}
+                assert came != before, f"nothing comes any more; items so far: {came}"
+
+    def compare(self, names: list[str], label: str):
+        for stream, monitor in self.monitors.items():
+            rows = [row for name in names for row in expected(CASES[name], stream)]
+            for k, (found, (right, care)) in enumerate(zip(monitor.payloads, rows, strict=False)):
+                assert not (found ^ right) & care, (
+                    f"{label}: {stream}, item {k} is {found:#x}, not {right:#x}"
+                )
+            count = len(monitor.payloads)
+            assert count == len(rows), f"{label}: {stream} has given {count} items, not {len(rows)}"
+        given = sum(len(rows) for name in names for rows in CASES[name]["inputs"].values())
+        taken = sum(len(monitor.payloads) for monitor in self.monitors.values())
+        with (FOLDER / "told").open("a") as told:
+            print(f"{label}: {given} items in, {taken} out, {self.passed} cycles", file=told)
+
+
+def expected(feed: dict, stream: str) -> list[tuple[int, int]]:
+    """Payloads of an out stream, each with those of its bits that matter."""
+    rows = feed["expected"][stream]
+    return list(zip(rows, feed["care"].get(stream, [-1] * len(rows)), strict=True))
+
+
+@timed_test(CYCLES_MAX * PERIOD, case=list(CASES), pattern=some(PATTERNS))
+async def each_case(dut, case, pattern):
+    """All items come out in order and are held while they are not taken."""
+    bench = Bench(dut)
+    await bench.begin()
+    await bench.check([case], pattern, case)
+
+
+@timed_test(CYCLES_MAX * PERIOD, pattern=some(["free", "bursts"]))
+async def frames_in_a_row(dut, pattern):
+    """All cases, and all again, without a reset between: nothing stays from the one before."""
+    bench = Bench(dut)
+    await bench.begin()
+    await bench.check([*CASES, *reversed(CASES)], pattern, "in a row")
+
+
+@timed_test(CYCLES_MAX * PERIOD, pattern=some(["free", "bursts"]))
+async def reset_in_the_middle(dut, pattern):
+    """After a reset at any time all is as if nothing had been before."""
+    bench, case = Bench(dut), "full"
+    await bench.begin()
+    cycles = await bench.check([case], pattern, "before a reset")
+    for _ in range(RESETS):
+        await bench.breaks_off(CASES[case], pattern, random.randint(1, cycles))
+        await bench.check([case], pattern, "after a reset")

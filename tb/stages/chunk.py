@@ -1,0 +1,20 @@
+"""Chunk: headers of a model's chunks in, those in view out.
+
+No tie: a chunk's bounds are moved outward, so that no camera brings one to the near plane exactly.
+"""
+
+from functools import partial
+
+from splatcore.hdl.points.chunk import Chunk
+from splatcore.spec.config import TINY
+from tb.helpers.feeds import Feed
+from tb.helpers.point_cases import feed
+
+GAUSSIANS = 2500  # ten chunks, the last one not full
+
+component = partial(Chunk, TINY)
+
+
+def cases() -> dict[str, Feed]:
+    kinds = {"empty": "behind", "full": "full", "saturated": "saturated"}
+    return {name: feed("chunk", kind, GAUSSIANS) for name, kind in kinds.items()}
