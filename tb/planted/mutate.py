@@ -3,9 +3,11 @@
     python -m tb.planted.mutate [--count N] [--seed S] [FILE …]
 
 A fault is one change to the Python text of one file: an operator, a constant, an index, a condition
-that always holds, a handshake that is always high. Each is judged in a process of its own by quick
-tests of the file. Faults that cannot be built say nothing about the tests and are not counted. Some
-change nothing, as a sign of zero or a bit that is cut off again: what is missed has to be read.
+that always holds, a handshake that is always high. Each meets the tests of its file, of its stage
+and of the machine, in processes of their own, until one catches it. Faults that cannot be built say
+nothing about the tests and are not counted. Some change nothing, as a sign of zero or a bit that is
+cut off again: what is missed has to be read. Verdicts are kept (see `splatcore cache`) until a file
+of hdl/ or tb/ changes.
 """
 
 import argparse
@@ -18,76 +20,31 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Lock
 
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from splatcore.sim.common.cache import cache_root, kept_json
 from tb.helpers.command import ROOT
-from tb.helpers.stage_cases import STAGES
 from tb.planted.fault import Fault, draw
+from tb.planted.judges import judges
 from tb.planted.verdict import CAUGHT, NOT_BUILT
 
 HDL = ROOT / "hdl"
-MACHINE = (
-    "tb/machine/test_machine.py tb/machine/test_faults.py "
-    "-k 'garden or sizes or path or short_lists or long_list or empty or first'"
-)
-STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
-BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
-RASTER = ("blend", "evaluate", "mark", "raster", "rasterizer", "setup")
-
-JUDGES = {
-    "": MACHINE,
-    "arithmetic": "tb/hdl/test_float.py -k 'every_pair or every_triple or enable or conversions'",
-    "arithmetic/minmax": "tb/hdl/test_float.py -k clamp",
-    "arithmetic/unary": "tb/hdl/test_unary.py -k rtl",
-    "arithmetic/unary_ends": "tb/hdl/test_unary.py -k rtl",
-    "lib/counters": "tb/hdl/test_counters.py",
-    "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
-    "lib/stream": "tb/hdl/test_stream.py -k verilator",
-    "memory/axi": "tb/hdl/test_axi.py",
-    "memory/bus": "tb/hdl/test_axi.py",
-    "memory/fetch": "tb/hdl/test_fetch.py",
-    "memory/store": MACHINE,
-    "memory/share": "tb/hdl/test_groups.py",
-    "memory/write_combiner": "tb/hdl/test_write_combiner.py",
-    "points/array": "tb/hdl/test_array.py -k stalls",
-    "points/codebook": "tb/hdl/test_codebook.py -k equals",
-    "points/position": STAGE.format("cull"),
-    "points/slots": STAGE.format("project"),
-    **{f"points/{name}": STAGE.format(name) for name in STAGES},
-    "points/chunk": "tb/hdl/test_chunk.py -k mixed",
-    "points/load": "tb/hdl/test_model_reader.py",
-    "points/model_reader": "tb/hdl/test_model_reader.py",
-    "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or an_entry or buffers'",
-    "binning/binned": MACHINE,
-    "binning/row_end": "tb/hdl/test_row_end.py",
-    "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
-    "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
-    "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
-    "raster/groups": "tb/hdl/test_groups.py",
-    "raster/pixels": "tb/hdl/test_pixels.py -k 'not eight and not one'",
-    "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
-    **{f"raster/{name}": BLENDED for name in RASTER},
-}
-"""Tests that judge the faults of a file of hdl/ or of a folder's files, as arguments of pytest."""
 
 COUNT = 40
 PROCESSES = 2
 
 TIMEOUT = 900  # seconds after which tests, compiling included, count as hung
 
-PYTEST = "-x -q -p no:cacheprovider -p tb.planted.verdict -m 'not scenes'"
+PYTEST = "-x -q -p no:cacheprovider -p tb.planted.verdict -m 'not scenes and not verify'"
 PASSED = 0
 VERDICTS = {PASSED: "missed", CAUGHT: "caught", NOT_BUILT: "not built"}
-
-
-def judge(file: str) -> str:
-    """The tests of a file, named as in `points/cull`."""
-    return next(JUDGES[name] for name in (file, file.split("/")[0], "") if name in JUDGES)
 
 
 def tested(folder: Path, tests: str, cache: Path, fault: Fault | None = None) -> int:
@@ -121,31 +78,67 @@ def tested(folder: Path, tests: str, cache: Path, fault: Fault | None = None) ->
     return process.returncode
 
 
-def verdict(fault: Fault | None, tests: str, cache: Path) -> str:
+def verdict(tests: str, cache: Path, fault: Fault | None = None) -> str:
     """The verdict of tests on a fault, or of hardware without one."""
     with TemporaryDirectory() as folder:
         return VERDICTS[tested(Path(folder), tests, cache, fault)]
 
 
+class Court:
+    """Judges faults, and finds out first whether tests pass without any.
+
+    cache: keeps the compiled simulations of hardware with faults in it.
+    """
+
+    def __init__(self, cache: Path):
+        self.cache = cache
+        self.lock = Lock()
+
+    def judged(self, fault: Fault) -> tuple[str, str]:
+        """A verdict, and the tests that gave it; RuntimeError if tests fail without a fault."""
+        for tests in judges(fault.file):
+            self.check(tests)
+            if (found := verdict(tests, self.cache, fault)) != VERDICTS[PASSED]:
+                return found, tests
+        return VERDICTS[PASSED], ""
+
+    def check(self, tests: str) -> None:
+        """RuntimeError if tests fail without a fault."""
+
+        def passes() -> bool:
+            if verdict(tests, cache_root()) != VERDICTS[PASSED]:
+                raise RuntimeError(f"pytest {tests}: fails without a fault")
+            return True
+
+        with self.lock:
+            kept_json("planted", [tests, sources("hdl"), sources("tb")], passes)
+
+
 def judged(faults: list[Fault]) -> list[str]:
     """Verdicts on faults, each printed as it comes; RuntimeError if tests fail without a fault."""
     console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+    listed = []
     with TemporaryDirectory() as cache, ThreadPoolExecutor(PROCESSES) as pool:
+        court = Court(Path(cache))
 
-        def verdicts(faults: list[Fault | None], tests: list[str], label: str):
-            found = pool.map(verdict, faults, tests, [Path(cache)] * len(tests))
-            return track(found, label, len(tests), console=console, transient=True)
+        def one(fault: Fault) -> list[str]:
+            made_from = [fault, judges(fault.file), sources("hdl"), sources("tb")]
+            return kept_json("planted", made_from, lambda: court.judged(fault))
 
-        used = list(dict.fromkeys(judge(fault.file) for fault in faults))
-        for tests, found in zip(used, verdicts([None] * len(used), used, "trying"), strict=True):
-            if found != VERDICTS[PASSED]:
-                raise RuntimeError(f"pytest {tests}: fails without a fault")
-        listed = []
-        tests = [judge(fault.file) for fault in faults]
-        for fault, found in zip(faults, verdicts(faults, tests, "judging"), strict=True):
-            console.print(f"{found:9} {fault}")
+        verdicts = track(
+            pool.map(one, faults), "judging", len(faults), console=console, transient=True
+        )
+        for fault, (found, tests) in zip(faults, verdicts, strict=True):
+            console.print(f"{found:9} {fault}" + f"   by {tests}" * bool(tests))
             listed.append(found)
-        return listed
+    return listed
+
+
+@cache
+def sources(folder: str) -> dict[str, str]:
+    """The Python files of a folder of the project, by name."""
+    paths = sorted((ROOT / folder).rglob("*.py"))
+    return {str(path.relative_to(ROOT)): path.read_text() for path in paths}
 
 
 def main(arguments: Sequence[str] | None = None) -> float:
@@ -157,8 +150,8 @@ def main(arguments: Sequence[str] | None = None) -> float:
     parser.add_argument("--count", type=int, default=COUNT, help="faults to judge")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    sources = {name: (HDL / f"{name}.py").read_text() for name in options.file or files}
-    faults = draw(sources, options.count, options.seed)
+    texts = {name: (HDL / f"{name}.py").read_text() for name in options.file or files}
+    faults = draw(texts, options.count, options.seed)
     verdicts = judged(faults)
     counts = Counter((fault.kind, found) for fault, found in zip(faults, verdicts, strict=True))
     table = Table("kind", "caught", "missed", "not built")

@@ -12,7 +12,8 @@ from splatcore.spec.number import Float
 from tb.helpers.parts import Beside
 from tb.planted import mutate
 from tb.planted.fault import KINDS, Fault, draw, faults
-from tb.planted.mutate import HDL, JUDGES, judge, judged, verdict
+from tb.planted.judges import BENCHES, LAST, MACHINE, QUICK, judges
+from tb.planted.mutate import HDL, judged, verdict
 
 FORMATS = [Float(4, 3, subnormal=False), Float(3, 4, overflow="infinity")]
 CODES = 1 << FORMATS[0].width
@@ -107,7 +108,10 @@ def of_clamp(before: str, after: str) -> Fault:
 def test_verdicts(tmp_path, monkeypatch, capsys):
     test = tmp_path / "test_clamp.py"
     test.write_text(TEST)
-    monkeypatch.setattr(mutate, "JUDGES", {"arithmetic/minmax": str(test)})
+    weak = tmp_path / "test_nothing.py"
+    weak.write_text("def test_nothing():\n    pass\n")
+    monkeypatch.setenv("SPLATCORE_CACHE", str(tmp_path / "kept"))
+    monkeypatch.setattr(mutate, "judges", lambda file: [str(weak), str(test)])
     given = [
         of_clamp("magnitude > self.b", "magnitude < self.b"),
         of_clamp("magnitude > self.b", "magnitude >= self.b"),
@@ -119,6 +123,9 @@ def test_verdicts(tmp_path, monkeypatch, capsys):
     assert judged(given) == verdicts
     told = capsys.readouterr().out.splitlines()
     assert [line[:9].strip() for line in told if "→" in line] == verdicts
+    assert told[0].endswith(f"by {test}")
+    monkeypatch.setattr(mutate, "verdict", None)
+    assert judged(given) == verdicts  # kept
 
 
 @pytest.mark.slow
@@ -127,26 +134,31 @@ def test_tests_that_hang_or_fail_anyway(tmp_path, monkeypatch):
     test.write_text("import time\n\n\ndef test_hangs():\n    time.sleep(1000)\n")
     with monkeypatch.context() as patch:
         patch.setattr(mutate, "TIMEOUT", 5)
-        assert verdict(None, str(test), tmp_path) == "caught"
+        assert verdict(str(test), tmp_path) == "caught"
     test.write_text(TEST.replace("min(", "max("))
-    monkeypatch.setattr(mutate, "JUDGES", {"": str(test)})
+    monkeypatch.setenv("SPLATCORE_CACHE", str(tmp_path / "kept"))
+    monkeypatch.setattr(mutate, "judges", lambda file: [str(test)])
     with pytest.raises(RuntimeError, match="fails without a fault"):
         judged([of_clamp("magnitude > self.b", "1")])
     with pytest.raises(RuntimeError, match="status 5"):
-        verdict(None, f"{test} -k nothing", tmp_path)
+        verdict(f"{test} -k nothing", tmp_path)
+
+
+ALL_JUDGES = sorted({tests for name in mutate.sources("hdl") for tests in judges(name[4:-3])})
 
 
 def test_judges():
-    """The most particular one; each name is a file's or a folder's."""
-    assert judge("points/cull") == JUDGES["points/cull"] != judge("points/preprocess")
-    assert judge("points/preprocess") == JUDGES[""]
-    assert judge("sorting/merge") == JUDGES["sorting"] and judge("top") == JUDGES[""]
-    for name in JUDGES:
+    """The most particular ones first, the machine last; each name is a file's or a folder's."""
+    cull = judges("points/cull")
+    assert cull[0] == QUICK["points/cull"] and "verilator-cull" in cull[1]
+    assert cull[2:] == [LAST["points"], MACHINE] and judges("top")[-1] == MACHINE
+    assert judges("sorting/merge")[0] == QUICK["sorting"]
+    for name in {*QUICK, *BENCHES, *LAST}:
         assert (HDL / name).is_dir() or (HDL / f"{name}.py").is_file(), name
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tests", sorted(set(JUDGES.values())))
+@pytest.mark.parametrize("tests", ALL_JUDGES)
 def test_judges_are_there(tests, capsys):
     options = mutate.shlex.split(f"--collect-only -qq -p no:cacheprovider {tests}")
     assert pytest.main(options) == pytest.ExitCode.OK, capsys.readouterr().out

@@ -1,0 +1,121 @@
+"""Which tests judge the faults that are planted in a file of hdl/.
+
+A fault meets one set of tests after the other until one catches it: quick ones of the part first,
+then the testbench of its stage, then small frames and faults of the whole machine.
+"""
+
+from tb.helpers.stage_cases import STAGES
+
+MACHINE = (
+    "tb/machine/test_machine.py tb/machine/test_machine_steps.py tb/machine/test_faults.py "
+    "-k 'not long_list and not full_size'"
+)
+STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
+BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
+HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
+
+QUICK = {
+    "": "",
+    "arithmetic": "tb/hdl/test_float.py -k 'every_pair or every_triple or enable or conversions'",
+    "arithmetic/convert": "tb/hdl/test_float.py tb/hdl/test_scale.py",
+    "arithmetic/minmax": "tb/hdl/test_float.py -k clamp",
+    "arithmetic/unary": "tb/hdl/test_unary.py -k rtl",
+    "arithmetic/unary_ends": "tb/hdl/test_unary.py -k rtl",
+    "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or an_entry or buffers'",
+    "binning/binned": "",
+    "binning/row_end": "tb/hdl/test_row_end.py",
+    "frame": "tb/hdl/test_frame.py",
+    "lib/counters": "tb/hdl/test_counters.py",
+    "lib/holds": "tb/hdl/test_holds.py",
+    "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
+    "lib/stream": "tb/hdl/test_stream.py -k verilator",
+    "memory/axi": "tb/hdl/test_axi.py",
+    "memory/bus": "tb/hdl/test_axi.py",
+    "memory/fetch": "tb/hdl/test_fetch.py",
+    "memory/share": "tb/hdl/test_groups.py",
+    "memory/store": "",
+    "memory/words": "tb/hdl/test_words.py",
+    "memory/write_combiner": "tb/hdl/test_write_combiner.py",
+    "points": STAGE.format("project"),
+    "points/array": "tb/hdl/test_array.py -k stalls",
+    "points/check": "tb/hdl/test_check.py",
+    "points/chunk": "tb/hdl/test_chunk.py -k mixed",
+    "points/codebook": "tb/hdl/test_codebook.py -k equals",
+    "points/colour": "tb/hdl/test_colour.py",
+    "points/load": "tb/hdl/test_model_reader.py",
+    "points/model_reader": "tb/hdl/test_model_reader.py",
+    "points/position": STAGE.format("cull"),
+    "points/preprocess": "",
+    **{f"points/{name}": STAGE.format(name) for name in STAGES if name != "chunk"},
+    "raster": BLENDED,
+    "raster/features": "tb/hdl/test_holds.py -k nobody",
+    "raster/finished": "tb/hdl/test_finished.py",
+    "raster/groups": "tb/hdl/test_groups.py",
+    "raster/list_reader": "",
+    "raster/pixels": "tb/hdl/test_pixels.py -k 'not eight and not one'",
+    "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
+    "raster/render": "",
+    "registers": "tb/hdl/test_axi.py -k registers",
+    "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
+    "sorting/cascade": "tb/hdl/test_cascade.py",
+    "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
+    "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
+}
+"""Quick tests of a file or of a folder's files, as arguments of pytest; "" if there are none."""
+
+BENCHES = {
+    "": [],
+    "arithmetic": ["project", "raster"],
+    "binning": ["bin", "preprocess"],
+    "binning/binned": ["preprocess"],
+    "lib": ["sort", "project", "render"],
+    "memory": ["preprocess", "render"],
+    "points": ["project"],
+    "points/check": ["preprocess"],
+    "points/chunk": ["chunk"],
+    "points/cull": ["cull"],
+    "points/depth": ["cull", "place"],
+    "points/load": ["preprocess"],
+    "points/model_reader": ["preprocess"],
+    "points/place": ["place"],
+    "points/points": ["preprocess"],
+    "points/position": ["cull", "place"],
+    "points/preprocess": ["preprocess"],
+    "raster": ["rasterizer", "raster"],
+    "raster/features": ["render"],
+    "raster/finished": ["raster", "render"],
+    "raster/groups": ["render"],
+    "raster/list_reader": ["render"],
+    "raster/mark": ["mark", "raster"],
+    "raster/pixels": ["render"],
+    "raster/prepare": ["prepare", "raster"],
+    "raster/render": ["render"],
+    "raster/setup": ["setup", "raster"],
+    "sorting": ["sort", "spill"],
+    "sorting/cascade": ["cascade", "sort"],
+    "sorting/deal": ["spill"],
+    "sorting/subsort": ["subsort"],
+    "top": ["top"],
+}
+"""Testbenches in `tb/stages/` of the stages that a file or a folder's files are in."""
+
+LAST = {
+    "": MACHINE,
+    "arithmetic": f"tb/hdl/test_float.py tb/hdl/test_unary.py {HALVES}",
+    "points": HALVES,
+    "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_sort.py",
+}
+"""What judges a file's or a folder's faults when all others have missed them."""
+
+
+def judges(file: str) -> list[str]:
+    """The tests of a file, named as in `points/cull`, each as arguments of pytest; in order."""
+    benches = "".join(f" tb/stages/test_stages.py::test_stage[verilator-{name}]"
+                      for name in found(BENCHES, file))  # fmt: skip
+    order = [found(QUICK, file), benches.strip(), found(LAST, file), MACHINE]
+    return list(dict.fromkeys(filter(None, order)))
+
+
+def found(table: dict, file: str):
+    """A file's own row, or its folder's, or that of all."""
+    return next(table[name] for name in (file, file.split("/")[0], "") if name in table)
