@@ -138,6 +138,13 @@ def test_the_machine_is_clean(tmp_path):
 
 
 @pytest.mark.verify
+@pytest.mark.parametrize("config", [DEFAULT, PAPER], ids=lambda config: config.name)
+def test_machines_of_full_size_are_clean(config, tmp_path):
+    write_top(config, tmp_path)
+    assert lint(TOP, tmp_path / MEMORIES_FILE, tmp_path / f"{TOP}.v") == []
+
+
+@pytest.mark.verify
 def test_parts_are_the_whole():
     """Each flip-flop is in one part; parts of one kind are one piece."""
     hierarchy = machine_gates.netlist(TINY)
