@@ -166,6 +166,8 @@ class Render(wiring.Component):
             with m.State("GROUPS"), m.If(self.pixels.through):
                 m.next = "SETTLE"
             with m.State("SETTLE"):
-                m.d.comb += self.done.eq(self.settled.all() & ~self.groups.busy)
+                # What is offered, and not taken, is not known to `settled`.
+                offered = self.pixels.writes.valid
+                m.d.comb += self.done.eq(self.settled.all() & ~offered & ~self.groups.busy)
                 with m.If(self.done):
                     m.next = "IDLE"

@@ -32,6 +32,9 @@ NEAR = (
 ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
 """Slow memory that idles at random."""
 
+SLOW = Timing("one at a time", latency=20, bandwidth=4.0, outstanding=1)
+"""Memory that is busy with another client's access when the last row of an image is offered."""
+
 OTHER = replace(
     TINY, name="OTHER", group=1, tile_test="3sigma", culling="none", skip_zeros=False,
     early_termination=False, faint=(), sub_sorters=1, rasterizers=1,
@@ -77,6 +80,13 @@ def test_sizes():
         for width, height in ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3))
     ]
     check(TINY, machine(TINY).run(jobs, ROUGH), *jobs)
+
+
+@pytest.mark.parametrize("size", [(31, 3), (33, 17), (16, 16), (64, 3)])
+def test_last_row_is_in_memory_before_the_frame_is_told(size):
+    """Though the other half keeps the port busy."""
+    jobs = [Job(garden(TINY, 150), view(*size)), Job(garden(TINY, 400), view())]
+    check(TINY, machine(TINY).run(jobs, SLOW), *jobs)
 
 
 def test_path():
