@@ -72,8 +72,9 @@ class Registers(wiring.Component):
             "counters": In(data.StructLayout(stages)),
         }
         super().__init__(ports)
-        # A write that is being done: of which word, what, and whether it is taken.
+        # A write that is being done: of which word, what, if whole, and whether it is taken.
         self.write, self.taken = Signal(), Signal()
+        self.whole = Signal()
         self.word = Signal(LITE_ADDRESS_BITS - WORD_BITS, reset_less=True)
         self.value = Signal(LITE_DATA_BITS, reset_less=True)
         self.events = Signal(self.map[self.address["INTERRUPT"]].width)
@@ -98,12 +99,12 @@ class Registers(wiring.Component):
     def _take(self, m: Module) -> Value:
         """Writes; returns a bit that says that one of a locked register is refused."""
         s_axi = self.s_axi
-        addressed, given, whole = Signal(), Signal(), Signal()
+        addressed, given = Signal(), Signal()
         with m.If(s_axi.awready):
             m.d.sync += [addressed.eq(s_axi.awvalid), self.word.eq(s_axi.awaddr[WORD_BITS:])]
         with m.If(s_axi.wready):
             m.d.sync += [given.eq(s_axi.wvalid), self.value.eq(s_axi.wdata)]
-            m.d.sync += whole.eq(s_axi.wstrb.all())
+            m.d.sync += self.whole.eq(s_axi.wstrb.all())
         writable, of_frame = Signal(), Signal()
         with m.Switch(self.word):
             for address, register in self.map.items():
@@ -114,13 +115,13 @@ class Registers(wiring.Component):
                             m.d.comb += of_frame.eq(1)
         m.d.comb += [s_axi.awready.eq(~addressed), s_axi.wready.eq(~given)]
         m.d.comb += self.write.eq(addressed & given & ~s_axi.bvalid)
-        m.d.comb += self.taken.eq(self.write & whole & writable & ~(of_frame & self.locked))
+        m.d.comb += self.taken.eq(self.write & self.whole & writable & ~(of_frame & self.locked))
         with m.If(self.write):
             m.d.sync += [addressed.eq(0), given.eq(0)]
             m.d.sync += [s_axi.bvalid.eq(1), s_axi.bresp.eq(Mux(self.taken, OKAY, SLAVE_ERROR))]
         with m.Elif(s_axi.bready):
             m.d.sync += s_axi.bvalid.eq(0)
-        return self.write & whole & of_frame & self.locked
+        return self.write & self.whole & of_frame & self.locked
 
     def _commands(self, m: Module) -> Value:
         """START and ABORT; returns a bit that says that START is refused."""

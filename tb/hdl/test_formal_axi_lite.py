@@ -1,0 +1,36 @@
+"""Proof of the AXI4-Lite slave."""
+
+import pytest
+
+from splatcore.hdl.registers import Registers
+from splatcore.sim.rtl.formal import ProofError, cover, prove
+from splatcore.spec.config import TINY
+from tb.formal.axi_lite import Answers
+from tb.planted.fault import planted
+
+pytestmark = pytest.mark.slow
+
+
+def test_slave_is_proved():
+    prove(Answers(Registers(TINY)))
+    cover(Answers(Registers(TINY)), depth=8)
+
+
+FAULTS = {
+    "an answer is overwritten": ("_take", "addressed & given & ~s_axi.bvalid", "addressed & given"),
+    "an answer is withdrawn": ("_take", "m.Elif(s_axi.bready)", "m.Else()"),
+    "an answer to an address alone": ("_take", "addressed & given & ~s", "addressed & ~s"),
+    "data waits for its address": ("_take", "wready.eq(~given)", "wready.eq(~given & addressed)"),
+    "a second address is lost": ("_take", "awready.eq(~addressed)", "awready.eq(1)"),
+    "strobes are not looked at": ("_take", "& self.whole & writable", "& writable"),
+    "a read is answered twice": ("_read", "[asked.eq(0), s_axi.rvalid", "[s_axi.rvalid"),
+    "data of an answer change": ("_read", "m.If(asked & ~s_axi.rvalid)", "m.If(asked)"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_found(fault, monkeypatch):
+    method, old, new = FAULTS[fault]
+    monkeypatch.setattr(Registers, method, planted(getattr(Registers, method), old, new))
+    with pytest.raises(ProofError, match="fails in step"):
+        prove(Answers(Registers(TINY)))
