@@ -14,16 +14,20 @@ from amaranth.lib.wiring import In
 from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.spec.config import TINY
 
-SMALL = replace(TINY, sub_sorter_entries=4, sort_digits=(2, 1, 2, 1, 2))
+SIZES = (4, 8)
+"""Entries of the sub-sorters that are proved; planted faults are looked for in the first."""
+
+DIGITS = (2, 1, 2, 1, 2)
 
 PHASES = [([(6, 2)], [(5, 1)]), ([], [(3, 2)]), ([(2, 1)], [(0, 2)])]
 """With and without digits in the first cycle."""
 
 
-def small() -> SubSorter:
-    """A sub-sorter of `SMALL` with these phases."""
+def small(entries: int = SIZES[0]) -> SubSorter:
+    """A sub-sorter of so many entries, with keys of `DIGITS` and these phases."""
+    config = replace(TINY, sub_sorter_entries=entries, sort_digits=DIGITS)
     with patch("splatcore.hdl.sorting.subsort.phases", lambda config: PHASES):
-        return SubSorter(SMALL)
+        return SubSorter(config)
 
 
 class Given(wiring.Component):

@@ -12,7 +12,7 @@ from splatcore.sim.eda.synth import DEPTH_MAX, gates
 from splatcore.sim.rtl.formal import ProofError, cover, prove
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.sort import batch_record, digits, phases, ranked_record
-from tb.formal.subsort import Given, small
+from tb.formal.subsort import SIZES, Given, small
 from tb.helpers.batches import KINDS, batches_of
 from tb.helpers.runs import check_run, compiled
 from tb.planted.fault import planted
@@ -114,9 +114,10 @@ def test_phases_hold_every_digit_once(machine):
 
 
 @pytest.mark.slow
-def test_small_one_is_proved():
-    prove(Given(small()))
-    cover(Given(small()), depth=20)
+@pytest.mark.parametrize("entries", SIZES)
+def test_small_one_is_proved(entries):
+    prove(Given(small(entries)))
+    cover(Given(small(entries)), depth=20)
 
 
 FAULTS = {

@@ -1,0 +1,43 @@
+"""The merge of two runs, searched for a fault in all that can happen in its first cycles."""
+
+import pytest
+
+from splatcore.hdl.sorting.merge import Merge
+from splatcore.sim.rtl.formal import ProofError, cover, search
+from tb.formal.merge import Merged
+from tb.planted.fault import planted
+
+DEPTH = 14  # cycles: half a minute, two more cycles take more than as long again
+COVER_DEPTH = 20  # cycles in which two full runs can be merged, or a merge can follow another
+
+
+@pytest.mark.slow
+def test_merge_of_two_runs():
+    search(Merged(), DEPTH)
+
+
+@pytest.mark.slow
+def test_merge_comes_to_its_end():
+    cover(Merged(), COVER_DEPTH)
+
+
+FAULTS = {
+    "not stable": ("_compare", "< Cat(first.key, first.gone)", "<= Cat(first.key, first.gone)"),
+    "a run at its end stays": ("_compare", "leaf.gone.eq(~self.live[way])", "leaf.gone.eq(0)"),
+    "read before it is written": ("_fetch", "pointer != self.written[way]", "1"),
+    "an entry is overwritten": ("_fetch", "~fetching & ~self.waits & left", "~fetching & left"),
+    "the one behind is forgotten": ("_advance", "Mux(waits, behind, self.found)", "self.found"),
+    "given without room": ("elaborate", "second & self.room", "second"),
+    "given without a head": ("elaborate", "(~self.live | self.present).all()", "1"),
+    "nothing is read": ("_fetch", "asked.eq(first)", "asked.eq(0)"),
+    "a stop leaves heads": ("elaborate", "(self.live, self.present, ", "(self.live, "),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_found(fault, monkeypatch):
+    method, old, new = FAULTS[fault]
+    monkeypatch.setattr(Merge, method, planted(getattr(Merge, method), old, new))
+    with pytest.raises(ProofError, match="fails in step"):
+        search(Merged(), DEPTH)
