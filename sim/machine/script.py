@@ -10,6 +10,7 @@ import numpy as np
 
 from splatcore.sim.common.source import check_known
 from splatcore.sim.rtl.build import SimulationError
+from splatcore.sim.rtl.initial import state_of
 from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
@@ -44,7 +45,8 @@ class Timing:
     latency: cycles from a request to its first beat. bandwidth: bytes a cycle, shared by reads and
     writes; 0 for any number. granule: bytes that an access moves at least. outstanding: requests of
     a path that memory takes before the first is answered. stall: probability with which a side of
-    memory (and of the host) idles in a cycle, drawn from `seed`. read_errors, write_errors: numbers
+    memory (and of the host) idles in a cycle, drawn from `seed`, as is what registers and
+    memories of the machine begin with. read_errors, write_errors: numbers
     of read beats and of written bursts, from 0 on, that are answered by an error. read_strays,
     write_strays: those before whose answer there is one that nobody has asked for. read_missing,
     write_missing: those that are never answered.
@@ -280,7 +282,10 @@ def execute(
     (folder / "settings").write_text("\n".join(lines) + "\n")
     (folder / "script").write_text("\n".join(script.lines) + "\n")
     with subprocess.Popen(
-        [program, str(folder)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [program, str(folder), *state_of(timing.seed)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     ) as run:
         try:
             log = []

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from splatcore.sim.common.cache import cache_root, digest, kept_folder
+from splatcore.sim.rtl.initial import STATE, without_initial
 from splatcore.sim.rtl.verilator import environment
 
 KIND = "streams"  # the folder of compiled simulations among what is kept
@@ -20,7 +21,7 @@ time than its length."""
 
 ARGS = [
     "--cc", "--exe", "--build", "--build-jobs", "2", "-O3", "--x-assign", "fast", "-Wno-fatal",
-    "--assert", *SPLIT, "--top-module", "top", "-Mdir", "obj", "-CFLAGS", "-I..",
+    "--assert", *STATE, *SPLIT, "--top-module", "top", "-Mdir", "obj", "-CFLAGS", "-I..",
 ]  # fmt: skip
 
 QUICK, FAST = "-O1", "-O2"
@@ -43,14 +44,18 @@ def build(
     more: tuple[str, ...] = (),
     level: str = QUICK,
 ) -> Path:
-    """The program of a Verilog module `top` and a C++ main.
+    """The program of a Verilog module `top`, initial values left out, and a C++ main.
 
     headers: files that the main includes. made: further ones, as text by their names. more:
     arguments for Verilator. level: of the C++ compiler. Raises RuntimeError with the end of the
     compiler's log.
     """
     args = [*ARGS, *more]
-    texts = {file.name: file.read_text() for file in (main, *headers)} | made | {"top.sv": source}
+    texts = (
+        {file.name: file.read_text() for file in (main, *headers)}
+        | made
+        | {"top.sv": without_initial(source)}
+    )
 
     def compile(folder: Path):
         for name, text in texts.items():

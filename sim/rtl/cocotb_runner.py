@@ -19,6 +19,7 @@ from cocotb_tools.runner import get_runner
 
 from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.rtl.build import SPLIT, library
+from splatcore.sim.rtl.initial import STATE, state_of, without_initial
 from splatcore.sim.rtl.verilator import environment
 
 PARAMETERS = "SPLATCORE_TESTBENCH"
@@ -28,7 +29,7 @@ PROGRAM = {"verilator": "verilator", "icarus": "iverilog"}  # the compiler of ea
 
 ARGS = {
     # Amaranth's output is full of width warnings; signals made public cost most of the speed.
-    "verilator": ["-O3", "-Wno-fatal", "--assert", "--no-public-flat-rw", *SPLIT],
+    "verilator": ["-O3", "-Wno-fatal", "--assert", "--no-public-flat-rw", *STATE, *SPLIT],
     "icarus": [],
 }
 
@@ -49,7 +50,8 @@ def run_testbench(
     """Run all cocotb tests of `module` on `component`, whose Verilog module is `top`.
 
     simulator: "verilator" or "icarus"; by default what the environment's SIM says, else Verilator.
-    seed: what Python's `random` starts from in each test.
+    seed: what Python's `random` starts from in each test, and in Verilator what registers and
+    memories begin with; in Icarus these have their initial values.
     parameters: what `parameters()` returns in the testbench; anything that JSON can hold.
 
     The build folder is used again as long as the Verilog stays the same. With WAVES=1 in the
@@ -75,6 +77,7 @@ def build(component: wiring.Component, simulator: str) -> Path:
     """Folder of the compiled simulation, made unless it is there already."""
     sources = {"top.v": verilog.convert(component, name="top", emit_src=False)}
     if simulator == "verilator":
+        sources["top.v"] = without_initial(sources["top.v"])
         sources["top.vlt"] = _control_file(component)
     compiler = shutil.which(PROGRAM[simulator])
     if compiler is None:
@@ -139,6 +142,7 @@ def _run(simulator: str, module: str, seed: int, folder: Path, results: Path) ->
             build_dir=folder,
             test_dir=folder,
             seed=seed,
+            plusargs=state_of(seed) if simulator == "verilator" else [],
             results_xml=str(xml),
             log_file=log,
             waves=os.environ.get("WAVES", "0") != "0",

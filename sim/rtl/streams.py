@@ -17,6 +17,7 @@ from amaranth.hdl import Shape
 from amaranth.lib import stream, wiring
 
 from splatcore.sim.rtl.build import CPP, SimulationError, build
+from splatcore.sim.rtl.initial import state_of
 
 IDLE_MAX = 20_000  # cycles without any movement after which a run is given up
 TAIL = 64  # cycles that a run goes on after its last row, in which nothing more may come
@@ -121,7 +122,8 @@ class Simulation:
         that it holds, or one for each cycle, [N] (rows if wider than 64 bits), the last of which
         stays. first: in streams that are through before the others begin. stall: probability with
         which each side of each stream idles in a cycle in which it could act, in phases of random
-        and of constant behaviour drawn from `seed`. expected: rows by out stream that end the run
+        and of constant behaviour drawn from `seed`, as is what
+        registers and memories begin with. expected: rows by out stream that end the run
         together with the last input taken; 64 more cycles with all outputs ready show what comes
         too much. Streams that are not named are not waited for. Without `expected` the run goes on
         until nothing has moved for `idle_max` cycles.
@@ -139,7 +141,7 @@ class Simulation:
         with TemporaryDirectory() as scratch:
             for name, rows in files.items():
                 (Path(scratch) / name).write_bytes(rows.tobytes())
-            command = [self.program, scratch, *map(str, settings)]
+            command = [self.program, scratch, *map(str, settings), *state_of(seed)]
             command += [f"+first:{name}:" for name in first]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:

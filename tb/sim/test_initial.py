@@ -1,0 +1,64 @@
+"""What reads a register or a memory's word before it has a value is found out."""
+
+import numpy as np
+import pytest
+from amaranth.back import verilog
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from splatcore.sim.rtl.initial import without_initial
+from splatcore.sim.rtl.streams import Simulation
+
+pytestmark = pytest.mark.slow
+
+WORDS, COUNT = 4, 9
+CONTENTS = [7, 0, 5, 9]
+
+
+class Reads(wiring.Component):
+    """Values that nothing was written to, and some that have one."""
+
+    at: In(range(WORDS))
+    written: In(1)
+    kept: Out(64)
+    word: Out(64)
+    begun: Out(4)
+    known: Out(8)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.memory = memory = Memory(shape=64, depth=WORDS, init=[])
+        m.submodules.table = table = Memory(shape=8, depth=WORDS, init=CONTENTS)
+        port, known = memory.read_port(domain="comb"), table.read_port(domain="comb")
+        never, begun = Signal(64, reset_less=True), Signal(4, init=COUNT)
+        m.d.comb += memory.write_port().en.eq(self.written)
+        m.d.sync += [never.eq(never), begun.eq(begun)]
+        m.d.comb += [port.addr.eq(self.at), known.addr.eq(self.at), self.known.eq(known.data)]
+        m.d.comb += [self.kept.eq(never), self.word.eq(port.data), self.begun.eq(begun)]
+        return m
+
+
+def samples(seed: int) -> dict[str, np.ndarray]:
+    names = ("kept", "word", "begun", "known")
+    given = {"at": np.arange(WORDS), "written": 0}
+    return Simulation(Reads(), names).run({}, constants=given, seed=seed, cycles_max=WORDS).samples
+
+
+def test_what_has_no_value_is_random():
+    """By the run's seed; what has a reset, or contents, has these."""
+    first, again, other = (samples(seed) for seed in (1, 1, 2))
+    for name in ("kept", "word"):
+        assert np.array_equal(first[name], again[name])
+        assert not (first[name] == other[name]).any()
+    assert (other["begun"] == COUNT).all()
+    assert other["known"].tolist() == CONTENTS
+
+
+def test_only_simulations_leave_values_out():
+    source = verilog.convert(Reads(), name="top", emit_src=False)
+    left = without_initial(source)
+    assert "reg [63:0] kept = " in source and "memory[0] = " in source
+    assert "reg [63:0] kept ;" in left and "memory[0] = " not in left
+    assert "table [2] = 8'h05" in left
