@@ -7,6 +7,7 @@ import typer
 
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import app
+from splatcore.sim.cli.soak import soak
 from splatcore.sim.common.output import messages
 from splatcore.spec.error import InputError
 
@@ -46,8 +47,13 @@ COMMANDS = {
     ),
     "bench compression": ("bench_compression", "Compress scenes and measure."),
     "bench differentiable": ("bench_differentiable", "Time the differentiable renderer."),
+    "soak frames": ("soak_runs", "Render random small scenes in RTL, against the golden model."),
+    "soak faults": ("soak_runs", "Let things go wrong in RTL: errors are told, nothing hangs."),
 }
 """Commands in help's order: the file of this folder whose import registers each, what it does."""
+
+GROUPS = {"bench": bench, "soak": soak}
+"""Groups of commands, those of a first word."""
 
 
 def register(words: list[str] | None = None):
@@ -55,14 +61,14 @@ def register(words: list[str] | None = None):
 
     Words that name none want help, or are wrong: names are enough, and a tenth of the time.
     """
-    name = " ".join((words or [])[: 2 if words and words[0] == "bench" else 1])
+    name = " ".join((words or [])[: 2 if words and words[0] in GROUPS else 1])
     if words is None or name in COMMANDS:
         for each in [name] if name else COMMANDS:
             import_module(f"splatcore.sim.cli.{COMMANDS[each][0]}")
         return
     for name, (_, does) in COMMANDS.items():
         group, _, last = name.rpartition(" ")
-        (bench if group else app).command(last, help=does)(lambda: None)
+        GROUPS.get(group, app).command(last, help=does)(lambda: None)
 
 
 def main(arguments: list[str] | None = None):

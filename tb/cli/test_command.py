@@ -8,8 +8,7 @@ import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
-from splatcore.sim.cli.bench import bench
-from splatcore.sim.cli.main import COMMANDS, register
+from splatcore.sim.cli.main import COMMANDS, GROUPS, register
 from splatcore.sim.cli.options import app
 from splatcore.sim.cli.verilog import PARTS
 from splatcore.sim.common.metric import Compared, Result, against, difference, told
@@ -210,14 +209,13 @@ def test_memories(folder, capsys):
 
 
 IN_ORDER = """
-from splatcore.sim.cli.bench import bench
-from splatcore.sim.cli.main import register
+from splatcore.sim.cli.main import GROUPS, register
 from splatcore.sim.cli.options import app
 register()
-for part in (app, bench):
+for group, part in {"": app, **GROUPS}.items():
     for command in part.registered_commands:
         file = command.callback.__module__.split(".")[-1]
-        print("bench " * (part is bench) + command.name, file, sep=",")
+        print(f"{group} {command.name}".strip(), file, sep=",")
 """
 
 
@@ -230,7 +228,7 @@ def test_commands_are_in_the_order_of_the_table():
 
 def test_the_table_says_what_the_commands_do():
     register()
-    groups = {"": app, "bench": bench}
+    groups = {"": app, **GROUPS}
     helps = {
         " ".join([group] * bool(group) + [command.name]): command.help or command.callback.__doc__
         for group, part in groups.items()
@@ -267,7 +265,8 @@ finally:
      "render garden --cameras none.json --video v.mp4", "scene jungle -o a.ply", "error none.ply",
      "fit none.ply --fps 9 -o a.toml", "programs --show none", "verilog --part none -o a",
      "registers -o none/a", "train none -o none/a", "bench work none.ply -o a",
-     "bench scenes none.ply -o a", "bench sort -o none/a"],
+     "bench scenes none.ply -o a", "bench sort -o none/a", "soak", "soak frames --help",
+     "soak faults -o a --count 0"],
 )  # fmt: skip
 def test_help_and_refusals_import_nothing_heavy(tmp_path, words):
     """What a user waits for before a line of error is what is imported."""

@@ -88,6 +88,8 @@ UNWRITABLE = {
     "report -o file": "file: is no folder",
     "bench work one -o file": "file: is no folder",
     "bench sort -o file": "file: is no folder",
+    "soak frames -o file": "file: is no folder",
+    "soak faults -o file/x": "file/x: there is no folder",
     "bench compression one -o file": "file: is no folder",
     "compress scene.ply -o m --work file": "file: is no folder",
     "train photos -o s.ply --work file": "file: is no folder",

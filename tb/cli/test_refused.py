@@ -61,6 +61,9 @@ BAD = {
     "bench sort -o out --preset HUGE": "HUGE",
     "bench sort -o none/out": "none/out",
     "bench sort -o out --json none/a.json": "none/a.json",
+    "soak frames -o out --count 0": "--count 0: is not ≥ 1",
+    "soak faults -o out --seed -1": "--seed -1: is not ≥ 0",
+    "soak faults -o none/out": "none/out",
     "bench sweep -o out --point best": "--point 'best': unknown",
     "bench sweep -o out garden --size 0x5": "--size 0x5: width 0 is not in",
     "compare scene.ply": "two images",
@@ -169,6 +172,7 @@ def test_without_torch(unchanged, monkeypatch, capsys, arguments):
 PLAIN = "info pack render compare error programs verilog synth memories cycles"
 HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
     "scene": list(GENERATORS)[:3], "bench": ["sort"], "bench sort": ["--lengths"],
+    "soak": ["frames", "faults"], "soak frames": ["--only"],
     "hard": [*HARD, "52 dB"],
     "report": ["make report", "--section", "report.html", "needs no network", *SECTIONS],
 }  # fmt: skip

@@ -45,7 +45,7 @@ def test_usage_errors_are_a_line(place, capsys, arguments):
     check_refused(capsys, arguments, USAGE[arguments])
 
 
-@pytest.mark.parametrize("arguments", [[], ["bench"]])
+@pytest.mark.parametrize("arguments", [[], ["bench"], ["soak"]])
 def test_a_group_alone_is_its_help(capsys, arguments):
     from splatcore.sim.cli import main
 

@@ -1,0 +1,6 @@
+"""The group of commands `splatcore soak`."""
+
+from splatcore.sim.cli.options import App, app
+
+soak = App(no_args_is_help=True, help="Random frames and faults in RTL, against the golden model.")
+app.add_typer(soak, name="soak")

@@ -1,0 +1,118 @@
+"""The commands `soak frames` and `soak faults`: thousands of random runs of small machines."""
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import typer
+
+from splatcore.sim.cli.bench import SchedulerOption
+from splatcore.sim.cli.options import option
+from splatcore.sim.cli.soak import soak
+from splatcore.sim.common.output import console, make_folder, messages, write_json
+from splatcore.sim.common.table import new_table, print_whole
+from splatcore.spec.error import InputError
+
+OutputOption = option(Path, "DIR", "Folder for results; kept results stay.", "-o", "--out")
+CountOption = option(int, None, "How many.")
+SeedOption = option(int, None, "Same seed, same runs.")
+OnlyOption = option(list[int] | None, "NUMBER", "Only the run of that number. May repeat.")
+
+
+@soak.command("frames")
+def frames_command(
+    output: OutputOption,
+    count: CountOption = 1000,
+    seed: SeedOption = 0,
+    only: OnlyOption = None,
+    scheduler: SchedulerOption = None,
+):
+    """Render random small scenes in RTL on random machines with random memories.
+
+    Each frame's pixels are compared with the golden model's, and the counters that do not depend
+    on time. A run has 8 frames, two in flight. What is in DIR already is not run again, as long as
+    the code is the same. Of a run that is wrong, DIR/wrong/NUMBER has scene files, cameras and what
+    else it is made of. Writes DIR/frames.json; exit status 1 if anything is wrong.
+    """
+    check(count, seed)
+    from splatcore.sim.soak.frame_runs import FRAMES, frame_run, keep
+
+    numbers = only or range(-(-count // FRAMES))
+    found = run("frames", frame_run, seed, numbers, output, scheduler)
+    for each in found:
+        if each["wrong"]:
+            keep(output / "wrong" / str(each["number"]), seed, each["number"])
+    finish("frames", found, seed, output, "machine", ("frames", "cycles"))
+
+
+@soak.command("faults")
+def faults_command(
+    output: OutputOption,
+    count: CountOption = 1000,
+    seed: SeedOption = 0,
+    only: OnlyOption = None,
+    scheduler: SchedulerOption = None,
+):
+    """Let things go wrong in RTL: errors of memory, bad models and registers, ABORT, resets.
+
+    Alone and with another frame in flight, which must be the golden model's; so must be the next
+    frame, and the error told must be right. What is in DIR already is not run again, as long as the
+    code is the same. Writes DIR/faults.json; exit status 1 if anything is wrong.
+    """
+    check(count, seed)
+    from splatcore.sim.soak.faults import fault_run
+
+    found = run("faults", fault_run, seed, only or range(count), output, scheduler)
+    finish("faults", found, seed, output, "kind", ())
+
+
+def check(count: int, seed: int):
+    """InputError for impossible options."""
+    for name, value, least in (("--count", count, 1), ("--seed", seed, 0)):
+        if value < least:
+            raise InputError(f"{name} {value}: is not ≥ {least}")
+
+
+def run(
+    kind: str, function: Callable[[int, int], dict], seed: int, numbers, output: Path,
+    scheduler: str | None,
+) -> list[dict]:  # fmt: skip
+    """Results of the runs, by number; what came to nothing is a result that is wrong."""
+    from splatcore.sim.bench.campaign import Failure, Task, results
+
+    make_folder(output)
+    tasks = [Task(f"{seed}-{n}", f"{kind} {seed} {n}", function, (seed, n)) for n in numbers]
+    found = []
+    for task, result in results(tasks, output / kind, scheduler, f"soak {kind}"):
+        number = task.arguments[1]
+        if isinstance(result, Failure):
+            result = {"machine": "?", "kind": "?", "number": number, "wrong": result.why}
+        if result["wrong"]:
+            messages.print(f"run {number}: {result['wrong']}", markup=False, soft_wrap=True)
+        found.append(result)
+    return sorted(found, key=lambda result: result["number"])
+
+
+def finish(
+    kind: str, found: list[dict], seed: int, output: Path, by: str, sums: tuple[str, ...]
+):  # fmt: skip
+    """Print a row for each machine or kind, write the result, list what is wrong."""
+    table = new_table(by, ["runs", *sums, "wrong"], f"seed {seed}")
+    for name in dict.fromkeys(each[by] for each in found):
+        rows = [each for each in found if each[by] == name]
+        cells = [sum(each.get(key, 0) for each in rows) for key in sums]
+        wrong = sum(bool(each["wrong"]) for each in rows)
+        table.add_row(name, *(f"{n:,}" for n in (len(rows), *cells, wrong)))
+    print_whole(table)
+    wrong = [each for each in found if each["wrong"]]
+    machines = Counter(each["machine"] for each in found)
+    path = output / f"{kind}.json"
+    write_json(path, {"seed": seed, "runs": len(found), "machines": machines, "wrong": wrong})
+    for each in wrong:
+        again = f"splatcore soak {kind} --seed {seed} --only {each['number']} -o {output}/again"
+        messages.print(f"wrong: {each['wrong']}\n  {again}", markup=False, soft_wrap=True)
+    told = [f"{sum(each.get(key, 0) for each in found):,} {key}" for key in sums]
+    told = [f"{len(found):,} runs", *told, f"{len(machines)} machines", f"{len(wrong)} wrong"]
+    console.print(f"{', '.join(told)}; {path}", soft_wrap=True)
+    if wrong:
+        raise typer.Exit(1)

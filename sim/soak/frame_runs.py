@@ -1,0 +1,125 @@
+"""Random frames on random machines in RTL, each compared with the golden model's.
+
+A run is a function of (seed, number): a machine, memory, one or two models, frames one behind the
+other with two in flight.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.golden.pipeline import render
+from splatcore.model.formats.camera_file import cameras_json
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.pack.pack import pack
+from splatcore.model.pack.quality import QUALITIES
+from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.sim.machine.script import Timing
+from splatcore.sim.soak import draw
+from splatcore.sim.soak.machines import MACHINES
+from splatcore.spec.config import Config
+from splatcore.spec.scene import Scene
+
+FRAMES = 8
+"""Frames of a run."""
+
+MODELS_MAX = 2
+CYCLES_MAX = 20_000_000  # of a run, after which it counts as hung
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What a run is made of. scenes: of the models; `used` has each frame's, by number."""
+
+    machine: str
+    scenes: list[Scene]
+    qualities: list[str]
+    used: list[int]
+    jobs: list[Job]
+    timing: Timing
+
+    @property
+    def config(self) -> Config:
+        return MACHINES[self.machine]
+
+
+@cache
+def machine(name: str) -> Machine:
+    """A compiled machine."""
+    return Machine(MACHINES[name])
+
+
+def drawn(seed: int, number: int) -> Drawn:
+    """The run of that number: machines take turns, all else is random."""
+    rng = np.random.default_rng([seed, number])
+    name = list(MACHINES)[number % len(MACHINES)]
+    config = MACHINES[name]
+    count = 1 + int(rng.integers(MODELS_MAX))
+    scenes = [draw.scene(rng, config) for _ in range(count)]
+    known = QUALITIES[:1] if config.colours == "array" else QUALITIES
+    qualities = [str(rng.choice(known)) for _ in scenes]
+    models = [
+        pack(scene, config, quality=quality)[0]
+        for scene, quality in zip(scenes, qualities, strict=True)
+    ]
+    used = [int(k) for k in rng.integers(count, size=FRAMES)]
+    codes = 1 << config.colour_fraction
+    jobs = [
+        Job(models[k], draw.camera(rng, config), tuple(map(int, rng.integers(codes, size=3))))
+        for k in used
+    ]
+    return Drawn(name, scenes, qualities, used, jobs, draw.timing(rng))
+
+
+def frame_run(seed: int, number: int) -> dict:
+    """Run it: its machine, frames, cycles, and under "wrong" what is not the golden model's."""
+    made = drawn(seed, number)
+    try:
+        run = machine(made.machine).run(made.jobs, made.timing, cycles_max=CYCLES_MAX)
+        wrong = differences(made, run)
+        cycles = run.report.cycles
+    except AssertionError as error:  # an assertion of the hardware
+        wrong, cycles = str(error), 0
+    counts = {"frames": len(made.jobs), "cycles": cycles}
+    return {"machine": made.machine, "number": number, **counts, "wrong": wrong}
+
+
+def differences(made: Drawn, run: Run) -> str:
+    """What is wrong with a run, in words; nothing if all is right."""
+    if not run.done:
+        return run.why
+    if run.report.outside:
+        return f"memory outside of the areas: {run.why}"
+    for k, (job, rendered) in enumerate(zip(made.jobs, run.frames, strict=True)):
+        golden = render(made.config, *job)
+        if count := int((rendered.pixels != golden.pixels).any(axis=-1).sum()):
+            return f"frame {k}: {count} of {job.camera.width * job.camera.height} pixels differ"
+        told = rendered.counters
+        wanted = {
+            "bin_splats": len(golden.points.index),
+            "bin_kept": len(golden.binned.kept),
+            "bin_entries": len(golden.binned.entries["key"]),
+            "sort_entries": len(golden.binned.entries["key"]),
+        }
+        for name, right in wanted.items():
+            if told.get(name, right) != right:
+                return f"frame {k}: counter {name} is {told[name]}, not {right}"
+    return ""
+
+
+def keep(folder: Path, seed: int, number: int):
+    """Write what a run is made of: a scene file for each model, cameras for all frames."""
+    made = drawn(seed, number)
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, scene in enumerate(made.scenes):
+        write_ply(folder / f"scene{k}-{made.qualities[k]}.ply", scene)
+    cameras = [job.camera for job in made.jobs]
+    (folder / "cameras.json").write_text(cameras_json(cameras))
+    lines = [f"machine {made.machine}", f"memory {made.timing}"]
+    lines += [
+        f"frame {k}: scene {scene}, background {job.background}"
+        for k, (scene, job) in enumerate(zip(made.used, made.jobs, strict=True))
+    ]
+    (folder / "run.txt").write_text("\n".join(lines) + "\n")

@@ -1,0 +1,40 @@
+"""The machines that random frames are rendered on: small ones, of all kinds."""
+
+from dataclasses import replace
+
+from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+
+SIDE = 64  # pixels of the largest image of a machine, but of the wide one
+
+ROWS, COLUMNS = 32, 4096  # of the wide one
+
+TREES = {"sub_sorter": "trees", "sort_digits": (3, 3, 4, 4, 4, 5)}
+
+
+def small(config: Config, **changes) -> Config:
+    """A machine for small images."""
+    return replace(config, width_max=SIDE, height_max=SIDE, **changes)
+
+
+MACHINES: dict[str, Config] = {
+    name: replace(config, name=f"SOAK-{name.replace(' ', '-')}")
+    for name, config in {
+        "tiny": TINY,
+        "default": small(DEFAULT),
+        "paper": small(PAPER, sub_sorter_entries=16),
+        "1 rasterizer": replace(TINY, rasterizers=1),
+        "4 rasterizers": replace(TINY, rasterizers=4),
+        "8 rasterizers": replace(TINY, rasterizers=8, port=256),
+        "16 rasterizers": small(DEFAULT, rasterizers=16, page=8),
+        "group 1": replace(TINY, group=1),
+        "group 4": replace(TINY, group=4, port=256),
+        "1 sub-sorter": replace(TINY, **TREES),
+        "2 sub-sorters": replace(TINY, **TREES, sub_sorters=2),
+        "4 sub-sorters": replace(TINY, **TREES, sub_sorters=4),
+        "4096 columns": replace(TINY, width_max=COLUMNS, height_max=ROWS, group=4),
+        "no early end": replace(TINY, early_termination=False, faint=()),
+        "near plane only": replace(TINY, culling="near", tile_test="3sigma"),
+        "degree 1": replace(TINY, sh_degree=1, faint=(), port=256, pe_arrays=2),
+    }.items()
+}
+"""Name → machine."""
