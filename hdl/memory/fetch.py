@@ -69,7 +69,8 @@ class Fetch(wiring.Component):
         never_waits(m, "queue", queue.i, "a beat that was asked for")
         # What is left of the range; the burst that is to be asked for.
         rest, more = Signal(self.range, reset_less=True), Signal()
-        burst, sized = Signal(layout(read_record()), reset_less=True), Signal()
+        asks, sized = self.reads.payload, Signal()
+        burst = {k: Signal.like(asks[k], name=k, reset_less=True) for k in ("beat", "length")}
         beats = Signal(range(self.burst + 1), reset_less=True)
         below = exact_log2(self.beats)
         first, given = rest.beat[below:], self.i.payload
@@ -77,7 +78,7 @@ class Fetch(wiring.Component):
         to_boundary = Signal.like(beats)
         ends = rest.count <= to_boundary
         m.d.comb += [to_boundary.eq(self.burst - offset), self.i.ready.eq(~more)]
-        m.d.comb += self.reads.payload.eq(burst)
+        m.d.comb += [asks[k].eq(value) for k, value in burst.items()]  # never narrow
         asked, fire = Signal(), Signal()
         m.d.comb += asked.eq(self.reads.valid & self.reads.ready)
         m.d.comb += fire.eq(self.o.valid & self.o.ready)
@@ -87,8 +88,8 @@ class Fetch(wiring.Component):
         with m.Elif(~sized):
             length = Mux(ends, rest.count[: len(beats)], to_boundary)
             m.d.sync += [
-                burst.beat.eq(rest.beat),
-                burst.length.eq((length - 1)[:LENGTH_BITS]),
+                burst["beat"].eq(rest.beat),
+                burst["length"].eq((length - 1)[:LENGTH_BITS]),
                 beats.eq(length),
                 first.eq(Cat(Const(0, len(offset)), first[len(offset) :] + 1)),
                 rest.count.eq(rest.count - to_boundary),

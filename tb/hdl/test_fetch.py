@@ -99,6 +99,7 @@ def check(
     )  # fmt: skip
     assert result.finished, result.stopped
     asked = read_record().unpack(result.outputs["bursts"])
+    assert not asked["narrow"].any()
     assert [*zip(asked["beat"] // wide, asked["length"] + 1, strict=True)] == bursts
     assert not (asked["beat"] % wide).any()
     words = [int.from_bytes(row.tobytes(), "little") for row in result.outputs["o"]]
