@@ -7,7 +7,7 @@ SPLATCORE := $(BIN)/splatcore
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo pictures test test-compress verify testbenches check report results clean
+.PHONY: help install demo pictures test test-compress verify testbenches coverage check report results clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
@@ -15,6 +15,7 @@ help:
 	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
 	@echo "make testbenches   each stage under cocotb, in Verilator and in Icarus if that is installed"
 	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
+	@echo "make coverage  the tests of the whole machine, and what of hdl/ they do not reach"
 	@echo "make check  lint, the rules of the house and the quick tests"
 	@echo "make pictures   the pictures in docs/, from those of the demo"
 	@echo "make report what out/report/results lacks (hours for all scenes), then the page of all results"
@@ -55,6 +56,12 @@ test-compress: .venv/compress
 # A line for each run of a stage; for the whole of Icarus, if there is none.
 testbenches: install
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -rPsfE --show-capture=stdout tb/stages
+
+# Slow the first time: each program is compiled again, to count.
+coverage: install
+	rm -rf out/coverage && mkdir -p out/coverage
+	SPLATCORE_COVERAGE=$(CURDIR)/out/coverage $(PYTEST) -m "not verify" $(or $(TESTS),tb/machine)
+	$(SPLATCORE) coverage out/coverage --json out/coverage.json
 
 verify: install
 	$(PYTEST) -m verify

@@ -2,5 +2,5 @@
 
 May import: spec, model, golden, hdl, sim.accuracy, sim.bench, sim.common, sim.compression,
 sim.cycles, sim.eda, sim.fit, sim.machine, sim.packing, sim.power,
-sim.report, sim.soak.
+sim.report, sim.rtl, sim.soak.
 """

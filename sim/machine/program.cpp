@@ -10,6 +10,7 @@
 
 #include "Vtop.h"
 #include "config.hpp"
+#include "coverage.hpp"
 #include "host.hpp"
 #include "memory.hpp"
 #include "settings.hpp"
@@ -90,5 +91,6 @@ int main(int argc, char** argv) {
                  (unsigned long long)cycle, host.at, rule.c_str());
     std::fclose(host.report);
     top.final();
+    keep_coverage(argv[0]);
     munmap(data, size);
 }

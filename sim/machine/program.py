@@ -38,7 +38,7 @@ def compiled(
     more = ("--trace", "--trace-depth", "4") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")
-    headers = [*sorted(FOLDER.glob("*.hpp")), CPP / "random.hpp"]
+    headers = [*sorted(FOLDER.glob("*.hpp")), CPP / "random.hpp", CPP / "coverage.hpp"]
     beat, waves = port_bytes(config), int(trace and not toggles)
     settings = CONFIG.format(
         waves=waves, toggles=int(toggles), beat=beat, beat_bits=beat.bit_length() - 1

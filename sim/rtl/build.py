@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from splatcore.sim.common.cache import cache_root, digest, kept_folder
+from splatcore.sim.rtl.coverage import COUNTING, counted
 from splatcore.sim.rtl.initial import STATE, without_initial
 from splatcore.sim.rtl.verilator import environment
 
@@ -50,7 +51,7 @@ def build(
     arguments for Verilator. level: of the C++ compiler. Raises RuntimeError with the end of the
     compiler's log.
     """
-    args = [*ARGS, *more]
+    args = [*ARGS, *more, *(COUNTING if counted() else ())]
     texts = (
         {file.name: file.read_text() for file in (main, *headers)}
         | made

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "Vtop.h"
+#include "coverage.hpp"
 #include "ports.hpp"
 #include "random.hpp"
 
@@ -238,4 +239,5 @@ int main(int argc, char** argv) {
                 rule.c_str());
     each(sources, [&](auto& source) { std::printf("%zu\n", source.next); });
     top.final();
+    keep_coverage(argv[0]);
 }

@@ -17,6 +17,7 @@ from amaranth.hdl import Shape
 from amaranth.lib import stream, wiring
 
 from splatcore.sim.rtl.build import CPP, SimulationError, build
+from splatcore.sim.rtl.coverage import counted
 from splatcore.sim.rtl.initial import state_of
 
 IDLE_MAX = 20_000  # cycles without any movement after which a run is given up
@@ -100,9 +101,11 @@ class Simulation:
     ):
         self.ports, self.samples = Ports.of(component), tuple(samples)
         _check_names("output", self.samples, self.ports.out)
-        source = source or verilog.convert(component, name="top", emit_src=False)
+        source = source or verilog.convert(component, name="top", emit_src=counted())
         made = {"ports.hpp": _ports_header(self.ports, self.samples, source)}
-        self.program = build(source, CPP / "stream.cpp", [CPP / "random.hpp"], made)
+        self.program = build(
+            source, CPP / "stream.cpp", [CPP / "random.hpp", CPP / "coverage.hpp"], made
+        )
 
     def run(
         self,

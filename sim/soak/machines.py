@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 
-SIDE = 64  # pixels of the largest image of a machine, but of the wide one
+SIDE = 80  # pixels of the largest image of a machine that is not TINY's size, nor wide
 
 ROWS, COLUMNS = 32, 4096  # of the wide one
 
@@ -27,7 +27,7 @@ MACHINES: dict[str, Config] = {
         "8 rasterizers": replace(TINY, rasterizers=8, port=256),
         "16 rasterizers": small(DEFAULT, rasterizers=16, page=8),
         "group 1": replace(TINY, group=1),
-        "group 4": replace(TINY, group=4, port=256),
+        "group 4": small(TINY, group=4, port=256),
         "1 sub-sorter": replace(TINY, **TREES),
         "2 sub-sorters": replace(TINY, **TREES, sub_sorters=2),
         "4 sub-sorters": replace(TINY, **TREES, sub_sorters=4),

@@ -88,6 +88,7 @@ UNWRITABLE = {
     "report -o file": "file: is no folder",
     "bench work one -o file": "file: is no folder",
     "bench sort -o file": "file: is no folder",
+    "coverage sub --json none/a.json": "none/a.json: there is no folder",
     "soak frames -o file": "file: is no folder",
     "soak faults -o file/x": "file/x: there is no folder",
     "bench compression one -o file": "file: is no folder",

@@ -61,6 +61,7 @@ BAD = {
     "bench sort -o out --preset HUGE": "HUGE",
     "bench sort -o none/out": "none/out",
     "bench sort -o out --json none/a.json": "none/a.json",
+    "coverage nowhere": "nowhere: no simulation has counted here",
     "soak frames -o out --count 0": "--count 0: is not ≥ 1",
     "soak faults -o out --seed -1": "--seed -1: is not ≥ 0",
     "soak faults -o none/out": "none/out",
