@@ -22,10 +22,14 @@ SEEDS = (1 << 31) - 1  # numbers from which Verilator's begins, but for 0
 REGISTER = re.compile(r"^(\s*reg .+ )= \d+'h[0-9a-f]+;$", re.M)
 MEMORY = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.M)
 
+CONSTANT = re.compile(r"^  always @\*\n(    \S+ ?(?:\[[^]]*\] )?= \d+'h[0-9a-f]+;)$", re.M)
+"""A block that waits for a change of nothing: a wire that never changes, whose value no simulator
+has to give it but by a first look."""
+
 
 def without_initial(source: str) -> str:
     """Verilog of Amaranth without initial values of registers, and of memories without contents.
 
-    Memories with contents, some word of which is not 0, keep them.
+    Memories with contents, some word of which is not 0, keep them, and wires that never change.
     """
-    return MEMORY.sub("", REGISTER.sub(r"\1;", source))
+    return CONSTANT.sub(r"  initial\n\1", MEMORY.sub("", REGISTER.sub(r"\1;", source)))
