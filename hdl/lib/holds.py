@@ -3,21 +3,20 @@
 Where a stream is pushed without a look at its `ready`, or a count is trusted not to overflow, that
 rests on latencies and depths elsewhere. `enough` holds them against each other when the hardware is
 built; `holds` and the others have every simulation stop where they turn out wrong, but in a reset:
-before the first one registers hold anything. Whatever is
-built for a platform, for synthesis or as Verilog, has no assertions and so no gates for them.
+before the first one registers hold anything. Whatever is built for a platform, for synthesis or as
+Verilog, has no assertions and so no gates for them.
 """
 
 from amaranth.hdl import Assert, Elaboratable, Module, Mux, ResetSignal, Signal, Value
 from amaranth.lib import stream
 
-
-def _reset() -> Value:
-    """The reset, of a component that has one."""
-    return ResetSignal(allow_reset_less=True)
-
-
 BUILT = object()
 """A platform for hardware that is built: without assertions, its memories as they are."""
+
+
+def _stops(condition: Value, what: str) -> Assert:
+    """Stops a simulation with the condition at 0, but in a reset."""
+    return Assert(ResetSignal(allow_reset_less=True) | condition, what)
 
 
 class _Holds(Elaboratable):
@@ -29,7 +28,7 @@ class _Holds(Elaboratable):
     def elaborate(self, platform) -> Module:
         m = Module()
         if platform is None:
-            m.d.sync += Assert(_reset() | self.condition, self.what)
+            m.d.sync += _stops(self.condition, self.what)
         return m
 
 
@@ -45,7 +44,7 @@ class _Within(Elaboratable):
             (comes, goes), count = self.events, Signal(range(self.most + 1), init=self.begin)
             m.d.sync += count.eq(count + comes - goes)
             room = Mux(comes, count != self.most, 1) | goes
-            m.d.sync += Assert(_reset() | (room & (count.any() | ~goes | comes)), self.what)
+            m.d.sync += _stops(room & (count.any() | ~goes | comes), self.what)
         return m
 
 
@@ -62,8 +61,7 @@ class _Keeps(Elaboratable):
             payload = Value.cast(offer.payload)
             before = Signal(len(payload))
             m.d.sync += [waiting.eq(offer.valid & ~offer.ready), before.eq(payload)]
-            kept = offer.valid & (payload == before)
-            m.d.sync += Assert(_reset() | ~waiting | kept, self.what)
+            m.d.sync += _stops(~waiting | (offer.valid & (payload == before)), self.what)
         return m
 
 

@@ -1,5 +1,6 @@
 """The command `coverage`: which arms of the hardware's conditions simulations have taken."""
 
+from collections import Counter
 from pathlib import Path
 
 from splatcore.sim.cli.options import JsonOption, app, argument
@@ -23,9 +24,9 @@ def coverage_command(folder: FolderArgument, json: JsonOption = None):
     if not [*folder.glob("*.dat")]:
         raise InputError(f"{folder}: no simulation has counted here; see --help")
     found = arms(folder)
-    lines = {}
+    lines = Counter()
     for arm, count in found.items():
-        lines[arm.place] = lines.get(arm.place, 0) + count
+        lines[arm.place] += count
     rows = []
     for file in sorted({place.file for place in lines}):
         taken = [count > 0 for arm, count in found.items() if arm.place.file == file]

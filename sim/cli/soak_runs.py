@@ -40,7 +40,7 @@ def frames_command(
     numbers = only or range(-(-count // FRAMES))
     found = run("frames", frame_run, seed, numbers, output, scheduler)
     for each in found:
-        if each["wrong"]:
+        if each["wrong"] and "frames" in each:  # the run came to an end
             keep(output / "wrong" / str(each["number"]), seed, each["number"])
     finish("frames", found, seed, output, "machine", ("frames", "cycles"))
 
@@ -77,7 +77,10 @@ def run(
     kind: str, function: Callable[[int, int], dict], seed: int, numbers, output: Path,
     scheduler: str | None,
 ) -> list[dict]:  # fmt: skip
-    """Results of the runs, by number; what came to nothing is a result that is wrong."""
+    """Results of the runs, by number; what came to nothing is a result that is wrong.
+
+    What is wrong is told as it comes, with the command that repeats it.
+    """
     from splatcore.sim.bench.campaign import Failure, Task, results
 
     make_folder(output)
@@ -88,7 +91,9 @@ def run(
         if isinstance(result, Failure):
             result = {"machine": "?", "kind": "?", "number": number, "wrong": result.why}
         if result["wrong"]:
-            messages.print(f"run {number}: {result['wrong']}", markup=False, soft_wrap=True)
+            again = f"splatcore soak {kind} --seed {seed} --only {number} -o {output}/again"
+            text = f"run {number}: {result['wrong']}\n  {again}"
+            messages.print(text, markup=False, soft_wrap=True)
         found.append(result)
     return sorted(found, key=lambda result: result["number"])
 
@@ -96,7 +101,7 @@ def run(
 def finish(
     kind: str, found: list[dict], seed: int, output: Path, by: str, sums: tuple[str, ...]
 ):  # fmt: skip
-    """Print a row for each machine or kind, write the result, list what is wrong."""
+    """Print a row for each machine or kind, write the result; status 1 if anything is wrong."""
     table = new_table(by, ["runs", *sums, "wrong"], f"seed {seed}")
     for name in dict.fromkeys(each[by] for each in found):
         rows = [each for each in found if each[by] == name]
@@ -108,9 +113,6 @@ def finish(
     machines = Counter(each["machine"] for each in found)
     path = output / f"{kind}.json"
     write_json(path, {"seed": seed, "runs": len(found), "machines": machines, "wrong": wrong})
-    for each in wrong:
-        again = f"splatcore soak {kind} --seed {seed} --only {each['number']} -o {output}/again"
-        messages.print(f"wrong: {each['wrong']}\n  {again}", markup=False, soft_wrap=True)
     told = [f"{sum(each.get(key, 0) for each in found):,} {key}" for key in sums]
     told = [f"{len(found):,} runs", *told, f"{len(machines)} machines", f"{len(wrong)} wrong"]
     console.print(f"{', '.join(told)}; {path}", soft_wrap=True)

@@ -7,7 +7,7 @@ machine's AXI4 master sees. The program writes `report`, and tells on standard o
 
 from pathlib import Path
 
-from splatcore.sim.rtl.build import CPP, FAST, build
+from splatcore.sim.rtl.build import FAST, build
 from splatcore.spec.axi import BOUNDARY, ID_BITS, port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import INTERRUPT_ERROR
@@ -38,9 +38,9 @@ def compiled(
     more = ("--trace", "--trace-depth", "4") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")
-    headers = [*sorted(FOLDER.glob("*.hpp")), CPP / "random.hpp", CPP / "coverage.hpp"]
     beat, waves = port_bytes(config), int(trace and not toggles)
     settings = CONFIG.format(
         waves=waves, toggles=int(toggles), beat=beat, beat_bits=beat.bit_length() - 1
     )
-    return build(source, FOLDER / "program.cpp", headers, {"config.hpp": settings}, more, level)
+    main, made = FOLDER / "program.cpp", {"config.hpp": settings}
+    return build(source, main, made, FOLDER.glob("*.hpp"), more, level)

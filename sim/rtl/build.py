@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -40,23 +40,20 @@ class SimulationError(AssertionError):
 def build(
     source: str,
     main: Path,
-    headers: list[Path],
     made: dict[str, str],
+    headers: Iterable[Path] = (),
     more: tuple[str, ...] = (),
     level: str = QUICK,
 ) -> Path:
     """The program of a Verilog module `top`, initial values left out, and a C++ main.
 
-    headers: files that the main includes. made: further ones, as text by their names. more:
-    arguments for Verilator. level: of the C++ compiler. Raises RuntimeError with the end of the
-    compiler's log.
+    made: files that the main includes, as text by their names. headers: further ones, besides
+    those of this folder, which every main may include. more: arguments for Verilator. level: of
+    the C++ compiler. Raises RuntimeError with the end of the compiler's log.
     """
     args = [*ARGS, *more, *(COUNTING if counted() else ())]
-    texts = (
-        {file.name: file.read_text() for file in (main, *headers)}
-        | made
-        | {"top.sv": without_initial(source)}
-    )
+    texts = {file.name: file.read_text() for file in (main, *CPP.glob("*.hpp"), *headers)}
+    texts |= made | {"top.sv": without_initial(source)}
 
     def compile(folder: Path):
         for name, text in texts.items():

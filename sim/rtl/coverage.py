@@ -56,8 +56,8 @@ class Arm(NamedTuple):
 
 @dataclass
 class Module:
-    """What the lines of a module of Verilog tell. places: of signals; targets: by line, what an
-    always block sets; registers: what an unnamed signal becomes at the next clock edge."""
+    """What the lines of a module of Verilog tell. places: of signals; registers: what an unnamed
+    signal becomes at the next clock edge."""
 
     places: dict[str, Place] = field(default_factory=dict)
     registers: dict[str, str] = field(default_factory=dict)

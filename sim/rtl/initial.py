@@ -8,6 +8,8 @@ all words of a memory.
 
 import re
 
+SEEDS = (1 << 31) - 1  # numbers from which Verilator's begins, but for 0
+
 STATE = ("--x-initial", "unique")
 """Verilator's arguments for registers and memories that begin with what the run's seed gives."""
 
@@ -17,14 +19,12 @@ def state_of(seed: int) -> list[str]:
     return ["+verilator+rand+reset+2", f"+verilator+seed+{1 + seed % SEEDS}"]
 
 
-SEEDS = (1 << 31) - 1  # numbers from which Verilator's begins, but for 0
-
 REGISTER = re.compile(r"^(\s*reg .+ )= \d+'h[0-9a-f]+;$", re.M)
 MEMORY = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.M)
 
 CONSTANT = re.compile(r"^  always @\*\n(    \S+ ?(?:\[[^]]*\] )?= \d+'h[0-9a-f]+;)$", re.M)
-"""A block that waits for a change of nothing: a wire that never changes, whose value no simulator
-has to give it but by a first look."""
+"""A block that gives a wire a constant: it waits for a change of nothing, so a simulator may never
+run it, and the wire would keep what it began with."""
 
 
 def without_initial(source: str) -> str:

@@ -103,9 +103,7 @@ class Simulation:
         _check_names("output", self.samples, self.ports.out)
         source = source or verilog.convert(component, name="top", emit_src=counted())
         made = {"ports.hpp": _ports_header(self.ports, self.samples, source)}
-        self.program = build(
-            source, CPP / "stream.cpp", [CPP / "random.hpp", CPP / "coverage.hpp"], made
-        )
+        self.program = build(source, CPP / "stream.cpp", made)
 
     def run(
         self,
@@ -125,11 +123,11 @@ class Simulation:
         that it holds, or one for each cycle, [N] (rows if wider than 64 bits), the last of which
         stays. first: in streams that are through before the others begin. stall: probability with
         which each side of each stream idles in a cycle in which it could act, in phases of random
-        and of constant behaviour drawn from `seed`, as is what
-        registers and memories begin with. expected: rows by out stream that end the run
-        together with the last input taken; 64 more cycles with all outputs ready show what comes
-        too much. Streams that are not named are not waited for. Without `expected` the run goes on
-        until nothing has moved for `idle_max` cycles.
+        and of constant behaviour drawn from `seed`, as is what registers and memories begin with.
+        expected: rows by out stream that end the run together with the last input taken; 64 more
+        cycles with all outputs ready show what comes too much. Streams that are not named are not
+        waited for. Without `expected` the run goes on until nothing has moved for `idle_max`
+        cycles.
 
         Raises StreamRuleError if an offer is not kept, SimulationError if an assertion fails.
         """

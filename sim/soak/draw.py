@@ -77,7 +77,7 @@ def layer(rng: np.random.Generator, degree: int) -> Scene:
     return Scene(**plain | kind(rng, count))
 
 
-def scene(rng: np.random.Generator, config: Config) -> Scene:
+def scene(rng: np.random.Generator) -> Scene:
     """Up to `LAYERS_MAX` layers, of a degree that may be above the machine's."""
     degree = int(rng.integers(4))
     layers = [layer(rng, degree) for _ in range(1 + int(rng.integers(LAYERS_MAX)))]

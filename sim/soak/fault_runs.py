@@ -16,8 +16,9 @@ from splatcore.golden.pipeline import Frame, render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
-from splatcore.sim.machine.machine import Job, Machine, frame_values
+from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing, execute
+from splatcore.sim.soak.machines import machine
 from splatcore.spec import registers
 from splatcore.spec.config import Config
 from splatcore.spec.group import group_pixels
@@ -88,12 +89,6 @@ class Timetable:
     first: tuple[int, int]
     handed: tuple[int, int]
     asked: tuple[int, int]
-
-
-@cache
-def machine(config: Config) -> Machine:
-    """A compiled machine."""
-    return Machine(config)
 
 
 @cache

@@ -5,7 +5,6 @@ other with two in flight.
 """
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,11 @@ from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.pack.pack import pack
 from splatcore.model.pack.quality import QUALITIES
-from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.sim.machine.counted import counted
+from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.script import Timing
 from splatcore.sim.soak import draw
-from splatcore.sim.soak.machines import MACHINES
+from splatcore.sim.soak.machines import MACHINES, machine
 from splatcore.spec.config import Config
 from splatcore.spec.scene import Scene
 
@@ -45,19 +45,13 @@ class Drawn:
         return MACHINES[self.machine]
 
 
-@cache
-def machine(name: str) -> Machine:
-    """A compiled machine."""
-    return Machine(MACHINES[name])
-
-
 def drawn(seed: int, number: int) -> Drawn:
     """The run of that number: machines take turns, all else is random."""
     rng = np.random.default_rng([seed, number])
     name = list(MACHINES)[number % len(MACHINES)]
     config = MACHINES[name]
     count = 1 + int(rng.integers(MODELS_MAX))
-    scenes = [draw.scene(rng, config) for _ in range(count)]
+    scenes = [draw.scene(rng) for _ in range(count)]
     known = QUALITIES[:1] if config.colours == "array" else QUALITIES
     qualities = [str(rng.choice(known)) for _ in scenes]
     models = [
@@ -77,7 +71,7 @@ def frame_run(seed: int, number: int) -> dict:
     """Run it: its machine, frames, cycles, and under "wrong" what is not the golden model's."""
     made = drawn(seed, number)
     try:
-        run = machine(made.machine).run(made.jobs, made.timing, cycles_max=CYCLES_MAX)
+        run = machine(made.config).run(made.jobs, made.timing, cycles_max=CYCLES_MAX)
         wrong = differences(made, run)
         cycles = run.report.cycles
     except AssertionError as error:  # an assertion of the hardware
@@ -97,14 +91,8 @@ def differences(made: Drawn, run: Run) -> str:
         if count := int((rendered.pixels != golden.pixels).any(axis=-1).sum()):
             return f"frame {k}: {count} of {job.camera.width * job.camera.height} pixels differ"
         told = rendered.counters
-        wanted = {
-            "bin_splats": len(golden.points.index),
-            "bin_kept": len(golden.binned.kept),
-            "bin_entries": len(golden.binned.entries["key"]),
-            "sort_entries": len(golden.binned.entries["key"]),
-        }
-        for name, right in wanted.items():
-            if told.get(name, right) != right:
+        for name, right in counted(made.config, job.model, golden).items():
+            if name in told and told[name] != right:
                 return f"frame {k}: counter {name} is {told[name]}, not {right}"
     return ""
 

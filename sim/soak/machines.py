@@ -1,7 +1,9 @@
 """The machines that random frames are rendered on: small ones, of all kinds."""
 
 from dataclasses import replace
+from functools import cache
 
+from splatcore.sim.machine.machine import Machine
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 
 SIDE = 80  # pixels of the largest image of a machine that is not TINY's size, nor wide
@@ -9,6 +11,12 @@ SIDE = 80  # pixels of the largest image of a machine that is not TINY's size, n
 ROWS, COLUMNS = 32, 4096  # of the wide one
 
 TREES = {"sub_sorter": "trees", "sort_digits": (3, 3, 4, 4, 4, 5)}
+
+
+@cache
+def machine(config: Config) -> Machine:
+    """A compiled machine."""
+    return Machine(config)
 
 
 def small(config: Config, **changes) -> Config:

@@ -12,7 +12,7 @@ from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
 from splatcore.sim.rtl.formal import ProofError, cover, prove, search
 from tb.formal.stream import WIDTH, Followed, Forked, WatchedQueue, in_pipe, in_queue, in_register
 from tb.helpers.parts import Beside, Piped
-from tb.planted.fault import planted
+from tb.planted.fault import plant
 
 pytestmark = pytest.mark.slow
 
@@ -62,7 +62,7 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_found(fault, monkeypatch):
     name, part, old, new = FAULTS[fault]
-    monkeypatch.setattr(part, "elaborate", planted(part.elaborate, old, new))
+    plant(monkeypatch, part, "elaborate", old, new)
     with pytest.raises(ProofError, match="fails in step") as found:
         prove(PROOFS[name]())
     assert found.value.step is not None

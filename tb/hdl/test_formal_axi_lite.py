@@ -6,7 +6,7 @@ from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.formal import ProofError, cover, prove
 from splatcore.spec.config import TINY
 from tb.formal.axi_lite import Answers
-from tb.planted.fault import planted
+from tb.planted.fault import plant
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +30,6 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_found(fault, monkeypatch):
-    method, old, new = FAULTS[fault]
-    monkeypatch.setattr(Registers, method, planted(getattr(Registers, method), old, new))
+    plant(monkeypatch, Registers, *FAULTS[fault])
     with pytest.raises(ProofError, match="fails in step"):
         prove(Answers(Registers(TINY)))

@@ -5,7 +5,7 @@ import pytest
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.sim.rtl.formal import ProofError, cover, search
 from tb.formal.merge import Merged
-from tb.planted.fault import planted
+from tb.planted.fault import plant
 
 DEPTH = 14  # cycles: half a minute, two more cycles take more than as long again
 COVER_DEPTH = 20  # cycles in which two full runs can be merged, or a merge can follow another
@@ -37,7 +37,6 @@ FAULTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_found(fault, monkeypatch):
-    method, old, new = FAULTS[fault]
-    monkeypatch.setattr(Merge, method, planted(getattr(Merge, method), old, new))
+    plant(monkeypatch, Merge, *FAULTS[fault])
     with pytest.raises(ProofError, match="fails in step"):
         search(Merged(), DEPTH)

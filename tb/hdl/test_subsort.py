@@ -15,7 +15,7 @@ from splatcore.spec.sort import batch_record, digits, phases, ranked_record
 from tb.formal.subsort import SIZES, Given, small
 from tb.helpers.batches import KINDS, batches_of
 from tb.helpers.runs import check_run, compiled
-from tb.planted.fault import planted
+from tb.planted.fault import plant
 
 MACHINES = {
     "default": DEFAULT,
@@ -135,7 +135,6 @@ FAULTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_found(fault, monkeypatch):
-    method, old, new = FAULTS[fault]
-    monkeypatch.setattr(SubSorter, method, planted(getattr(SubSorter, method), old, new))
+    plant(monkeypatch, SubSorter, *FAULTS[fault])
     with pytest.raises(ProofError, match="fails in step"):
         prove(Given(small()))

@@ -220,8 +220,9 @@ class Bench:
             await RisingEdge(dut.clk)
             for channel, (*parts, valid, ready) in wires.items():
                 now = [int(part.value) for part in parts] if valid.value else None
-                for name, value in FIXED.items() if now and channel != "w" else ():
-                    assert int(getattr(dut, f"m_axi__{channel}{name}").value) == value
+                if now and channel != "w":
+                    sent = {name: getattr(dut, f"m_axi__{channel}{name}").value for name in FIXED}
+                    assert {name: int(value) for name, value in sent.items()} == FIXED
                 if channel in offered:
                     assert now == offered[channel], f"{channel}: the offer was not kept"
                 offered.pop(channel, None)

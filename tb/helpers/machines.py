@@ -5,28 +5,19 @@ from functools import cache
 
 import numpy as np
 
-from splatcore.golden.pipeline import Frame, render
+from splatcore.golden.pipeline import render
 from splatcore.model.generate import hard_case
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.machine.machine import Job, Machine, Run
-from splatcore.spec.axi import LINE, port_beats, port_bytes
+from splatcore.sim.machine.counted import attribute_beats, counted
+from splatcore.sim.machine.machine import Job, Run
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.work import FEATURE, SLOT
-from tb.helpers.point_rows import point_counts
 
 NEEDLES = 100
 LENGTHS = 30, 30 * hard_case.WIDTH
 THIN = 1e-5
-
-
-@cache
-def machine(config: Config) -> Machine:
-    """A compiled machine."""
-    return Machine(config)
 
 
 @cache
@@ -49,35 +40,6 @@ def long_needles() -> hard_case.HardCase:
     scene = replace(hard_case.spread(np.random.default_rng(0), NEEDLES), scale=scale)
     camera = hard_case.straight_camera()
     return hard_case.HardCase(scene, camera, "lengths up to 30 times the screen's width")
-
-
-def counted(config: Config, model: PackedModel, frame: Frame) -> dict[str, int]:
-    """Values of the counters that do not depend on time, from the golden model's frame."""
-    points, binned = frame.points, frame.binned
-    return {f"points_{name}": count for name, count in point_counts(points).items()} | {
-        "bin_splats": len(points.index),
-        "bin_kept": len(binned.kept),
-        "bin_entries": len(binned.entries["key"]),
-        "bin_bursts": len(binned.lists.address),
-        "preprocessing_write_features": -(-len(binned.kept) * FEATURE // LINE)
-        * LINE
-        // port_bytes(config),
-        "preprocessing_write_lists": (
-            -(-config.burst * SLOT // port_bytes(config)) * len(binned.lists.address)
-        ),
-        "sort_entries": len(binned.entries["key"]),
-    }
-
-
-def attribute_beats(config: Config, model: PackedModel, frame: Frame) -> tuple[int, int]:
-    """The port's beats in which attributes are read: at least, at most. A port with larger beats
-    reads one of two neighbours once if the second asks for it in time."""
-    inside, each = frame.points.inside, model.chunk_beats.astype(int)
-    chunk, beats = inside // CHUNK, port_beats(config)
-    first = (np.cumsum(each) - each)[chunk] * CHUNK + inside % CHUNK * each[chunk]
-    last = first + each[chunk] - 1
-    most = (last // beats - first // beats + 1).sum()
-    return most - (first[1:] // beats == last[:-1] // beats).sum(), most
 
 
 def check(config: Config, run: Run, *jobs: Job):

@@ -30,18 +30,6 @@ class PointRows:
     registers: dict[str, int | dict[str, int]]
 
 
-def point_counts(points: Points) -> dict[str, int]:
-    """The counters of stages 0 and 1 after a frame."""
-    return {
-        "chunks": len(points.read),
-        "skipped": int((~points.read).sum()),
-        "points": len(points.points),
-        "front": len(points.front),
-        "inside": len(points.inside),
-        "projected": len(points.inside),
-    }
-
-
 def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
     """Run the golden model: the rows of every stream."""
     points = project_points(config, model, camera)

@@ -11,10 +11,11 @@ from splatcore.hdl.points.cull import Cull
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.points import COUNTED, Points
 from splatcore.hdl.points.project import Project
+from splatcore.sim.machine.counted import point_counts
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec.config import Config
 from splatcore.spec.point import chunk_record, culling_record, placing_record, projecting_record
-from tb.helpers.point_rows import PointRows, only_flags, point_counts
+from tb.helpers.point_rows import PointRows, only_flags
 from tb.helpers.runs import Rows, check_run, compiled, counters
 
 STAGES: dict[str, Callable[[Config], wiring.Component]] = {

@@ -14,12 +14,13 @@ from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.waves import signals
 from splatcore.sim.packing.choose import finest
+from splatcore.sim.soak.machines import machine
 from splatcore.spec.config import TINY
 from splatcore.spec.feature import feature_record
 from splatcore.spec.sort import BUCKETS, half_entries
 from splatcore.spec.work import FEATURE
 from tb.helpers.command import run as command
-from tb.helpers.machines import check, garden, long_needles, machine, view
+from tb.helpers.machines import check, garden, long_needles, view
 
 pytestmark = pytest.mark.slow
 

@@ -12,9 +12,10 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import LPDDR4
+from splatcore.sim.soak.machines import machine
 from splatcore.spec.config import DEFAULT
 from tb.helpers.bounds import HARMONICS
-from tb.helpers.machines import check, machine
+from tb.helpers.machines import check
 from tb.helpers.scenes import needs_scenes, scene_path
 
 pytestmark = pytest.mark.slow

@@ -10,12 +10,13 @@ from splatcore.model.generate.generate import generate
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, Timing
+from splatcore.sim.soak.machines import machine
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import TINY
 from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
-from tb.helpers.machines import check, machine, view
+from tb.helpers.machines import check, view
 
 COUNT = 3000
 LAYOUT_OF = np.random.default_rng(2).integers(0, len(LAYOUTS), -(-COUNT // CHUNK))

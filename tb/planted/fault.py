@@ -118,3 +118,8 @@ def planted(method: Callable, old: str, new: str) -> Callable:
     scope = dict(method.__globals__)
     exec(source.replace(old, new), scope)
     return scope[method.__name__]
+
+
+def plant(monkeypatch, part: type, method: str, old: str, new: str):
+    """Have a part's method be `planted`, for the rest of a test."""
+    monkeypatch.setattr(part, method, planted(getattr(part, method), old, new))

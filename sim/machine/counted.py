@@ -1,0 +1,52 @@
+"""What a frame's counters must tell, from the golden model's frame, but those of time."""
+
+import numpy as np
+
+from splatcore.golden.pipeline import Frame
+from splatcore.golden.points import Points
+from splatcore.spec.axi import LINE, port_beats, port_bytes
+from splatcore.spec.config import Config
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.work import FEATURE, SLOT
+
+
+def point_counts(points: Points) -> dict[str, int]:
+    """The counters of stages 0 and 1 after a frame."""
+    return {
+        "chunks": len(points.read),
+        "skipped": int((~points.read).sum()),
+        "points": len(points.points),
+        "front": len(points.front),
+        "inside": len(points.inside),
+        "projected": len(points.inside),
+    }
+
+
+def counted(config: Config, model: PackedModel, frame: Frame) -> dict[str, int]:
+    """Values of the counters that do not depend on time, from the golden model's frame."""
+    points, binned = frame.points, frame.binned
+    return {f"points_{name}": count for name, count in point_counts(points).items()} | {
+        "bin_splats": len(points.index),
+        "bin_kept": len(binned.kept),
+        "bin_entries": len(binned.entries["key"]),
+        "bin_bursts": len(binned.lists.address),
+        "preprocessing_write_features": -(-len(binned.kept) * FEATURE // LINE)
+        * LINE
+        // port_bytes(config),
+        "preprocessing_write_lists": (
+            -(-config.burst * SLOT // port_bytes(config)) * len(binned.lists.address)
+        ),
+        "sort_entries": len(binned.entries["key"]),
+    }
+
+
+def attribute_beats(config: Config, model: PackedModel, frame: Frame) -> tuple[int, int]:
+    """The port's beats in which attributes are read: at least, at most. A port with larger beats
+    reads one of two neighbours once if the second asks for it in time."""
+    inside, each = frame.points.inside, model.chunk_beats.astype(int)
+    chunk, beats = inside // CHUNK, port_beats(config)
+    first = (np.cumsum(each) - each)[chunk] * CHUNK + inside % CHUNK * each[chunk]
+    last = first + each[chunk] - 1
+    most = (last // beats - first // beats + 1).sum()
+    return most - (first[1:] // beats == last[:-1] // beats).sum(), most
