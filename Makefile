@@ -7,7 +7,7 @@ SPLATCORE := $(BIN)/splatcore
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo pictures test test-compress verify testbenches coverage check report results clean
+.PHONY: help install demo pictures test test-compress verify testbenches coverage check report keep results clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
@@ -17,8 +17,10 @@ help:
 	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
 	@echo "make coverage  the tests of the whole machine, and what of hdl/ they do not reach"
 	@echo "make check  lint, the rules of the house and the quick tests"
-	@echo "make pictures   the pictures in docs/, from those of the demo"
-	@echo "make report what out/report/results lacks (hours for all scenes), then the page of all results"
+	@echo "make pictures   the pictures in docs/, from the golden model and the results kept there"
+	@echo "make report the page of all results: those kept in docs/results, and newer ones if there are"
+	@echo "make results  measure what out/report/results lacks (hours for all scenes)"
+	@echo "make keep   write the results of out/report/results as tables into docs/results"
 	@echo "make clean  remove what the others made"
 
 install: .venv/installed
@@ -41,9 +43,16 @@ demo: install
 		--engine rtl -o out/rtl.png --error-map out/error.png --json out/rtl.json
 	$(SPLATCORE) registers -o docs
 
-pictures: demo
-	cp out/rtl.png docs/pictures/garden.png
-	cp out/tiles.png docs/pictures/garden-tiles.png
+pictures: install
+	@mkdir -p out
+	$(SPLATCORE) scene garden -o out/garden.ply --cameras out/garden.json
+	$(SPLATCORE) pack out/garden.ply -o out/garden.splatcore --camera out/garden.json
+	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size 640x360 \
+		-o out/reference.png --heat-map docs/pictures/garden-tiles.png
+	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size 640x360 \
+		--engine golden -o docs/pictures/garden.png
+	$(SPLATCORE) compare out/reference.png docs/pictures/garden.png -o docs/pictures/garden-error.png
+	$(SPLATCORE) report -o out/pictures --section quality --pictures docs/pictures
 
 test: install
 	$(BIN)/ruff check .
@@ -75,10 +84,14 @@ check: install
 	$(BIN)/ruff format --check .
 	$(PYTEST) -m "not slow and not scenes and not verify and not compress"
 
-# The report and its results. A result is measured if it is missing or older than its scene files.
-# SCENES: files and generated scenes. Default: all in the folder SPLATCORE_SCENES, without that the
-# garden at 640x360. SIZE, PRESET: WxH, and NAME or FILE. SCENE, CAMERA: the view of `power`.
+# The report, of results measured here (`make results`, or one of them by its file's name) and, for
+# what is missing, of those kept in docs/results; RESULTS=DIR: of that folder alone. A result is
+# measured if it is missing or older than its scene files. SCENES: files, those of the folder
+# SPLATCORE_SCENES by name, and generated scenes. Default: all in that folder, without that the
+# garden at 640x360. SIZE, PRESET: WxH, and NAME or FILE. SCENE, CAMERA: the view of `power`. POINTS:
+# machines of the sweep.
 REPORT ?= out/report
+only := $(addprefix --results ,$(RESULTS))
 RESULTS ?= $(REPORT)/results
 SPLATCORE_SCENES ?= ../shared/scenes
 found := $(sort $(wildcard $(addprefix $(SPLATCORE_SCENES)/*,.ply .spz .splat .sog)))
@@ -86,6 +99,8 @@ ifeq ($(SCENES)$(found),)
 SCENES := garden
 SIZE ?= 640x360
 endif
+override SCENES := $(foreach scene,$(SCENES),$(firstword \
+	$(wildcard $(scene) $(SPLATCORE_SCENES)/$(scene)) $(scene)))
 SCENE ?= $(firstword $(SCENES) $(found))
 CAMERA ?= $(firstword $(wildcard $(addsuffix .cameras.json,$(basename $(SCENE) $(basename $(SCENE))))))
 
@@ -93,22 +108,25 @@ size = $(addprefix --size ,$(SIZE))
 preset = $(addprefix --preset ,$(PRESET))
 measure = mkdir -p $(@D) && $(SPLATCORE)
 
-campaigns := scenes/scenes.csv budget.json sweep/sweep.json ablation/ablation.json work/work.json power.json
+campaigns := scenes/scenes.csv quality/quality.json budget.json sweep/sweep.json ablation/ablation.json work/work.json power.json
 others := $(addsuffix .json,hard/hard hard-rtl/hard hard-paper/hard programs programs-paper synth \
 	memories fpga-tiny fpga)
 
 report: install
-	-$(MAKE) --no-print-directory --keep-going results
-	$(SPLATCORE) report -o $(REPORT) --results $(RESULTS) $(addprefix --scene ,$(SCENES)) $(size) $(preset)
+	$(SPLATCORE) report -o $(REPORT) $(only)
+
+keep: install
+	$(SPLATCORE) report -o $(REPORT) --results $(RESULTS) --keep docs/results
 
 results: $(addprefix $(RESULTS)/,$(campaigns) $(others))
 
 $(addprefix $(RESULTS)/,$(campaigns) $(others)): | .venv/installed
 $(addprefix $(RESULTS)/,$(campaigns)): $(wildcard $(SCENES))
 
-$(RESULTS)/scenes/scenes.csv: ; $(measure) bench scenes --out $(@D) $(SCENES) $(size) $(preset)
+$(RESULTS)/scenes/scenes.csv: ; $(measure) bench scenes --timing lpddr4 --quality compact --out $(@D) $(SCENES) $(size) $(preset)
+$(RESULTS)/quality/quality.json: ; $(measure) bench quality --psnr , --out $(@D) $(SCENES) $(size) $(preset)
 $(RESULTS)/budget.json: ; $(measure) error --stage all --json $@ $(SCENES) $(size) $(preset)
-$(RESULTS)/sweep/sweep.json: ; $(measure) bench sweep --out $(@D) $(SCENES) $(size)
+$(RESULTS)/sweep/sweep.json: ; $(measure) bench sweep --out $(@D) $(SCENES) $(size) $(addprefix --point ,$(POINTS))
 $(RESULTS)/ablation/ablation.json: ; $(measure) bench ablation --out $(@D) $(SCENES) $(size) $(preset)
 $(RESULTS)/work/work.json: ; $(measure) bench work --out $(@D) $(SCENES) $(size) $(preset)
 $(RESULTS)/power.json: ; $(measure) power --json $@ $(SCENE) $(addprefix --camera ,$(CAMERA)) $(size) $(preset)
@@ -121,6 +139,7 @@ $(RESULTS)/synth.json: ; $(measure) synth --stage top --json $@ $(preset)
 $(RESULTS)/memories.json: ; $(measure) memories --json $@ $(preset)
 $(RESULTS)/fpga-tiny.json: ; $(measure) fpga --preset TINY --json $@
 $(RESULTS)/fpga.json: ; $(measure) fpga --json $@ $(preset)
+$(RESULTS)/compression/compression.json: ; $(measure) bench compression --out $(@D) $(SCENES)
 
 clean:
-	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore.h
+	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore*

@@ -1,5 +1,6 @@
 """Golden model of the whole machine: packed model and camera to 8-bit pixels, stage by stage."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.renderable import check_renderable
+
+STEPS = ("projecting", "binning", "sorting", "rasterizing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,19 +64,25 @@ def render(
     camera: Camera,
     background: tuple[int, int, int] = (0, 0, 0),
     pages: int = PAGE_MAX,
+    tell: Callable[[str], object] = str,
 ) -> Frame:
-    """Render one frame. background: codes of `spec.colour.colour_format`; pages: of list memory.
+    """Render one frame. background: codes of `spec.colour.colour_format`; pages: of list memory;
+    tell: called with the name of each of `STEPS` as it begins.
 
     InputError for a model that the machine does not render.
     """
     check_renderable(config, model)
+    tell("projecting")
     points = project_points(config, model, camera)
     near_code = int(config.arithmetic.encode(points.frame.near_plane))
     codes = splat_codes(config, points.projected)
     size = camera.width, camera.height
+    tell("binning")
     binned = bin_splats(config, near_code, codes, *size, pages)
+    tell("sorting")
     order = np.lexsort((binned.entries["key"], binned.group))  # equal keys as they come
     start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))
     entries = Entries(start, binned.entries["splat"][order], binned.entries["mask"][order])
+    tell("rasterizing")
     raster = rasterize(config, binned.features, entries, size, background)
     return Frame(points, binned, order, entries, raster)

@@ -6,7 +6,8 @@ from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import AREA, ERROR, frame_layout
 from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES, STRAY
-from splatcore.hdl.raster.render import job_layout
+from splatcore.hdl.memory.window import area_windows
+from splatcore.hdl.raster.render import READING, WRITING, job_layout
 from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
 from splatcore.spec.raster import COLOURS
@@ -17,7 +18,8 @@ class Frame(wiring.Component):
     """Starts the halves, hands a frame over from the first to the second, and cleans up.
 
     A half that fails begins nothing more on the bus; when all that it had begun there has ended, it
-    is reset, its frame is forgotten, and it is idle again. The other half goes on.
+    is reset, its frame is forgotten, and it is idle again. The other half goes on. A frame whose
+    rendering ends in the cycle of an error of its half is given up, in the cycle of ABORT complete.
 
     Members
         frame: the host's registers. start, abort: its commands.
@@ -68,6 +70,8 @@ class Frame(wiring.Component):
         }
         super().__init__(ports)
         self.handing = Signal()
+        self.second = Signal()  # the frame of the first half uses work area 1
+        self.quiet = [Signal(2, name=f"quiet{half}") for half in HALVES]  # the bus is idle so long
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -83,7 +87,8 @@ class Frame(wiring.Component):
             self.ready.eq(~self.working[PREPROCESSING]),
         ]
         begins = (self.start & self.ready, self.handing)
-        ends = (self.handing, self.done[RENDERING] & ~self.failing[RENDERING])
+        through = self.done[RENDERING] & ~self.failing[RENDERING] & ~faults[RENDERING]
+        ends = (self.handing, through)
         for half in HALVES:
             given_up = faults[half] & self.working[half] & ~self.failing[half]
             m.d.comb += self.gives_up[half].eq(given_up)
@@ -105,7 +110,7 @@ class Frame(wiring.Component):
         working, failing, reset = (
             getattr(self, name)[half] for name in ("working", "failing", "reset")
         )
-        quiet = Signal(2, name=f"quiet{half}")  # the bus has been idle so long
+        quiet = self.quiet[half]
         m.d.sync += [self.begin[half].eq(begins & ~failing), reset.eq(0)]
         with m.If(begins & ~failing):
             m.d.sync += working.eq(1)
@@ -155,7 +160,7 @@ class Frame(wiring.Component):
 
     def _areas(self, m: Module):
         """Frames take the work areas in turn; the second half's parameters stay for its frame."""
-        frame, area, job, second = self.frame, self.area, self.job, Signal()
+        frame, area, job, second = self.frame, self.area, self.job, self.second
         for part in ("groups", "lists", "features"):
             behind = Mux(second, frame.work_area, 0)
             m.d.sync += area[part].eq((frame[part] + behind) >> BEAT_BITS)
@@ -167,3 +172,5 @@ class Frame(wiring.Component):
                 m.d.sync += job[name].eq(frame[name] >> BEAT_BITS)
             for name in COLOURS:
                 m.d.sync += job.background[name].eq(frame[f"background_{name}"])
+            for name in area_windows(self.config, READING, WRITING):
+                m.d.sync += job.windows[name].eq(frame[f"{name}_high"])

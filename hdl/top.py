@@ -11,7 +11,7 @@ from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.hdl.points.preprocess import Preprocess
 from splatcore.hdl.raster.render import WRITING, Render
 from splatcore.hdl.registers import Registers
-from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS
+from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS, window_bits
 from splatcore.spec.config import Config
 from splatcore.spec.counters import HALF, beats
 
@@ -29,7 +29,7 @@ class Top(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        self.config = config
+        self.config, self.windows = config, bool(window_bits(config))
         self.registers, self.frame, self.axi = Registers(config), Frame(config), Axi(config)
         self.preprocess, self.render = Preprocess(config), Render(config)
         super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi(config)), "interrupt": Out(1)})
@@ -75,6 +75,10 @@ class Top(wiring.Component):
             connect(m, self.axi.data[port], part.data[number])
         for number, port in enumerate(writers):
             connect(m, part.writes[number], self.axi.writes[port])
+        for way, ports in (("read", readers), ("write", writers)) if self.windows else ():
+            name = f"{way}_windows"
+            for number, port in enumerate(ports):
+                m.d.comb += getattr(self.axi, name)[port].eq(getattr(part, name)[number])
 
     def _count(self, m: Module, name: str, half: int):
         """A half's cycles and traffic."""
@@ -102,7 +106,6 @@ class Top(wiring.Component):
             frame.abort.eq(registers.abort),
             registers.status.eq(Cat(frame.ready, frame.working)),
             registers.locked.eq(frame.working[PREPROCESSING]),
-            registers.needed.eq(self.preprocess.needed),
             self.interrupt.eq(registers.interrupt),
             frame.idle.eq(self.axi.idle),
             self.axi.failing.eq(frame.failing),
@@ -116,6 +119,8 @@ class Top(wiring.Component):
             frame.write_error.eq(self.axi.write_error),
             frame.stray.eq(self.axi.stray),
         ]
+        with m.If(self.preprocess.counted):  # kept when the half fails, as for PAGES, and is reset
+            m.d.sync += registers.needed.eq(self.preprocess.needed)
         for part in (self.preprocess, self.render):
             for stage in part.counters.shape().members:
                 m.d.comb += registers.counters[stage].eq(part.counters[stage])

@@ -5,6 +5,10 @@ part of a beat where the port is wider than they are) and one AXI4-Lite slave (`
 Addresses inside the machine count beats of 128 bits whatever the port's width; a beat of a wider
 port is two of them, the first at an even address. A reader has the ID of its place in `READERS`, a
 writer of its place in `WRITERS`; what has one ID stays in order, and nothing relies on more.
+
+With `Config.address_bits` of 64 each area of memory lies in a window of 4 GiB. Addresses inside the
+machine are those within a window, whatever `address_bits` is; the window's number goes beside them
+from the area's register to the port, and nothing is ever added to it.
 """
 
 from splatcore.spec.config import Config
@@ -18,7 +22,7 @@ BEAT = DATA_BITS // 8
 BEAT_BITS = BEAT.bit_length() - 1
 
 ADDRESS_BITS = 32
-"""Width of a byte address."""
+"""Width of a byte address within a window; the window's number is above it (`window_bits`)."""
 
 BEAT_ADDRESS_BITS = ADDRESS_BITS - BEAT_BITS
 
@@ -51,6 +55,13 @@ WRITERS = dict.fromkeys(("features", "lists", "groups"), PREPROCESSING)
 WRITERS |= dict.fromkeys(("buckets", "pixels"), RENDERING)
 """Who writes → for which half."""
 
+READ_AREAS = dict.fromkeys(("model", "positions", "attributes"), "model")
+READ_AREAS |= {"groups": "groups", "long_lists": "lists", "lists": "lists", "features": "features"}
+WRITE_AREAS = {"features": "features", "lists": "lists", "groups": "groups"}
+WRITE_AREAS |= {"buckets": "scratch", "pixels": "pixels"}
+"""Who reads and writes → the area, by the name of its address's register. The reader "lists" reads
+dealt ones in "scratch" besides."""
+
 ID_BITS = (max(len(READERS), len(WRITERS)) - 1).bit_length()
 
 LITE_ADDRESS_BITS = 12
@@ -58,6 +69,11 @@ LITE_DATA_BITS = 32
 
 OKAY, SLAVE_ERROR = 0, 2
 """Responses; what is over 1 is an error."""
+
+
+def window_bits(config: Config) -> int:
+    """Width of a window's number, 0 where all memory is one window."""
+    return config.address_bits - ADDRESS_BITS
 
 
 def port_beats(config: Config) -> int:

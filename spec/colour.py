@@ -57,6 +57,12 @@ def colour_format(config: Config) -> Fixed:
     return Fixed(COLOUR_INTEGER, config.colour_fraction)
 
 
+def background_codes(config: Config, background: tuple[float, float, float]) -> tuple[int, ...]:
+    """Codes of a colour 0 … 1, in units of 255/256."""
+    colour = colour_format(config).encode(np.array(background) * 255 / 256)
+    return tuple(int(code) for code in colour)
+
+
 def unscaled_colour_format(config: Config) -> Fixed:
     """The same before it is in units of 255/256."""
     return Fixed(COLOUR_INTEGER, config.colour_fraction + COLOUR_GUARD)

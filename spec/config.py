@@ -103,8 +103,9 @@ class Config:
     burst: int = size(4, 2, 16, power=True)  # list entries written at a time
     page: int = size(128, 4, power=True)  # list entries for which memory is taken at a time
 
-    # Bits of a beat of the memory port.
+    # Bits of a beat of the memory port, and of an address.
     port: int = size(256, 128, 256, power=True)
+    address_bits: int = size(32, 32, 64, power=True)
 
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
     # By OR-trees over all entries, digit by digit, or by a cascade of merges.

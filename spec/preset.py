@@ -16,6 +16,8 @@ from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from splatcore.spec.config import DEFAULT, FORMATS, PRESETS, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import compact_degrees, harmonics_bytes, model_format
@@ -78,6 +80,18 @@ def read_preset(path: str | Path) -> Config:
     return config
 
 
+def changed(config: Config, values: dict[str, object], name: str = "own") -> Config:
+    """A machine with other values of some fields, named `name`; InputError, naming the field, for
+    one that is unknown, of another type, or of which no hardware can be made."""
+    hints = {key: hint for key, hint in get_type_hints(Config).items() if key != "name"}
+    _check_keys("preset", values, hints)
+    plain = {key: v.item() if isinstance(v, np.generic) else v for key, v in values.items()}
+    found = {key: _value(hints[key], value, f"preset: {key}") for key, value in plain.items()}
+    made = replace(config, name=name, **found)
+    check_buildable(made)
+    return made
+
+
 def check_buildable(config: Config):
     """InputError, naming a field, for number formats of which the hardware cannot be made."""
 
@@ -126,19 +140,21 @@ def _check_keys(where: str, table: dict, known: Iterable[str]):
 
 
 def _value(hint, value, where: str):
-    """A value of TOML as a field of that type; InputError, naming the field, for anything else."""
+    """A value of TOML or Python as a field of a type; InputError, naming the field, for another."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Literal:
         if not isinstance(value, str) or value not in arguments:
             raise InputError(f"{where}: {value!r} is not one of {', '.join(map(str, arguments))}")
         return value
     if origin is tuple:  # of any number of elements of one type
-        if not isinstance(value, list):
+        if not isinstance(value, list | tuple):
             raise InputError(f"{where}: {value!r} is no array")
         return tuple(_value(arguments[0], item, f"{where}[{k}]") for k, item in enumerate(value))
     if is_dataclass(hint):
         if hint is Float and isinstance(value, str) and value in FLOATS:
             return FLOATS[value]
+        if isinstance(value, hint):
+            return value
         return _dataclass(hint, value, where)
     if hint is float and type(value) is int:
         return float(value)

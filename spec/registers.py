@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from splatcore.spec.axi import ADDRESS_BITS, LITE_DATA_BITS
+from splatcore.spec.axi import ADDRESS_BITS, LITE_DATA_BITS, window_bits
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
@@ -81,6 +81,9 @@ ALIGNED = {
 }
 """Registers of a frame whose value must be a multiple of so many bytes."""
 
+WIDE = 1 << 16
+"""VERSION: addresses have 64 bits, so that there are the registers of `high_registers`."""
+
 
 @dataclass(frozen=True)
 class Register:
@@ -92,6 +95,11 @@ class Register:
     about: str
     value: int | None = None
 
+    @property
+    def reset(self) -> int | None:
+        """What it reads as after a reset; None: what the machine has to tell then."""
+        return self.value if self.access == "read" else 0
+
 
 def variable_constants(config: Config) -> list[str]:
     """Constants of `spec.programs` that depend on the camera."""
@@ -102,9 +110,12 @@ def variable_constants(config: Config) -> list[str]:
 def control_registers(config: Config) -> list[Register]:
     """Registers of every machine."""
     size = config.width_max | config.height_max << 16
+    version, about = VERSION, "version of the packed models that it takes"
+    if window_bits(config):
+        version, about = version | WIDE, f"{about}; addresses have 64 bits << 16"
     return [
         Register("ID", 32, "read", "says 'SPLT'", MAGIC),
-        Register("VERSION", 16, "read", "version of the packed models that it takes", VERSION),
+        Register("VERSION", max(16, version.bit_length()), "read", about, version),
         Register("SIZE_MAX", 32, "read", "largest width, and height << 16, in pixels", size),
         Register("CONTROL", 2, "control", "START, ABORT"),
         Register("STATUS", 3, "read", "READY, PREPROCESSING, RENDERING"),
@@ -166,7 +177,22 @@ def frame_registers(config: Config) -> list[Register]:
     for name in variable_constants(config):
         about = f"constant {name} of the projection"
         registers.append(Register(f"CONSTANT_{name.upper()}", number, "frame", about))
-    return registers
+    return registers + high_registers(config)
+
+
+def high_registers(config: Config) -> list[Register]:
+    """Registers of a frame for the upper bits of its addresses, the last ones of a frame; none
+    where addresses have 32 bits."""
+    bits = window_bits(config)
+    names = [name for name in ALIGNED if name != "WORK_AREA"] if bits else []
+    about = "upper bits of {}, and of all that it is the begin of"
+    return [Register(f"{name}_HIGH", bits, "frame", about.format(name)) for name in names]
+
+
+def address_values(config: Config, name: str, address: int) -> dict[str, int]:
+    """Values of an address's registers."""
+    high, low = divmod(address, 1 << ADDRESS_BITS)
+    return {name: low} | ({f"{name}_HIGH": high} if window_bits(config) else {})
 
 
 def counter_registers(config: Config) -> list[Register]:

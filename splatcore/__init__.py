@@ -1,4 +1,39 @@
 """Splatcore, an open accelerator for 3D Gaussian Splatting: golden model, hardware and tools.
 
 The rooms of the repository are its packages: `splatcore.spec`, `model`, `golden`, `hdl` and `sim`.
+The names in `__all__` are the surface for Python programs (docs/python.md): they stay. Each is
+imported when it is first asked for, so that `import splatcore` itself takes no time.
 """
+
+_FROM = {
+    "open_scene": "sim.python.scenes",
+    "make_scene": "sim.python.scenes",
+    "open_cameras": "sim.python.scenes",
+    "look_at": "sim.python.scenes",
+    "Camera": "spec.camera",
+    "preset": "sim.python.scenes",
+    "Config": "spec.config",
+    "pack": "sim.python.frames",
+    "render_reference": "sim.python.frames",
+    "render_golden": "sim.python.frames",
+    "compare": "sim.python.frames",
+    "cycles": "sim.python.frames",
+    "write": "sim.python.files",
+    "InputError": "spec.error",
+}
+
+__all__ = list(_FROM)
+
+
+def __getattr__(name: str):
+    if name not in _FROM:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    from importlib import import_module
+
+    found = getattr(import_module(f"{__name__}.{_FROM[name]}"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -2,12 +2,13 @@
 
 import json
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
 
 from splatcore.sim.common.picture import read_png
-from tb.helpers.command import ROOT, make
+from tb.helpers.command import ROOT, make, run
 
 
 @pytest.mark.slow
@@ -17,3 +18,11 @@ def test_demo():
     assert done.returncode == 0, done.stderr
     assert json.loads((ROOT / "out/rtl.json").read_text())["identical"]
     assert read_png(ROOT / "out/rtl.png").shape == (360, 640, 3)
+
+
+def test_what_it_makes_is_ignored(tmp_path):
+    """Files of the register map in docs/ are no part of the repository."""
+    assert run("registers", "-o", tmp_path) == 0
+    patterns = (ROOT / ".gitignore").read_text().split()
+    for path in tmp_path.iterdir():
+        assert any(fnmatch(f"docs/{path.name}", pattern) for pattern in patterns), path.name

@@ -14,6 +14,8 @@ from tb.helpers.command import ROOT
 
 ROOMS = ("spec", "model", "golden", "hdl", "sim")
 
+RESULTS = "docs/results"  # without Python, of which the report is made
+
 
 def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess:
     return subprocess.run(
@@ -25,7 +27,7 @@ def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess:
 def wheel(tmp_path_factory) -> Path:
     """The wheel, built from a copy, as building leaves files beside the sources."""
     folder = tmp_path_factory.mktemp("wheel")
-    for room in (*ROOMS, "splatcore"):
+    for room in (*ROOMS, "splatcore", RESULTS):
         shutil.copytree(ROOT / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, folder)
@@ -55,6 +57,11 @@ def check_command(folder: Path):
         )
         assert done.returncode == 0, done.stderr
         assert (work / picture).read_bytes().startswith(b"\x89PNG")
+    done = run(
+        commands / "splatcore", "report", "-o", "report", "--section", "quality", folder=work
+    )
+    assert done.returncode == 0, done.stderr
+    assert "<svg" in (work / "report" / "report.html").read_text()
     for room in (*ROOMS, "tb"):
         done = run(commands / "python", "-c", f"import {room}", folder=work)
         assert f"No module named '{room}'" in done.stderr, room
@@ -74,8 +81,10 @@ def test_wheel(wheel, tmp_path):
 
 
 def test_wheel_has_every_file(wheel):
-    """Templates, style sheets, C++ and waivers as well as Python."""
-    files = {path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.*")}
+    """Templates, style sheets, C++, waivers and kept results as well as Python."""
+    files = {
+        path.relative_to(ROOT) for room in (*ROOMS, RESULTS) for path in (ROOT / room).rglob("*.*")
+    }
     files = {f"splatcore/{path}" for path in files if "__pycache__" not in path.parts}
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     assert held == files | {"splatcore/__init__.py", "splatcore/__main__.py"}

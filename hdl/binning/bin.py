@@ -12,7 +12,7 @@ from splatcore.hdl.binning.outline import Outline
 from splatcore.hdl.binning.rows import Rows
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue, Register
+from splatcore.hdl.lib.stream import Queue, Register, Slot, passes
 from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.colour import scaled_colours, unscaled_colour_format
@@ -87,12 +87,25 @@ class Bin(wiring.Component):
         m = Module()
         m.submodules.outline, m.submodules.rows = self.outline, self.rows
         m.submodules.gather, m.submodules.lists = self.gather, self.lists
+        m.submodules.arrives = self.arrives = Queue(self.i.payload.shape(), 1)
+        connect(m, flipped(self).i, self.arrives.i)
         connect(m, self.outline.o, self.rows.i)
         connect(m, self.rows.o, self.gather.i)
         m.submodules.parts = self.parts = Register(self.gather.o.payload.shape())
         connect(m, self.gather.o, self.parts.i)
-        connect(m, flipped(self).bursts, self.lists.bursts)
-        connect(m, flipped(self).groups, self.lists.groups)
+        m.submodules.entries = self.entries = Register(self.lists.i.payload.shape())
+        connect(m, self.entries.o, self.lists.i)
+        ends = {
+            "features": Slot(self.features.payload.shape()),
+            "bursts": Slot(self.bursts.payload.shape()),
+            "groups": Register(self.groups.payload.shape()),
+        }
+        for name, part in ends.items():
+            m.submodules[name] = part
+            connect(m, part.o, flipped(getattr(self, name)))
+        connect(m, self.lists.bursts, ends["bursts"].i)
+        connect(m, self.lists.groups, ends["groups"].i)
+        self.kept_features = ends["features"].i
         m.d.comb += [
             self.outline.width.eq(self.width),
             self.outline.height.eq(self.height),
@@ -100,18 +113,19 @@ class Bin(wiring.Component):
             self.lists.pages.eq(self.pages),
             self.needed.eq(self.lists.needed),
             self.exceeded.eq(self.lists.exceeded),
-            self.done.eq(self.lists.done),
+            self.done.eq(self.lists.done & ~Cat(part.o.valid for part in ends.values()).any()),
         ]
         inside = self.outline.o.valid | self.rows.busy | self.gather.busy | self.parts.o.valid
+        inside |= self.arrives.o.valid  # what waits at the lists they see themselves
         with m.If(self.finish):
-            m.d.comb += self.lists.finish.eq(self.done | ~(self.i.valid | inside))
+            m.d.comb += self.lists.finish.eq(self.lists.done | ~(self.i.valid | inside))
         kept = self._join(m, self._splats(m), self._group(m))
         self._count(m, kept)
         return m
 
     def _splats(self, m: Module) -> stream.Interface:
         """Features and depth keys, which wait until their splats' tiles are known."""
-        format, splat = self.config.arithmetic, self.i.payload
+        format, splat, i = self.config.arithmetic, self.arrives.o.payload, self.arrives.o
         colour = unscaled_colour_format(self.config)
         floats = dict.fromkeys(("u", "v", "shear", "across", "along"), format.width)
         shape = data.StructLayout(
@@ -121,31 +135,33 @@ class Bin(wiring.Component):
             | {"key": key_format(self.config).width}
         )
         m.submodules.splats = queue = Queue(shape, SPLATS_INSIDE, memory=True)
-        i = queue.i.payload
+        waits = queue.i.payload
         for name in floats:
             source = splat[f"power_{name}" if name in ("across", "along") else name]
-            m.d.comb += i[name].eq(source)
+            m.d.comb += waits[name].eq(source)
         steps = Fixed(OPACITY.width, 0)
         fixed = {"opacity": (steps, splat.attenuation)}
         for name in COLOURS:
             if self.config.colours == "array":
                 fixed[name] = colour, splat[name]
             else:
-                m.d.comb += i[name].eq(splat[name])
+                m.d.comb += waits[name].eq(splat[name])
         for name, (target, source) in fixed.items():
             m.submodules[f"fixed_{name}"] = convert = ToFixed(format, target, 0)
-            m.d.comb += [convert.i.eq(source), convert.enable.eq(1), i[name].eq(convert.o)]
-        m.d.comb += i.scale.eq(self._scale(splat.u, splat.v))
+            m.d.comb += [convert.i.eq(source), convert.enable.eq(1), waits[name].eq(convert.o)]
+        m.d.comb += waits.scale.eq(self._scale(splat.u, splat.v))
 
         m.d.comb += [
             queue.i.payload.key.eq(self._key(splat)),
             self.outline.room.eq(queue.i.ready),
             self.outline.i.payload.eq(splat),
-            self.outline.i.valid.eq(self.i.valid),
-            self.i.ready.eq(self.outline.i.ready),
-            queue.i.valid.eq(self.i.valid & self.i.ready & self.outline.seen),
+            self.outline.i.valid.eq(i.valid),
+            i.ready.eq(self.outline.i.ready),
+            queue.i.valid.eq(i.valid & i.ready & self.outline.seen),
         ]
-        return queue.o
+        m.submodules.waited = waited = Queue(shape, 1)
+        connect(m, queue.o, waited.i)
+        return waited.o
 
     def _scale(self, u: Value, v: Value) -> Value:
         """`spec.feature.centre_codes`, from the exponents."""
@@ -212,8 +228,9 @@ class Bin(wiring.Component):
 
         Either goes when it is taken. Returns a bit that says that a kept splat is through.
         """
-        part, entry, number = self.parts.o, self.lists.i, Signal(SPLAT_BITS)
+        part, entry, number = self.parts.o, self.entries.i, Signal(SPLAT_BITS)
         touched, had_entry, had_feature = Signal(), Signal(), Signal()
+        features = self.kept_features
         some = part.payload.mask.any()
         both = part.valid & splat.valid
         kept = part.payload.last & (touched | some)
@@ -224,22 +241,20 @@ class Bin(wiring.Component):
             entry.payload.entry.key.eq(splat.payload.key),
             entry.payload.entry.splat.eq(number),
             entry.payload.entry.mask.eq(part.payload.mask),
-            self.features.valid.eq(both & kept & ~had_feature),
+            features.valid.eq(both & kept & ~had_feature),
             *(
-                self.features.payload[name].eq(value)
+                features.payload[name].eq(value)
                 for name, value in self._features(m, splat.payload).items()
             ),
             through.eq(
-                both
-                & (~some | had_entry | entry.ready)
-                & (~kept | had_feature | self.features.ready)
+                both & (~some | had_entry | entry.ready) & (~kept | had_feature | features.ready)
             ),
             part.ready.eq(through),
             splat.ready.eq(through & part.payload.last),
         ]
         m.d.sync += [
             had_entry.eq(~through & (had_entry | (entry.valid & entry.ready))),
-            had_feature.eq(~through & (had_feature | (self.features.valid & self.features.ready))),
+            had_feature.eq(~through & (had_feature | passes(features))),
         ]
         with m.If(through):
             m.d.sync += touched.eq(~part.payload.last & (touched | some))
@@ -250,7 +265,7 @@ class Bin(wiring.Component):
         return through & kept
 
     def _count(self, m: Module, kept: Value):
-        entry, outputs = self.lists.i, (self.features, self.bursts, self.groups)
+        entry, outputs = self.entries.i, (self.features, self.bursts, self.groups)
         events = {
             "splats": self.i.valid & self.i.ready,
             "kept": kept,

@@ -40,6 +40,9 @@ class ListWriter(wiring.Component):
         needed: pages taken so far in the frame, until the next one begins; it stays at its largest
             value. exceeded: more than `pages` were taken, likewise.
         empty: no entry is inside. taking: entries are taken. done: all groups were given out.
+        state; group, flushed: the next group to flush, whether there is none; held, full: the entry
+            or group that is handled, whether there is one; same: the one before was of its group;
+            had_burst, had_group: its burst, and its list, were given (for proofs).
 
     **Timing**: an entry a cycle whatever its group, latency 1; a group a cycle when flushed. After
     reset as many cycles as there are groups. An entry that follows another one of its group reads
@@ -73,17 +76,24 @@ class ListWriter(wiring.Component):
             "done": Out(1),
         }
         super().__init__(ports)
+        self.state = Signal(State)
+        self.group = Signal(range(self.count))
+        self.flushed = Signal()
+        self.full = Signal()
+        self.same = Signal()
+        self.had_burst = Signal()
+        self.had_group = Signal()
+        self.held = Signal(layout(binning.bin_entry_record(config)), reset_less=True)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        state, group = Signal(State), Signal(range(self.count))
+        state, group = self.state, self.group
         # An entry, or a group to flush, is being handled; it is through in this cycle.
-        full, through = Signal(), Signal()
-        held = Signal(layout(binning.bin_entry_record(self.config)), reset_less=True)
+        full, through = self.full, Signal()
+        held, flushed = self.held, self.flushed
         free = ~full | through
         take, flush = Signal(), Signal()
         last = group + 1 == self.groups_count
-        flushed = Signal()  # the last group to flush has been asked for
         m.d.comb += [
             self.taking.eq(state == State.TAKE),
             self.done.eq(state == State.DONE),
@@ -136,7 +146,7 @@ class ListWriter(wiring.Component):
 
     def _present(self, m: Module, table, buffers, held, free: Value, through: Value, take: Value):
         """The group's row and buffer, as the entry just before has left them."""
-        same, slot = Signal(), Signal(range(self.burst))
+        same, slot = self.same, Signal(range(self.burst))
         entry = Signal(entry_record(self.config).width, reset_less=True)
         self.new, self.slot = Signal(self.row), Signal(range(self.burst))
         new = Signal(self.row, reset_less=True)
@@ -167,7 +177,7 @@ class ListWriter(wiring.Component):
         final = Mux(page_full, self.needed, Value.cast(entry))
         m.d.comb += bursts.payload.slots[self.burst - 1].eq(Mux(flushing, 0, final))
 
-        had_burst, had_group = Signal(), Signal()
+        had_burst, had_group = self.had_burst, self.had_group
         m.d.comb += [
             bursts.valid.eq(full & written & ~had_burst),
             groups.valid.eq(full & flushing & ~had_group),

@@ -8,8 +8,9 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from splatcore.hdl.binning.outline import PHASES, outline_layout, pixel
 from splatcore.hdl.binning.row_end import LATENCY as END_LATENCY
 from splatcore.hdl.binning.row_end import SLOPE_AT, WIDTH_AT, RowEnd
+from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import enough, holds, never_waits
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import Queue, passes
 from splatcore.spec.binning import HALF_BITS, TILE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
@@ -92,11 +93,12 @@ class Rows(wiring.Component):
     ) -> tuple[data.View, dict[str, Value]]:
         """The part of an outline that columns need, a cycle before its ends; and its ends."""
         ends = self._band(m, held, row)
-        slope = self._memory(m, number, ("slope",), BAND_AT + SLOPE_AT)
+        slope = self._memory(m, number, ("slope",), BAND_AT + SLOPE_AT - 1).slope
+        slope = self._at(m, "slope", slope, 1)
         late = ("half_x", "centre_x", "limit_x", "shift_x", "vast_x", "between")
         outline = self._memory(m, number, late, BAND_AT + WIDTH_AT)
         for end in ends.values():
-            m.d.comb += [end.slope.eq(slope.slope), end.half_width.eq(outline.half_x)]
+            m.d.comb += [end.slope.eq(slope), end.half_width.eq(outline.half_x)]
         return outline, {side: end.o for side, end in ends.items()}
 
     def _at(self, m: Module, name: str, value: ValueLike, cycles: int) -> Value:
@@ -187,9 +189,7 @@ class Rows(wiring.Component):
         """The queue of rows; returns a bit that says that it will have room for one more."""
         m.submodules.queue = self.queue
         connect(m, flipped(self).o, self.queue.o)
-        owed = Signal(range(ROWS_WAITING + 1))
-        gone = self.o.valid & self.o.ready
-        with m.If(self.row != gone):
-            m.d.sync += owed.eq(Mux(gone, owed - 1, owed + 1))
-        m.d.comb += self.busy.eq((owed != 0) | full)
-        return owed != ROWS_WAITING
+        m.submodules.owed = owed = Credit(ROWS_WAITING, "rows in the queue or on their way to it")
+        m.d.comb += [owed.comes.eq(self.row), owed.goes.eq(passes(self.o))]
+        m.d.comb += self.busy.eq(owed.any | full)
+        return owed.room

@@ -1,4 +1,4 @@
-"""Building blocks of all stages: streams and queues, delays, shifters, records, counters.
+"""Building blocks of all stages: streams, queues and credits, delays, shifters, records, counters.
 
 May import: spec.
 """

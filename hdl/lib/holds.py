@@ -7,7 +7,7 @@ before the first one registers hold anything. Whatever is built for a platform, 
 Verilog, has no assertions and so no gates for them.
 """
 
-from amaranth.hdl import Assert, Elaboratable, Module, Mux, ResetSignal, Signal, Value
+from amaranth.hdl import Assert, Elaboratable, Module, ResetSignal, Signal, Value
 from amaranth.lib import stream
 
 BUILT = object()
@@ -29,22 +29,6 @@ class _Holds(Elaboratable):
         m = Module()
         if platform is None:
             m.d.sync += _stops(self.condition, self.what)
-        return m
-
-
-class _Within(Elaboratable):
-    """Counts what comes and goes, and asserts that the count stays within 0 … most."""
-
-    def __init__(self, comes: Value, goes: Value, most: int, begin: int, what: str):
-        self.events, self.most, self.begin, self.what = (comes, goes), most, begin, what
-
-    def elaborate(self, platform) -> Module:
-        m = Module()
-        if platform is None:
-            (comes, goes), count = self.events, Signal(range(self.most + 1), init=self.begin)
-            m.d.sync += count.eq(count + comes - goes)
-            room = Mux(comes, count != self.most, 1) | goes
-            m.d.sync += _stops(room & (count.any() | ~goes | comes), self.what)
         return m
 
 
@@ -81,12 +65,6 @@ def never_waits(m: Module, name: str, offered: stream.Interface, what: str):
 def keeps(m: Module, name: str, offered: stream.Interface):
     """Has simulations stop if an offer is changed or taken back before it is taken."""
     m.submodules[f"keeps_{name}"] = _Keeps(offered, f"wrong: an offer was not kept, {name}\n")
-
-
-def within(m: Module, name: str, comes: Value, goes: Value, most: int, what: str, begin: int = 0):
-    """Has simulations stop if, of what comes and goes, there is less than nothing or more than
-    `most` at a time. begin: how many there are after reset."""
-    m.submodules[f"within_{name}"] = _Within(comes, goes, most, begin, f"wrong: {what}\n")
 
 
 def enough(there: int, needed: int, what: str):

@@ -1,4 +1,4 @@
-"""Stream primitives between stages and around datapaths: register, queue, fork, pipe.
+"""Stream primitives between stages and around datapaths: register, slot, queue, fork, pipe.
 
 Streams are Amaranth's (`lib.stream`): an item passes in a cycle in which valid and ready are both
 high, and whoever has raised valid keeps it and the payload until then. All of these keep to that
@@ -24,6 +24,15 @@ def passes(stream: stream.Interface) -> Value:
     return stream.valid & stream.ready
 
 
+def judged(m: Module, offer: stream.Interface, keep: Value) -> tuple[Signal, Signal]:
+    """Whether an offered item is to be kept, from the cycle after the one in which the offer comes,
+    and a bit: it is known. keep: the same, by logic from what is offered. Whoever takes the item
+    waits for it: so `keep` has a cycle of its own."""
+    kept, known = Signal(name="kept"), Signal(name="known")
+    m.d.sync += [kept.eq(keep), known.eq(offer.valid & ~offer.ready)]
+    return kept, known
+
+
 class Register(wiring.Component):
     """Two registers that cut every path between `i` and `o`.
 
@@ -36,6 +45,8 @@ class Register(wiring.Component):
 
     **Timing**: latency 1, one item per cycle, no path; two items' flip-flops, no multiplier.
     """
+
+    HOLDS = 2  # items
 
     def __init__(self, shape: ShapeLike):
         super().__init__({"i": In(stream.Signature(shape)), "o": Out(stream.Signature(shape))})
@@ -51,6 +62,30 @@ class Register(wiring.Component):
             m.d.sync += [self.o.valid.eq(self.full | self.i.valid), self.full.eq(0)]
         with m.Elif(~self.full):
             m.d.sync += [self.spare.eq(self.i.payload), self.full.eq(self.i.valid)]
+        return m
+
+
+class Slot(wiring.Component):
+    """One register that cuts every path between `i` and `o`, where items are rare.
+
+    Members
+        i: stream of `shape`, in
+        o: stream of `shape`, out
+
+    **Timing**: latency 1, an item every other cycle, no path; no multiplier.
+    """
+
+    def __init__(self, shape: ShapeLike):
+        super().__init__({"i": In(stream.Signature(shape)), "o": Out(stream.Signature(shape))})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        item = Signal(self.o.payload.shape(), reset_less=True)
+        m.d.comb += [self.i.ready.eq(~self.o.valid), self.o.payload.eq(item)]
+        with m.If(self.o.valid):
+            m.d.sync += self.o.valid.eq(~self.o.ready)
+        with m.Else():
+            m.d.sync += [item.eq(self.i.payload), self.o.valid.eq(self.i.valid)]
         return m
 
 

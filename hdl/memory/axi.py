@@ -1,5 +1,7 @@
 """The AXI4 master: all readers and writers share the one memory port, in turns."""
 
+from collections.abc import Callable
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -9,6 +11,8 @@ from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded
 from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.bus import axi, fixed
+from splatcore.hdl.memory.turns import Turns, selected
+from splatcore.hdl.memory.window import client_windows
 from splatcore.spec import axi as spec
 from splatcore.spec.config import Config
 
@@ -42,42 +46,9 @@ def of_half(clients: dict[str, int], half: int) -> int:
     return sum(1 << k for k, of in enumerate(clients.values()) if of == half)
 
 
-def selected(chosen: Value, values: list) -> Value:
-    """The value whose bit is 1."""
-    found = Const(0)
-    for bit, value in zip(chosen, values, strict=True):
-        value = Value.cast(value)
-        found |= value & bit.replicate(len(value))
-    return found
-
-
-class Turns(wiring.Component):
-    """A round-robin arbiter: chooses one of those that request.
-
-    Members
-        wants: a bit for each; favoured: those that come before all others. chosen: at most one of
-            them. served: the chosen one has had its turn.
-
-    **Timing**: combinational from `wants` to `chosen`.
-    """
-
-    def __init__(self, count: int):
-        bits = dict.fromkeys(("wants", "favoured"), In(count))
-        super().__init__(bits | {"chosen": Out(count), "served": In(1)})
-
-    def elaborate(self, platform) -> Module:
-        m = Module()
-        count = len(self.wants)
-        later = Signal(count)  # those whose turn comes before the others'
-        favoured = self.wants & self.favoured
-        wants = Mux(favoured.any(), favoured, self.wants)
-        preferred = wants & later
-        first = Mux(preferred.any(), preferred, wants)
-        before = Cat(first[:k].any() for k in range(count))  # someone below comes first
-        m.d.comb += self.chosen.eq(first & ~before)
-        with m.If(self.served):
-            m.d.sync += later.eq(before)
-        return m
+def held(register: Register, of: Callable[[data.View], Value]) -> Value:
+    """How many items in a register are such."""
+    return (register.o.valid & of(register.head)) + (register.full & of(register.spare))
 
 
 class Axi(wiring.Component):
@@ -92,6 +63,8 @@ class Axi(wiring.Component):
             streams of `read_beat`. A reader that does not take its beats keeps all others waiting.
         writes: by index in `WRITERS` a stream of `write_record`; after a burst's first beat
             a writer offers the others without waiting for anything else.
+        read_windows, write_windows: of `client_windows`, if any: where a burst is that a client
+            offers; of one that is written, its first beat tells.
         favoured: a bit for each half: its writers come before the other's. patient: a bit for each
             writer: it comes after all others, and not while a half waits for `CROWD` bursts or
             more, with which it would share the memory. Both are about what is begun next.
@@ -103,8 +76,10 @@ class Axi(wiring.Component):
         settled: a bit for each writer: all that was taken from it before this cycle is in memory.
         read_error, write_error: `CLIENT_ERROR`; several for a burst read are possible.
         stray: `STRAY`. Such an answer is dropped and changes nothing: its ID is no client's, or
-            nothing of the reader's half, or of the writer, is under way.
+            nothing that it could answer has left: a request of the reader's half, or a burst of
+            the writer with its address and its last beat.
         beats_read, beats_written: a bit for each client: a beat has passed.
+        asked, bursts, inside, left, owner, r_full, r_client, r_error: what it knows (for proofs).
 
     **Timing**: in every cycle a read can be asked for, a beat come back, and a beat be written; the
     next burst begins in the cycle after the last beat of the one before. Latency: a request and a
@@ -131,10 +106,26 @@ class Axi(wiring.Component):
             "beats_read": Out(len(spec.READERS)),
             "beats_written": Out(len(spec.WRITERS)),
         }
-        super().__init__(ports)
-        request = data.StructLayout({"client": spec.ID_BITS, "burst": layout(spec.read_record())})
-        beat = data.StructLayout({"data": config.port, "strobe": config.port // 8, "last": 1})
-        self.ar, self.aw, self.w = Register(request), Register(request), Register(beat)
+        windows = client_windows(config, len(spec.READERS), len(spec.WRITERS))
+        super().__init__(ports | {name: In(shape) for name, shape in windows.items()})
+        fields = {"client": spec.ID_BITS, "burst": layout(spec.read_record())}
+        if windows:
+            fields["window"] = spec.window_bits(config)
+        request = data.StructLayout(fields)
+        beat = {"data": config.port, "strobe": config.port // 8, "last": 1, "client": spec.ID_BITS}
+        self.ar, self.aw = Register(request), Register(request)
+        self.w = Register(data.StructLayout(beat))
+        # Bursts of each half's readers, and of each writer, that are not yet answered.
+        self.asked, self.bursts = (
+            [Signal(OUTSTANDING_BITS, name=f"{name}{k}") for k in range(count)]
+            for name, count in (("asked", len(HALVES)), ("bursts", len(spec.WRITERS)))
+        )
+        # The burst that is being written: within one, its beats still to come, whose it is.
+        self.inside, self.left = Signal(), Signal(spec.LENGTH_BITS)
+        self.owner = Signal(len(spec.WRITERS))
+        # The beat that was read last.
+        self.r_full, self.r_client = Signal(), Signal(spec.ID_BITS, reset_less=True)
+        self.r_error = Signal(reset_less=True)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -149,23 +140,23 @@ class Axi(wiring.Component):
             self.m_axi.wvalid.eq(w.valid),
             w.ready.eq(self.m_axi.wready),
         ]
-        reads_idle, crowded = Signal(len(HALVES)), Signal(len(HALVES))
-        self._ask(m, self._return(m, reads_idle), reads_idle, crowded)
-        self._write(m, self._answers(m), crowded.any())
+        self._ask(m, self._return(m))
+        self._write(m, self._answers(m), Cat(count >= CROWD for count in self.asked).any())
         for half in HALVES:
             settled = (self.settled | ~of_half(spec.WRITERS, half)).all()
-            m.d.comb += self.idle[half].eq(reads_idle[half] & settled)
+            m.d.comb += self.idle[half].eq((self.asked[half] == 0) & settled)
         return m
 
     def _address(self, m: Module, channel: str, request):
         """An address channel of the port, from its register."""
         below = exact_log2(spec.port_beats(self.config))  # bits within the port's beat
         burst = request.payload.burst
+        window = [request.payload.window] if spec.window_bits(self.config) else []
         part = Mux(burst.narrow, burst.beat[:below], 0)
         wires = {name: value for name, (_, value) in fixed(self.config).items()}
         wires |= {
             "id": request.payload.client,
-            "addr": Cat(Const(0, spec.BEAT_BITS), part[:below], burst.beat[below:]),
+            "addr": Cat(Const(0, spec.BEAT_BITS), part[:below], burst.beat[below:], *window),
             "len": burst.length,
             "size": Mux(burst.narrow, spec.BEAT_BITS, wires["size"]),
             "valid": request.valid,
@@ -178,26 +169,27 @@ class Axi(wiring.Component):
         """A bit for each client: its half's."""
         return Cat(bits[half] for half in clients.values())
 
-    def _outstanding(self, m: Module, name: str, begins: Value, ends: Value) -> Signal:
-        """The count of what has begun and not ended."""
-        count = Signal(OUTSTANDING_BITS, name=name)
+    def _count(self, m: Module, count: Signal, begins: Value, ends: Value):
+        """Counts what has begun and not ended."""
         with m.If(begins ^ ends):
             m.d.sync += count.eq(count + Mux(begins, 1, -1))
-        return count
 
-    def _return(self, m: Module, idle: Value) -> Value:
+    def _return(self, m: Module) -> Value:
         """Beats that come back; a bit for each half: it has the last one of a burst.
 
         They pass a register that holds one beat: the port's `rready` depends on that beat's
         reader, not on the port's inputs.
         """
         m_axi = self.m_axi
-        full = Signal()
+        full, client, error = self.r_full, self.r_client, self.r_error
         beat = Signal(read_beat(self.config), reset_less=True)
-        client = Signal(spec.ID_BITS, reset_less=True)
-        error = Signal(reset_less=True)
         target, fire = Signal(len(spec.READERS)), Signal(len(spec.READERS))
-        stray, awaited = Signal(), ~self._of_halves(idle, spec.READERS)
+        stray, left = Signal(), Signal(len(HALVES))
+        for half in HALVES:
+            mine = Const(of_half(spec.READERS, half), 1 << spec.ID_BITS)
+            waits = held(self.ar, lambda asks, mine=mine: mine.bit_select(asks.client, 1))
+            m.d.comb += left[half].eq(self.asked[half] > waits)
+        awaited = self._of_halves(left, spec.READERS)
         failing = self._of_halves(self.failing, spec.READERS)
         ready = Cat(o.ready for o in self.data) | failing
         m.d.comb += [
@@ -224,13 +216,11 @@ class Axi(wiring.Component):
             ]
         return Cat((fire & of_half(spec.READERS, half)).any() & beat.last for half in HALVES)
 
-    def _ask(self, m: Module, returned: Value, idle: Signal, crowded: Signal):
-        """Bursts to be read. idle, crowded: a bit for each half: none of them is on its way; there
-        are `CROWD` or more."""
+    def _ask(self, m: Module, returned: Value):
+        """Bursts to be read."""
         m.submodules.read_turns = turns = Turns(len(spec.READERS))
-        full = Signal(len(HALVES))
         request, began = self.ar.i, Signal(len(spec.READERS))
-        blocked = Cat(self.failing[half] | full[half] for half in spec.READERS.values())
+        blocked = Cat(self.failing[k] | self.asked[k].all() for k in spec.READERS.values())
         m.d.comb += [
             turns.wants.eq(Cat(i.valid for i in self.reads) & ~blocked),
             turns.served.eq(request.valid & request.ready),
@@ -239,24 +229,36 @@ class Axi(wiring.Component):
             request.payload.burst.eq(selected(turns.chosen, [i.payload for i in self.reads])),
             began.eq(Mux(request.ready, turns.chosen, 0)),
         ]
+        if spec.window_bits(self.config):
+            m.d.comb += request.payload.window.eq(selected(turns.chosen, self.read_windows))
         for k, i in enumerate(self.reads):
             m.d.comb += i.ready.eq(began[k])
         for half in HALVES:
             begins = (began & of_half(spec.READERS, half)).any()
-            count = self._outstanding(m, f"reads{half}", begins, returned[half])
-            m.d.comb += [full[half].eq(count.all()), idle[half].eq(count == 0)]
-            m.d.comb += crowded[half].eq(count >= CROWD)
+            self._count(m, self.asked[half], begins, returned[half])
 
     def _answers(self, m: Module) -> Value:
-        """Answers to bursts written; a bit for each writer."""
+        """Answers to bursts written; a bit for each writer.
+
+        The bursts that have not left are a writer's newest ones: those whose address waits, and
+        those whose last beat waits or is still to come.
+        """
         m_axi = self.m_axi
         full, error = Signal(), Signal()
         client = Signal(spec.ID_BITS, reset_less=True)
         m.d.sync += [full.eq(m_axi.bvalid), client.eq(m_axi.bid), error.eq(m_axi.bresp[ERROR])]
-        answered = Signal(len(spec.WRITERS))
+        mine, answered = Signal(len(spec.WRITERS)), Signal(len(spec.WRITERS))
+        count, addresses, lasts = Signal(OUTSTANDING_BITS), Signal(2), Signal(2)
         m.d.comb += [
             m_axi.bready.eq(1),
-            answered.eq(Mux(full, (Const(1) << client) & ~self.settled, 0)),
+            mine.eq(Mux(full, Const(1) << client, 0)),
+            count.eq(selected(mine, self.bursts)),
+            addresses.eq(held(self.aw, lambda burst: burst.client == client)),
+            lasts.eq(
+                held(self.w, lambda beat: beat.last & (beat.client == client))
+                + (self.inside & (self.owner & mine).any())
+            ),
+            answered.eq(Mux((count > addresses) & (count > lasts), mine, 0)),
             self.write_error.valid.eq(answered.any() & error),
             self.write_error.client.eq(client),
         ]
@@ -271,9 +273,9 @@ class Axi(wiring.Component):
         count = len(spec.WRITERS)
         valid = Cat(i.valid for i in self.writes)
         failing = self._of_halves(self.failing, spec.WRITERS)
-        inside, left = Signal(), Signal(spec.LENGTH_BITS)  # within a burst; its beats still to come
-        owner, current, full, began, wants = (
-            Signal(count, name=name) for name in ("owner", "current", "full", "began", "wants")
+        inside, left, owner = self.inside, self.left, self.owner
+        current, full, began, wants = (
+            Signal(count, name=name) for name in ("current", "full", "began", "wants")
         )
         address, beat = self.aw.i, self.w.i
         given = Signal(layout(spec.write_record(self.config)))
@@ -295,7 +297,10 @@ class Axi(wiring.Component):
             beat.payload.data.eq(write_data(self.config, given)),
             beat.payload.strobe.eq(Mux(abandoned, 0, given.strobe)),
             beat.payload.last.eq(Mux(inside, left == 1, given.length == 0)),
+            beat.payload.client.eq(encoded(current)),
         ]
+        if spec.window_bits(self.config):
+            m.d.comb += address.payload.window.eq(selected(turns.chosen, self.write_windows))
         # A burst's first beat goes to both registers or to none.
         m.d.comb += [
             beat.valid.eq(
@@ -310,5 +315,5 @@ class Axi(wiring.Component):
             m.d.sync += [left.eq(Mux(inside, left - 1, given.length)), owner.eq(current)]
         for k, i in enumerate(self.writes):
             m.d.comb += i.ready.eq(self.beats_written[k] & ~abandoned)
-            bursts = self._outstanding(m, f"bursts{k}", began[k], answered[k])
-            m.d.comb += [full[k].eq(bursts.all()), self.settled[k].eq(bursts == 0)]
+            self._count(m, self.bursts[k], began[k], answered[k])
+            m.d.comb += [full[k].eq(self.bursts[k].all()), self.settled[k].eq(self.bursts[k] == 0)]

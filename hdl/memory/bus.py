@@ -31,7 +31,7 @@ def axi(config: Config) -> wiring.Signature:
     for channel in ("aw", "ar"):
         wires |= {
             f"{channel}id": Out(spec.ID_BITS),
-            f"{channel}addr": Out(spec.ADDRESS_BITS),
+            f"{channel}addr": Out(config.address_bits),
             f"{channel}len": Out(spec.LENGTH_BITS),
         }
         wires |= {f"{channel}{name}": Out(width) for name, (width, _) in fixed(config).items()}

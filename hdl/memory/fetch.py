@@ -5,9 +5,10 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import Queue, passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import (
     BURST_BEATS,
@@ -35,6 +36,10 @@ class Fetch(wiring.Component):
         i: stream of ranges (`range_record`).
         reads, data: to and from the memory port (`hdl.memory.axi`).
         o: stream of the port's beats.
+        marks, marked: if there are marks: a bit of the range at `i`, and of that of the burst at
+            `reads`.
+        rest, sized, size: what is left of a range; a burst is to be asked for; its beats (for
+            proofs).
 
     **Timing**: a burst every 2 cycles, asked for 2 cycles after its range or the burst before was
     taken; a beat a cycle, latency 2 through the queue. Its memory has room for `depth` beats of the
@@ -42,20 +47,32 @@ class Fetch(wiring.Component):
     multiplier.
     """
 
-    def __init__(self, config: Config, depth: int, count_bits: int, burst: int = BURST_BEATS):
+    def __init__(
+        self,
+        config: Config,
+        depth: int,
+        count_bits: int,
+        burst: int = BURST_BEATS,
+        marks: bool = False,
+    ):
         if depth < burst:
             raise ValueError(f"a queue of {depth} beats, below a burst of {burst}")
         self.beats = port_beats(config)
         self.burst, self.depth = burst // self.beats, depth // self.beats  # of the port's
         self.range = layout(range_record(count_bits))
         self.queue = Queue(config.port, self.depth, memory=True)
+        name = "beats in the queue or on their way to it"
+        self.used = Credit(self.depth, name, step=self.burst)
+        self.rest, self.sized = Signal(self.range, reset_less=True), Signal()
+        self.size = Signal(range(self.burst + 1), reset_less=True)
         ports = {
             "i": In(stream.Signature(self.range)),
             "reads": Out(stream.Signature(layout(read_record()))),
             "data": In(stream.Signature(read_beat(config))),
             "o": Out(stream.Signature(config.port)),
         }
-        super().__init__(ports)
+        self.has_marks = marks
+        super().__init__(ports | ({"marks": In(1), "marked": Out(1)} if marks else {}))
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -68,10 +85,9 @@ class Fetch(wiring.Component):
         ]
         never_waits(m, "queue", queue.i, "a beat that was asked for")
         # What is left of the range; the burst that is to be asked for.
-        rest, more = Signal(self.range, reset_less=True), Signal()
-        asks, sized = self.reads.payload, Signal()
+        rest, more, sized, beats = self.rest, Signal(), self.sized, self.size
+        asks = self.reads.payload
         burst = {k: Signal.like(asks[k], name=k, reset_less=True) for k in ("beat", "length")}
-        beats = Signal(range(self.burst + 1), reset_less=True)
         below = exact_log2(self.beats)
         first, given = rest.beat[below:], self.i.payload
         offset = first[: exact_log2(self.burst)]
@@ -79,9 +95,8 @@ class Fetch(wiring.Component):
         ends = rest.count <= to_boundary
         m.d.comb += [to_boundary.eq(self.burst - offset), self.i.ready.eq(~more)]
         m.d.comb += [asks[k].eq(value) for k, value in burst.items()]  # never narrow
-        asked, fire = Signal(), Signal()
-        m.d.comb += asked.eq(self.reads.valid & self.reads.ready)
-        m.d.comb += fire.eq(self.o.valid & self.o.ready)
+        asked = Signal()
+        m.d.comb += asked.eq(passes(self.reads))
         with m.If(~more):
             m.d.sync += [rest.beat.eq(given.beat), more.eq(self.i.valid)]
             m.d.sync += rest.count.eq((given.count + self.beats - 1) >> below)
@@ -95,12 +110,20 @@ class Fetch(wiring.Component):
                 rest.count.eq(rest.count - to_boundary),
                 more.eq(~ends),
             ]
+        if self.has_marks:
+            mark = Signal(reset_less=True)  # of what is left of the range
+            with m.If(~more):
+                m.d.sync += mark.eq(self.marks)
+            with m.Elif(~sized):
+                m.d.sync += self.marked.eq(mark)
         m.d.sync += sized.eq(Mux(sized, ~asked, more))
-        # Beats in the queue or on their way to it.
-        used = Signal(range(self.depth + 1))
-        m.d.comb += self.reads.valid.eq(sized & (used + beats <= self.depth))
-        m.d.sync += used.eq(used + Mux(asked, beats, 0) - fire)
-        awaited = ~self.data.valid | (used != queue.level)
+        m.submodules.used = used = self.used
+        m.d.comb += [
+            used.comes.eq(Mux(asked, beats, 0)),
+            used.goes.eq(passes(self.o)),
+            self.reads.valid.eq(sized & (used.count + beats <= self.depth)),
+        ]
+        awaited = ~self.data.valid | (used.count != queue.level)
         holds(m, "awaited", awaited, "a beat has come that was not asked for")
         return m
 

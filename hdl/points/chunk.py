@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import judged
 from splatcore.hdl.points.array import Array, codes
 from splatcore.spec import frame, microprogram, programs
 from splatcore.spec.colour import LAYOUTS
@@ -141,14 +142,14 @@ class Chunk(wiring.Component):
     def _give(self, m: Module):
         """Decide, and hand the chunk over."""
         header, found, payload = self.i.payload, self.array.o.payload.outputs, self.o.payload
-        kept = self._kept(m, found)
+        kept, known = judged(m, self.array.o, self._kept(m, found))
         last = self.number == (self.gaussians - 1)[CHUNK.bit_length() - 1 :]
         whole = self.number != self.gaussians[CHUNK.bit_length() - 1 :]
         count = Mux(whole, CHUNK, self.gaussians[: CHUNK.bit_length() - 1])
         m.d.comb += [
-            self.o.valid.eq(self.array.o.valid & kept),
-            self.array.o.ready.eq(self.o.ready | ~kept),
-            self.taken.eq(self.array.o.valid & self.array.o.ready),
+            self.o.valid.eq(known & kept),
+            self.array.o.ready.eq(known & (self.o.ready | ~kept)),
+            self.taken.eq(self.array.o.ready),
             self.i.ready.eq(self.taken),
             payload.culling.count.eq(count),
             payload.fetch.number.eq(self.number),

@@ -2,10 +2,11 @@
 
 from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect
 
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import Slot, judged
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.depth import narrowed, widened
 from splatcore.hdl.points.position import AXES, BEAT, Position
@@ -28,7 +29,7 @@ class Cull(wiring.Component):
         o: stream of `point_record` with z and z_low.
         taken: a point has been read; high for a cycle.
 
-    **Timing**: one PE, a point every 4 cycles, latency about 30.
+    **Timing**: one PE, a point every 4 cycles, latency about 30. No path from `o` to `positions`.
     """
 
     def __init__(self, config: Config):
@@ -79,15 +80,18 @@ class Cull(wiring.Component):
         with m.If(self.taken):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
 
-        found, through = array.o.payload.outputs, array.o.payload.carried
+        m.submodules.whole = whole = Slot(array.o.payload.shape())
+        connect(m, array.o, whole.i)
+        found, through = whole.o.payload.outputs, whole.o.payload.carried
         depth = found.farthest if self.config.depth_interval else found.z
         near = widened(self.config, self.near_plane)
         compare = compared(m, "compare", self.fine.arithmetic, near, depth)
-        kept = Const(1, 1) if self.config.culling == "none" else compare.less
+        keep = Const(1, 1) if self.config.culling == "none" else compare.less
+        kept, known = judged(m, whole.o, keep)
         passes = kept | through.last
         m.d.comb += [
-            self.o.valid.eq(array.o.valid & passes),
-            array.o.ready.eq(self.o.ready | ~passes),
+            self.o.valid.eq(known & passes),
+            whole.o.ready.eq(known & (self.o.ready | ~passes)),
             self.o.payload.kept.eq(kept),
             self.o.payload.place.eq(through.place),
             self.o.payload.last.eq(through.last),

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Register
+from splatcore.hdl.lib.stream import Slot, passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import FetchBeats
 from splatcore.hdl.memory.words import Words
@@ -40,9 +40,9 @@ class ModelReader(wiring.Component):
         given: all chunk headers have been taken.
         reads, data: to and from memory, for each of `READING`.
 
-    **Timing**: a chunk header in two cycles; bursts of positions end at multiples of 16 beats; the
-    attributes of a Gaussian are a burst every 2 cycles, and a second one in a third cycle if they
-    lie on both sides of a multiple of 4 KB.
+    **Timing**: a chunk header in four cycles; bursts of positions end at multiples of 16 beats; the
+    attributes of a Gaussian are a burst every 2 cycles, and a second one if they lie on both sides
+    of a multiple of 4 KB: a cycle later, with a port of 256 bits two.
     """
 
     def __init__(self, config: Config):
@@ -89,6 +89,8 @@ class ModelReader(wiring.Component):
     def _headers(self, m: Module):
         """The header and the codebooks first; then chunk headers, each of two beats."""
         fetch, load = self._reader(m, "model", COUNT_BITS), self.load
+        m.submodules.beat = beat = Slot(axi.DATA_BITS)
+        connect(m, fetch.o, beat.i)
         asks, left = Signal(), Signal(NUMBER_BITS + 1)
         upper, low = Signal(), Signal(axi.DATA_BITS, reset_less=True)
         running = Signal()
@@ -101,11 +103,11 @@ class ModelReader(wiring.Component):
                 Mux(asks, self.chunks * HEADER_BEATS, load.ranges.payload.count)
             ),
             load.ranges.ready.eq(fetch.i.ready & ~asks),
-            load.beats.payload.eq(fetch.o.payload),
-            load.beats.valid.eq(fetch.o.valid & ~running),
-            self.headers.payload.eq(Cat(low, fetch.o.payload)),
-            self.headers.valid.eq(fetch.o.valid & running & upper),
-            fetch.o.ready.eq(Mux(running, ~upper | self.headers.ready, load.beats.ready)),
+            load.beats.payload.eq(beat.o.payload),
+            load.beats.valid.eq(beat.o.valid & ~running),
+            self.headers.payload.eq(Cat(low, beat.o.payload)),
+            self.headers.valid.eq(beat.o.valid & running & upper),
+            beat.o.ready.eq(Mux(running, ~upper | self.headers.ready, load.beats.ready)),
             self.given.eq(running & ~left.any()),
         ]
         with m.If(self.run):
@@ -114,8 +116,8 @@ class ModelReader(wiring.Component):
             m.d.sync += asks.eq(0)
         with m.If(self.start):
             m.d.sync += running.eq(0)
-        with m.If(running & fetch.o.valid & fetch.o.ready):
-            m.d.sync += [upper.eq(~upper), low.eq(fetch.o.payload)]
+        with m.If(running & passes(beat.o)):
+            m.d.sync += [upper.eq(~upper), low.eq(beat.o.payload)]
             with m.If(upper):
                 m.d.sync += left.eq(left - 1)
 
@@ -125,12 +127,14 @@ class ModelReader(wiring.Component):
         stride = CHUNK * width // axi.DATA_BITS
         shape = axi.range_record(stride.bit_length())
         fetch = self._reader(m, "positions", stride.bit_length())
-        m.submodules.ranges = ranges = Register(layout(shape))
-        chunk, asked = self.fetch.payload, ranges.i.payload
+        m.submodules.fetched = fetched = Slot(self.fetch.payload.shape())
+        connect(m, flipped(self).fetch, fetched.i)
+        m.submodules.ranges = ranges = Slot(layout(shape))
+        chunk, asked = fetched.o.payload, ranges.i.payload
         offset = sum(chunk.number << k for k in range(stride.bit_length()) if stride >> k & 1)
         m.d.comb += asked.beat.eq(self.load.positions + offset)
         m.d.comb += asked.count.eq((chunk.count * width + axi.DATA_BITS - 1) // axi.DATA_BITS)
-        m.d.comb += [ranges.i.valid.eq(self.fetch.valid), self.fetch.ready.eq(ranges.i.ready)]
+        m.d.comb += [ranges.i.valid.eq(fetched.o.valid), fetched.o.ready.eq(ranges.i.ready)]
         connect(m, ranges.o, fetch.i)
         connect(m, fetch.o, flipped(self).positions)
 
@@ -146,25 +150,33 @@ class ModelReader(wiring.Component):
             ]
         else:
             m.submodules.attributes = words = Words(self.config, 1 << WANTED["count"].width)
-            connect(m, words.reads, flipped(read))
+            m.submodules.asked = asked = Slot(read.payload.shape())
+            connect(m, words.reads, asked.i)
+            connect(m, asked.o, flipped(read))
             connect(m, flipped(back), words.data)
             connect(m, words.o, flipped(self).attributes)
             read = words.i
+        m.submodules.wanted = wanted = Slot(self.wanted.payload.shape())
+        connect(m, flipped(self).wanted, wanted.i)
         beat = Signal(axi.BEAT_ADDRESS_BITS, reset_less=True)
-        count = Signal(WANTED["count"].width)  # of the beats still to be asked for
-        place = beat[: exact_log2(axi.BOUNDARY // axi.BEAT)]
+        # Beats of the burst that is asked for, and of a second one behind it.
+        burst, rest = (Signal(WANTED["count"].width, name=name) for name in ("burst", "rest"))
+        count, first = wanted.o.payload.count, Signal.like(beat)
+        place = first[: exact_log2(axi.BOUNDARY // axi.BEAT)]
         left = (-place)[: len(place)]  # up to the boundary; 0 at one
         divided = left.any() & (left < count)
-        asked = Mux(divided, left[: len(count)], count)
         m.d.comb += [
-            self.wanted.ready.eq(~count.any()),
-            read.valid.eq(count.any()),
+            first.eq(self.load.attributes + wanted.o.payload.beat),
+            wanted.o.ready.eq(~burst.any()),
+            read.valid.eq(burst.any()),
             read.payload.beat.eq(beat),
-            read.payload.length.eq((asked - 1)[: len(count)]),
+            read.payload.length.eq((burst - 1)[: len(burst)]),
         ]
-        with m.If(~count.any()):
-            m.d.sync += beat.eq(self.load.attributes + self.wanted.payload.beat)
-            m.d.sync += count.eq(Mux(self.wanted.valid, self.wanted.payload.count, 0))
+        with m.If(~burst.any()):
+            m.d.sync += beat.eq(first)
+            with m.If(wanted.o.valid):
+                m.d.sync += burst.eq(Mux(divided, left[: len(count)], count))
+                m.d.sync += rest.eq(Mux(divided, count - left, 0))
         with m.Elif(read.ready):
             m.d.sync += beat.eq(Cat(Const(0, len(place)), beat[len(place) :] + 1))
-            m.d.sync += count.eq(count - asked)
+            m.d.sync += [burst.eq(rest), rest.eq(0)]

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import Queue, Slot, judged
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.position import AXES
 from splatcore.spec.config import Config
@@ -28,7 +28,7 @@ class Place(wiring.Component):
         near_plane, constants: registers of the frame.
         o: stream of `point_record` with x, y and z.
 
-    **Timing**: two PEs, a point every 4 cycles, latency about 20.
+    **Timing**: two PEs, a point every 4 cycles, latency about 20. No path from `o` to `i`.
     """
 
     def __init__(self, config: Config):
@@ -57,6 +57,14 @@ class Place(wiring.Component):
             points.i.payload.eq(point),
             points.o.ready.eq(array.o.valid & array.o.ready),
         ]
+        whole = {"found": array.o.payload.outputs.shape(), "through": shape}
+        m.submodules.whole = whole = Slot(data.StructLayout(whole))
+        m.d.comb += [
+            whole.i.valid.eq(array.o.valid),
+            array.o.ready.eq(whole.i.ready),
+            whole.i.payload.found.eq(array.o.payload.outputs),
+            whole.i.payload.through.eq(points.o.payload),
+        ]
         for name in self.program.fields:
             source = point if name in ("z", *AXES) else chunk
             m.d.comb += array.i.payload.fields[name].eq(source[name])
@@ -64,12 +72,12 @@ class Place(wiring.Component):
         never_waits(m, "points", points.i, "a point that enters the array")
         known = ~array.o.valid | points.o.valid
         holds(m, "known", known, "what the array has found is of no point that waits")
-        found, through = array.o.payload.outputs, points.o.payload
-        kept = through.kept & self._inside(m, found, through.z)
+        found, through = whole.o.payload.found, whole.o.payload.through
+        kept, known = judged(m, whole.o, through.kept & self._inside(m, found, through.z))
         passes = kept | through.last
         m.d.comb += [
-            self.o.valid.eq(array.o.valid & passes),
-            array.o.ready.eq(self.o.ready | ~passes),
+            self.o.valid.eq(known & passes),
+            whole.o.ready.eq(known & (self.o.ready | ~passes)),
             *(self.o.payload[name].eq(through[name]) for name in shape.members),
             self.o.payload.kept.eq(kept),
             *(self.o.payload[name].eq(found[name]) for name in "xy"),

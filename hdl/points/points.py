@@ -1,11 +1,12 @@
 """Stages 0 and 1 connected: chunk headers, positions and attributes to splats."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.counters import count_events, counters_layout
+from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Fork, Queue, passes
 from splatcore.hdl.points.array import codes
@@ -162,14 +163,15 @@ class Points(wiring.Component):
         """Chunks from their first part to their last, and splats from their slot to the outside."""
         project = self.project
         most = self.config.projection_slots + project.splats_inside
-        chunks, splats = Signal(range(CHUNKS_INSIDE + 1)), Signal(range(most + 1))
-        for count, comes, goes in (
-            (chunks, passes(self.chunk.o), passes(project.chunks)),
-            (splats, passes(project.wanted), passes(project.o)),
-        ):
-            with m.If(comes != goes):
-                m.d.sync += count.eq(Mux(comes, count + 1, count - 1))
-        m.d.comb += self.idle.eq(~(chunks.any() | splats.any()))
+        m.submodules.chunks = chunks = Credit(CHUNKS_INSIDE, "chunks inside")
+        m.submodules.splats = splats = Credit(most, "splats inside")
+        m.d.comb += [
+            chunks.comes.eq(passes(self.chunk.o)),
+            chunks.goes.eq(passes(project.chunks)),
+            splats.comes.eq(passes(project.wanted)),
+            splats.goes.eq(passes(project.o)),
+            self.idle.eq(~(chunks.any | splats.any)),
+        ]
 
     def _count(self, m: Module):
         o = self.cull.o

@@ -41,7 +41,7 @@ class Position(wiring.Component):
         o: stream of rays (floats in scene units).
 
     **Timing**: a point every 4 cycles, but for one more cycle at each octant's end; latency
-    `CONVERT_LATENCY` + 7 from a chunk's first beat.
+    `CONVERT_LATENCY` + 9 from a chunk's first beat.
     """
 
     def __init__(self, config: Config):
@@ -60,7 +60,7 @@ class Position(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.pipe = self.pipe = Pipe(CONVERT_LATENCY + 1)
+        m.submodules.pipe = self.pipe = Pipe(CONVERT_LATENCY + 3)
         self.axis = Signal(range(len(AXES)))
         self.number, self.done = Signal(PLACE_BITS), Signal()
         self.ready = Signal()  # a coordinate may leave the gearbox
@@ -69,6 +69,7 @@ class Position(wiring.Component):
             point = self._offset(m, coordinate)
         else:
             m.submodules.decode = decode = ToFixed(memory.ABSOLUTE, GRID, 0)
+            [coordinate] = self._later(m, coordinate)
             m.d.comb += [decode.i.eq(coordinate), decode.enable.eq(1), self.ready.eq(1)]
             point = decode.o.as_signed()
         self._convert(m, point)
@@ -120,29 +121,38 @@ class Position(wiring.Component):
         chunk = self.chunk
         # An expression: some simulators evaluate a case only when one of its operands changes.
         top, shift, origin = self._of_axis(
+            self.axis,
             *(Cat(octant[k], chunk.shift[k], chunk.origin[k]) for k in range(len(AXES))),
             widths=(1, len(chunk.shift[0]), len(chunk.origin[0])),
         )
+        coordinate, top, shift, origin = self._later(m, coordinate, top, shift, origin)
         return origin.as_signed() + (Cat(coordinate, top) << shift)
 
-    def _of_axis(self, *values: Value, widths: tuple[int, ...]) -> list[Value]:
-        """Of values for each axis that of the present one, cut into parts."""
+    def _of_axis(self, axis: Value, *values: Value, widths: tuple[int, ...]) -> list[Value]:
+        """Of values for each axis that of one axis, cut into parts."""
         x, y, z = values
-        chosen, parts = Mux(self.axis == 0, x, Mux(self.axis == 1, y, z)), []
+        chosen, parts = Mux(axis == 0, x, Mux(axis == 1, y, z)), []
         for width in widths:
             parts.append(chosen[:width])
             chosen = chosen[width:]
         return parts
+
+    def _later(self, m: Module, *values: Value) -> list[Signal]:
+        """Values a step of the pipe later."""
+        later = [Signal(value.shape(), reset_less=True, name="later") for value in values]
+        with m.If(self.pipe.enable):
+            m.d.sync += [after.eq(value) for after, value in zip(later, values, strict=True)]
+        return later
 
     def _convert(self, m: Module, point: Value):
         """From a coordinate on the grid to the way from the camera, as a float in scene units."""
         scale = range(-memory.EXPONENT_MAX, memory.EXPONENT_MAX + 1)
         format = self.fine.arithmetic
         m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
-        [camera] = self._of_axis(*self.camera, widths=(CAMERA.width,))
-        way = Signal(signed(AWAY.width), reset_less=True)
-        with m.If(self.pipe.enable):
-            m.d.sync += way.eq(point - camera.as_signed())
+        [placed] = self._later(m, point)
+        [axis] = self._later(m, *self._later(m, self.axis))
+        [camera] = self._of_axis(axis, *self.camera, widths=(CAMERA.width,))
+        [way] = self._later(m, (placed - camera.as_signed())[: AWAY.width].as_signed())
         m.d.comb += [self.convert.i.eq(way), self.convert.scale.eq(self.position_exponent)]
         m.d.comb += self.convert.enable.eq(self.pipe.enable)
 

@@ -8,10 +8,18 @@ from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import WRITING, Binned
 from splatcore.hdl.lib.record import AREA, ERROR, frame_layout, layout
 from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.memory.window import client_windows
 from splatcore.hdl.points.check import Check
 from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.hdl.points.points import Points
-from splatcore.spec.axi import BEAT_BITS, read_record, write_record
+from splatcore.spec.axi import (
+    BEAT_BITS,
+    READ_AREAS,
+    WRITE_AREAS,
+    read_record,
+    window_bits,
+    write_record,
+)
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.frame import fixed_constants
@@ -26,10 +34,11 @@ class Preprocess(wiring.Component):
             cycles before that and stay until `done`.
         area: the work area to be written.
         reads, data: to and from memory for `hdl.points.model_reader`; writes: for
-            `hdl.binning.binned`.
+            `hdl.binning.binned`. read_windows, write_windows: beside these, if any
+            (`hdl.memory.window`).
         settled: all that was written is in memory.
         done: the work area is complete, until `taken`.
-        needed: list pages that the last frame took.
+        needed: list pages that the frame takes, while `counted` is high, for a cycle.
         error: the frame cannot be made; nothing more happens until reset.
         counters: those of `hdl.points.points` and `hdl.binning.bin`.
 
@@ -53,10 +62,12 @@ class Preprocess(wiring.Component):
             "done": Out(1),
             "taken": In(1),
             "needed": Out(PAGE_BITS),
+            "counted": Out(1),
             "error": Out(ERROR),
             "counters": Out(data.StructLayout(counters)),
         }
-        super().__init__(ports)
+        windows = client_windows(config, len(READING), len(WRITING))
+        super().__init__(ports | {name: Out(shape) for name, shape in windows.items()})
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -116,6 +127,13 @@ class Preprocess(wiring.Component):
             self.counters.points.eq(points.counters),
             self.counters.bin.eq(self.bin.counters),
         ]
+        if window_bits(config):
+            for areas, names, windows in (
+                (READ_AREAS, READING, self.read_windows),
+                (WRITE_AREAS, WRITING, self.write_windows),
+            ):
+                for number, name in enumerate(names):
+                    m.d.comb += windows[number].eq(frame[f"{areas[name]}_high"])
 
     def _control(self, m: Module):
         """A frame from its start to the end of its work area."""
@@ -146,7 +164,8 @@ class Preprocess(wiring.Component):
             with m.State("FINISH"):
                 m.d.comb += bin.finish.eq(1)
                 with m.If(bin.done):
-                    m.d.sync += [self.needed.eq(bin.needed), exceeded.eq(bin.exceeded)]
+                    m.d.comb += [self.needed.eq(bin.needed), self.counted.eq(1)]
+                    m.d.sync += exceeded.eq(bin.exceeded)
                     m.next = "SETTLE"
             with m.State("SETTLE"):
                 m.d.comb += binned.finish.eq(1)

@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 
-from amaranth.hdl import Const, Module, Mux, Signal, Value
+from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
+from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import Queue, passes
 from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.colour import RAY, Colour
 from splatcore.hdl.points.look_up import LookUp
@@ -144,13 +145,14 @@ class Project(wiring.Component):
                 m.d.comb += self.o.payload[n].eq(queue.o.payload[n])
             valid &= queue.o.valid
             queues.append(queue)
-        gone = self.o.valid & self.o.ready
-        m.d.comb += self.o.valid.eq(valid)
-        m.d.comb += [queue.o.ready.eq(gone) for queue in queues]
-        owed = Signal(range(depth + 1))  # splats in the queues or on their way to them
-        with m.If(self.entered != gone):
-            m.d.sync += owed.eq(Mux(gone, owed - 1, owed + 1))
-        return owed != depth
+        m.submodules.owed = owed = Credit(depth, "splats in the queues or on their way to them")
+        m.d.comb += [
+            self.o.valid.eq(valid),
+            owed.comes.eq(self.entered),
+            owed.goes.eq(passes(self.o)),
+            *(queue.o.ready.eq(owed.goes) for queue in queues),
+        ]
+        return owed.room
 
     def _enter(self, m: Module, room: Value):
         """The last phase but one of a round decides whether a slot enters; in the last it does."""

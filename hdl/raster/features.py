@@ -1,13 +1,14 @@
 """Reads the features of sorted splats from memory, ahead of rasterizing."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue, Register
+from splatcore.hdl.lib.stream import Queue, Register, passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec import group, raster
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, port_beats, read_record
@@ -56,27 +57,29 @@ class Features(wiring.Component):
         m.submodules.features = features = Queue(
             layout(feature_record(self.config)), FEATURES_WAITING, memory=True
         )
-        reserved = Signal(range(FEATURES_WAITING + 1))  # features on their way or waiting
-        ends = Signal(range(depth + 1))  # groups' ends inside
-        taken = self._ask(m, waiting.i, reserved)
+        m.submodules.reserved = reserved = Credit(
+            FEATURES_WAITING, "features on their way or waiting"
+        )
+        m.submodules.ends = ends = Credit(depth, "ends of groups inside")
+        taken = self._ask(m, waiting.i, reserved.room)
         self._collect(m, features.i, taken)
-        given = self._give(m, waiting.o, features.o)
-        i, o = self.i, self.o
-        for count, comes, goes in (
-            (reserved, taken, given),
-            (ends, i.valid & i.ready & i.payload.end, o.valid & o.ready & o.payload.end),
-        ):
-            with m.If(comes != goes):
-                m.d.sync += count.eq(Mux(comes, count + 1, count - 1))
-        m.d.comb += [self.known.eq(~ends.any()), self.stop.eq(self.known & ~self.live.any())]
+        m.d.comb += [
+            reserved.comes.eq(taken),
+            reserved.goes.eq(self._give(m, waiting.o, features.o)),
+            ends.comes.eq(passes(self.i) & self.i.payload.end),
+            ends.goes.eq(passes(self.o) & self.o.payload.end),
+            self.known.eq(~ends.any),
+            self.stop.eq(self.known & ~self.live.any()),
+        ]
         return m
 
-    def _ask(self, m: Module, order: stream.Interface, reserved: Signal) -> Signal:
-        """Asks for a splat's feature when there is room for it; returns a bit: one is asked for."""
+    def _ask(self, m: Module, order: stream.Interface, free: Value) -> Signal:
+        """Asks for a splat's feature when there is room for it, which is what `free` says; returns
+        a bit: one is asked for."""
         m.submodules.reads = register = Register(layout(read_record()))
         connect(m, register.o, flipped(self.reads))
         i, read, taken = self.i, register.i, Signal()
-        room = (reserved != FEATURES_WAITING) & order.ready
+        room = free & order.ready
         drops = self.known & ~(i.payload.mask & self.live).any() & ~i.payload.end
         m.d.comb += [
             read.valid.eq(i.valid & ~i.payload.end & room & ~drops),

@@ -7,7 +7,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Fork, Queue
+from splatcore.hdl.lib.stream import Fork, Queue, Register
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack
 from splatcore.hdl.memory.share import Share
@@ -156,32 +156,38 @@ class Groups(wiring.Component):
             self.walk.step.eq(slots.valid & slots.ready),
         ]
         for (name, depth), o in zip(TAKERS.items(), fork.o, strict=True):
-            target = getattr(self, name)
-            m.submodules[name] = queue = Queue(target.payload.shape(), depth)
+            queued = self._queued(m, name, depth)
             group, position = o.payload.group, o.payload.position
             payload = group if name == "lists" else position
-            m.d.comb += [queue.i.valid.eq(o.valid), o.ready.eq(queue.i.ready)]
-            m.d.comb += queue.i.payload.eq(payload)
-            connect(m, queue.o, flipped(target))
+            m.d.comb += [queued.valid.eq(o.valid), o.ready.eq(queued.ready)]
+            m.d.comb += queued.payload.eq(payload)
+
+    def _queued(self, m: Module, name: str, depth: int) -> stream.Interface:
+        """What goes through a queue, and a register behind it, to the output of that name."""
+        target = getattr(self, name)
+        m.submodules[name] = queue = Queue(target.payload.shape(), depth)
+        m.submodules[f"{name}_next"] = following = Register(target.payload.shape())
+        connect(m, queue.o, following.i)
+        connect(m, following.o, flipped(target))
+        return queue.i
 
     def _find_empty(self, m: Module, known: Value, share: Share):
         """Looks at one group after the other while there is room for one without entries."""
         walk, asks, beat = self.search, share.i[1], share.o[1]
-        m.submodules.empty = queue = Queue(walk.position.shape(), EMPTY_WAITING)
-        connect(m, queue.o, flipped(self.empty))
+        queued = self._queued(m, "empty", EMPTY_WAITING)
         asked = Signal()  # the present group's beat is on its way
         number = Signal.like(self.groups)
         slots = self.config.port // 8 // work.SLOT
         low = exact_log2(slots)
         group = Signal(layout(group_record()))
         m.d.comb += [
-            asks.valid.eq(walk.active & ~asked & queue.i.ready),
+            asks.valid.eq(walk.active & ~asked & queued.ready),
             asks.payload.beat.eq(self.groups_at + number[low:] * port_beats(self.config)),
             asks.payload.length.eq(0),
             beat.ready.eq(1),
             group.eq(beat.payload.beat.word_select(number[:low], self.config.port // slots)),
-            queue.i.valid.eq(beat.valid & ~group.count.any()),
-            queue.i.payload.eq(walk.position),
+            queued.valid.eq(beat.valid & ~group.count.any()),
+            queued.payload.eq(walk.position),
             walk.step.eq(beat.valid),
         ]
         with m.If(known):

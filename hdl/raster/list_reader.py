@@ -5,10 +5,12 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
+from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack, unpacked
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, read_record
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, read_record, window_bits
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, entry_record
@@ -36,6 +38,8 @@ class ListReader(wiring.Component):
         i: stream of `listed_record`.
         o: stream of `entry_record`, those of one group after those of the other.
         reads, data: to and from memory.
+        in_scratch: if there are windows (`hdl.memory.window`): what is asked for at `reads` lies in
+            scratch memory.
 
     **Timing**: an entry a cycle; from a page's last beat to the request for the next one 2 cycles.
     The last slot of a page is the next page's number; of a list's last page only the beats with
@@ -52,22 +56,27 @@ class ListReader(wiring.Component):
             "reads": Out(stream.Signature(layout(read_record()))),
             "data": In(stream.Signature(read_beat(config))),
         }
-        super().__init__(ports)
+        super().__init__(ports | ({"in_scratch": Out(1)} if window_bits(config) else {}))
 
     def elaborate(self, platform) -> Module:
         m = Module()
         beats, bucket = page_bytes(self.config) // BEAT, half_entries(self.config)
         count_bits = max(self.config.page, bucket).bit_length()
-        beat_bits = max(beats, bucket * SLOT // BEAT).bit_length()
-        fetch = Fetch(self.config, self.depth, beat_bits, self.burst)
+        longest = max(beats, bucket * SLOT // BEAT)  # beats that are read in one go
+        marks = bool(window_bits(self.config))
+        fetch = Fetch(self.config, self.depth, longest.bit_length(), self.burst, marks)
         unpack = Unpack(self.config, count_bits)
         unpacked(m, self, fetch, unpack)
         m.d.comb += [self.o.valid.eq(unpack.o.valid), self.o.payload.eq(unpack.o.payload)]
         m.d.comb += unpack.o.ready.eq(self.o.ready)
-        self._pages(m, fetch, unpack, beats)
+        step = -(-longest // fetch.beats)
+        m.submodules.ahead = ahead = Credit(
+            2 * fetch.depth - 1 + step, "beats of lists on their way", step=step
+        )
+        self._pages(m, fetch, unpack, beats, ahead)
         return m
 
-    def _pages(self, m: Module, fetch: Fetch, unpack: Unpack, beats: int):
+    def _pages(self, m: Module, fetch: Fetch, unpack: Unpack, beats: int, ahead: Credit):
         """A page after the other; a page's number comes with the last beat of the one before."""
         left, page, dealt = Signal(COUNT_BITS), Signal(PAGE_BITS), Signal()
         goes_on = (left >= self.config.page) & ~dealt  # then the page's last slot is a link
@@ -75,14 +84,15 @@ class ListReader(wiring.Component):
         slots_a_beat = BEAT // SLOT
         wanted = Mux(goes_on, beats, (left + slots_a_beat - 1) // slots_a_beat)
         counted = Signal()  # the page's count has gone to `unpack`; only then it is asked for
-        ahead = Signal(range(2 * fetch.depth + (1 << len(fetch.i.payload.count))))  # on their way
         of_port = (wanted + fetch.beats - 1) >> exact_log2(fetch.beats)
         link = self.data.payload.beat[-ENTRY_BITS:][:PAGE_BITS]
-        comes = self.data.valid & self.data.ready
         begins = Signal()
+        m.d.comb += [ahead.comes.eq(Mux(begins, of_port, 0)), ahead.goes.eq(passes(self.data))]
         bucket = self.scratch_at + page * (half_entries(self.config) // slots_a_beat)
         m.d.comb += fetch.i.payload.beat.eq(Mux(dealt, bucket, self.lists_at + page * beats))
         m.d.comb += [fetch.i.payload.count.eq(wanted), unpack.counts.payload.eq(count)]
+        if fetch.has_marks:
+            m.d.comb += [fetch.marks.eq(dealt), self.in_scratch.eq(fetch.marked)]
         with m.FSM():
             with m.State("GROUP"):
                 m.d.comb += self.i.ready.eq(1)
@@ -91,10 +101,11 @@ class ListReader(wiring.Component):
                 with m.If(self.i.valid & (self.i.payload.count != 0)):
                     m.next = "PAGE"
             with m.State("PAGE"):
+                few = ahead.count < 2 * fetch.depth
                 m.d.comb += [
                     unpack.counts.valid.eq(~counted),
-                    fetch.i.valid.eq((counted | unpack.counts.ready) & (ahead < 2 * fetch.depth)),
-                    begins.eq(fetch.i.valid & fetch.i.ready),
+                    fetch.i.valid.eq((counted | unpack.counts.ready) & few),
+                    begins.eq(passes(fetch.i)),
                 ]
                 m.d.sync += counted.eq((counted | unpack.counts.ready) & ~begins)
                 with m.If(begins):
@@ -102,7 +113,6 @@ class ListReader(wiring.Component):
                     m.next = "GROUP"
                     with m.If(goes_on):
                         m.next = "LINK"
-            with m.State("LINK"), m.If(comes & (ahead == 1)):
+            with m.State("LINK"), m.If(ahead.goes & (ahead.count == 1)):
                 m.d.sync += page.eq(link)
                 m.next = "PAGE"
-        m.d.sync += ahead.eq(ahead + Mux(begins, of_port, 0) - comes)

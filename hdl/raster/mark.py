@@ -18,7 +18,7 @@ from splatcore.spec.raster import (
 )
 from splatcore.spec.record import Array
 
-CUTS = ("lines", "planes", "marked")  # registers stand behind what these names say
+CUTS = ("multiples", "lines", "planes", "marked")  # registers stand behind what these names say
 
 CARRIED = ("quadratic", "tile", "end", *COLOURS)
 
@@ -30,8 +30,16 @@ def times(value: Value, factor: int) -> Value:
     return value if factor > 0 else -value
 
 
-def magnitude(value: Value) -> Value:
-    return Mux(value[-1], -value, value)
+def magnitudes(x: Value, y: Value) -> Value:
+    """|x| + |y| of signed values: −x is ~x + 1, and both ones come to the sum."""
+    ones = [value.as_unsigned() ^ value[-1].replicate(len(value)) for value in (x, y)]
+    return (ones[0] + ones[1] + x[-1] + y[-1])[: len(ones[0] + ones[1])]
+
+
+def plus(value: Value, multiples: dict, name: str, factor: int, bits: int) -> Value:
+    """value + factor · 2^bits · a number of which there are multiples."""
+    part = multiples[name, abs(factor)] << bits
+    return value + part if factor > 0 else value - part
 
 
 class Mark(wiring.Component):
@@ -61,39 +69,64 @@ class Mark(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        i = self.i
-        pipeline = Pipeline(m, self.enable, dict.fromkeys(CUTS, 1))
-        e, gx, gy, cxy = (i.quadratic[name].as_signed() for name in ("e", "gx", "gy", "cxy"))
-        cxx, cyy = i.quadratic.cxx, i.quadratic.cyy
-        carried = [i[name] for name in CARRIED]
-        lines = [e + ((times(gy, q) << 1) - (times(cyy, q * q) << 2)) for q in STEPS]
-        slopes_x = [gx + (times(cxy, q) << 1) for q in STEPS]
-        slopes_y = [gy - (times(cyy, q) << 2) for q in STEPS]
-        near, *rest = pipeline.cut("lines", ~i.far, *lines, *slopes_x, *slopes_y, *carried)
-        lines, slopes_x, slopes_y, carried = rest[:4], rest[4:8], rest[8:12], rest[12:]
-
-        quadratic = carried[0]
-        cxx, cxy = quadratic.cxx, quadratic.cxy.as_signed()
-        lowest, *higher = mark_min(self.config)
+        self.pipeline = Pipeline(m, self.enable, dict.fromkeys(CUTS, 1))
+        self.lowest, *higher = mark_min(self.config)
+        near, rows, multiples, carried = self._rows()
         above, steep = [], []
-        for line, slope_x, slope_y in zip(lines, slopes_x, slopes_y, strict=True):
+        for line, slope_x, slope_x_3, slope_y in rows:
             for p in STEPS:
-                centre = line + ((times(slope_x, p) << 1) - (times(cxx, p * p) << 2))
-                x, y = slope_x - (times(cxx, p) << 2), slope_y + (times(cxy, p) << 1)
-                above.append((centre - lowest) << 1)
-                steep.append(magnitude(x) + magnitude(y))
-        near, *rest = pipeline.cut("planes", near, *above, *steep, *carried)
+                slope = (slope_x if abs(p) == 1 else slope_x_3) << 1
+                centre = line + slope if p > 0 else line - slope
+                above.append(plus(centre, multiples, "cxx", -p * p, 2) << 1)
+                x, y = plus(slope_x, multiples, "cxx", -p, 2), plus(slope_y, multiples, "cxy", p, 1)
+                steep.append(magnitudes(x, y))
+        near, *rest = self.pipeline.cut("planes", near, *above, *steep, *carried)
         above, steep, carried = rest[:16], rest[16:32], rest[32:]
 
         bounds = [a + times(b, 3) for a, b in zip(above, steep, strict=True)]
         whole = [bound >> 1 + self.config.exponent_fraction for bound in bounds]
         reached = [Cat(~bound[-1] for bound in bounds)]
         for least in higher:
-            steps = least - lowest >> self.config.exponent_fraction
+            steps = least - self.lowest >> self.config.exponent_fraction
             reached.append(Cat(bound >= steps for bound in whole))
         blocks = [Mux(near, level, 0) for level in reached]
-        cut = pipeline.cut("marked", *blocks, *carried)
+        cut = self.pipeline.cut("marked", *blocks, *carried)
         m.d.comb += self.o.blocks.as_value().eq(Cat(cut[: len(blocks)]))
         for name, value in zip(CARRIED, cut[len(blocks) :], strict=True):
             m.d.comb += self.o[name].eq(value)
         return m
+
+    def _multiples(self) -> tuple[Value, Value, dict[tuple[str, int], Value], tuple]:
+        """A bit: the tile is near enough; E; multiples of what else the quadratic has, by name and
+        factor; what is carried on."""
+        quadratic, multiples = self.i.quadratic, {}
+        for factors, names in (((1, 3), ("gx", "gy")), ((1, 3, 9), ("cxx", "cxy", "cyy"))):
+            for name in names:
+                value = quadratic[name]
+                value = value.as_signed() if name in ("gx", "gy", "cxy") else value
+                multiples |= {(name, factor): times(value, factor) for factor in factors}
+        carried = [self.i[name] for name in CARRIED]
+        near, e, *rest = self.pipeline.cut(
+            "multiples", ~self.i.far, quadratic.e.as_signed(), *multiples.values(), *carried
+        )
+        return near, e, dict(zip(multiples, rest, strict=False)), rest[len(multiples) :]
+
+    def _rows(self) -> tuple[Value, list[tuple], dict[tuple[str, int], Value], list]:
+        """For each row of blocks, in its middle: E above the lowest level, its slope along x, three
+        times that, its slope along y. With them what `_multiples` gives."""
+        near, e, multiples, carried = self._multiples()
+        gx, gx_3, gy = (multiples[key] for key in (("gx", 1), ("gx", 3), ("gy", 1)))
+        rows = []
+        for q in STEPS:
+            line = plus(e - self.lowest, multiples, "gy", q, 1)
+            rows += [
+                plus(line, multiples, "cyy", -q * q, 2),
+                plus(gx, multiples, "cxy", q, 1),
+                plus(gx_3, multiples, "cxy", 3 * q, 1),
+                plus(gy, multiples, "cyy", -q, 2),
+            ]
+        goes_on = {key: multiples[key] for key in multiples if key[0] in ("cxx", "cxy")}
+        near, *rest = self.pipeline.cut("lines", near, *rows, *goes_on.values(), *carried)
+        rows, rest = rest[: len(rows)], rest[len(rows) :]
+        rows = list(zip(*(rows[k::4] for k in range(4)), strict=True))
+        return near, rows, dict(zip(goes_on, rest, strict=False)), rest[len(goes_on) :]

@@ -113,9 +113,17 @@ class Pixels(wiring.Component):
         place = Signal(self.positions.payload.shape())
         m.d.comb += place.eq(Mux(self.plain, self.empty.payload, self.positions.payload))
         heads, present, takes = self._heads()
-        column, row = self._place(self.span_number, place)
-        end, there = self._beats(m, heads, column << exact_log2(self.span))
-        self._control(m, place, row, present, there, end, takes)
+        # Of the span that begins next: this one, or with `following` the one behind it.
+        self.following = Signal()
+        number = (self.span_number + self.following)[: sum(self.counts)]
+        self.column, self.row_of_blocks = self._place(number, place)
+        coming = self._about(self.column) | {"row": self.row_of_blocks}
+        work = {
+            name: Signal.like(value, name=name, reset_less=True) for name, value in coming.items()
+        }
+        self.begins = [register.eq(coming[name]) for name, register in work.items()]
+        there = self._beats(m, heads, work)
+        self._control(m, work, present, there, takes)
         return m
 
     def _place(self, span: Value, position) -> tuple[Value, Value]:
@@ -165,26 +173,39 @@ class Pixels(wiring.Component):
         ]
         return Array(turned)[Cat(self.beat, skipped)]
 
-    def _beats(self, m: Module, heads: list[Value], first: Value) -> tuple[Value, Value]:
-        """A row of the span as beats; the number of the last one, and a bit: what it begins with is
-        there. first: block of the span."""
+    def _about(self, column: Value) -> dict[str, Value]:
+        """What the beats of a span's rows go by, if its column is in the image.
+
+        skipped: words before it in its first beat; behind: the byte behind it; end: the last beat;
+        of two spans that meet in a beat, second: it is that one; keeps: it leaves that beat to it.
+        """
         words = ROW_BITS // 8 // WORD  # of a row of a block
         size, row = port_bytes(self.config), self.row
         # A span begins at a multiple of 4 bytes.
-        skipped = (first * words)[: exact_log2(size // WORD)]
+        skipped = (column * self.span * words)[: exact_log2(size // WORD)]
         if row % size == 0:
             skipped = Const(0, len(skipped))
-        segment, begin, there = Cat(heads) << (skipped * WORD * 8), skipped * WORD, Const(1)
-        pixels = Mux(
-            (first + self.span) * BLOCK > self.width,
-            (self.width - first * BLOCK)[: exact_log2(self.span * BLOCK) + 1],
-            self.span * BLOCK,
-        )
-        behind = begin + pixels * PIXEL
+        most = self.span * BLOCK  # pixels
+        below, whole = self.width[: exact_log2(most)], self.width >> exact_log2(most)
+        pixels = Mux(column >= whole, below, most)
+        behind = skipped * WORD + pixels * PIXEL
         end = (behind - 1) >> exact_log2(size)
+        if not self.kept:
+            return {"skipped": skipped, "behind": behind, "end": end}
+        second = column[0]
+        keeps = ~second & (column < (self.width - 1) >> exact_log2(most))
+        end = Mux(keeps, row // size - 1, end)
+        return {
+            "skipped": skipped, "behind": behind, "end": end, "second": second, "keeps": keeps
+        }  # fmt: skip
+
+    def _beats(self, m: Module, heads: list[Value], work: dict[str, Value]) -> Value:
+        """A row of the span as beats; a bit: what it begins with is there. work: `_about` it."""
+        size, row = port_bytes(self.config), self.row
+        skipped, behind = work["skipped"], work["behind"]
+        segment, begin, there = Cat(heads) << (skipped * WORD * 8), skipped * WORD, Const(1)
         if self.kept:
-            second = (first >> exact_log2(self.span))[0]  # of two spans
-            keeps = ~second & ((first + self.span) * BLOCK < self.width)
+            second, keeps = work["second"], work["keeps"]
             i, o = self.tails.i, self.tails.o
             own = passes(self.write) & ~self.plain
             m.d.comb += [
@@ -194,7 +215,6 @@ class Pixels(wiring.Component):
             ]
             segment |= Mux(second, o.payload, 0)
             begin, there = Mux(second, 0, begin), ~second | self.beat.any() | o.valid
-            end = Mux(keeps, row // size - 1, end)
             never_waits(m, "kept", i, "what a span's row leaves to the next span")
         write = self.write.payload
         bytes_ = [Cat(self.beat << exact_log2(size)) + k for k in range(size)]
@@ -202,30 +222,22 @@ class Pixels(wiring.Component):
         beat = Mux(self.plain, self._background(skipped), of_blocks)
         m.d.comb += write_data(self.config, write).eq(beat)
         m.d.comb += write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_))
-        return end, there
+        return there
 
-    def _control(
-        self, m: Module, place, row: Value, present: Value, there: Value, end: Value, takes: list
-    ):
+    def _control(self, m: Module, work: dict, present: Value, there: Value, takes: list):
         """Span after span; the other group's at the end of one, or where blocks are missing.
 
-        place: of the group at work; row: of the span's blocks; present: these are; there: what a
-        row of them begins with; end: a row's last beat.
+        work: `_about` the span; present: its blocks are; there: what a row of them begins with.
         """
         write, given, inside = self.write, Signal(), Signal()
+        row, end = work["row"], work["end"]
         size, below = port_bytes(self.config), exact_log2(port_beats(self.config))
         line = Signal(BEAT_ADDRESS_BITS - below)  # of pixels, in beats of the port
-        following = Signal()  # the next span is meant
         stride = self.stride_beats[below:]
-        # Where this span, or the next one of its group, begins.
-        next_column, next_row = self._place(
-            (self.span_number + following)[: sum(self.counts)], place
-        )
-        at = self.pixels_at[below:] + next_row * BLOCK * stride
-        at += (next_column * self.row) >> exact_log2(size)
-        m.d.comb += inside.eq(
-            (next_column * self.span * BLOCK < self.width) & (next_row * BLOCK < self.height)
-        )
+        at = self.pixels_at[below:] + self.row_of_blocks * BLOCK * stride
+        at += (self.column * self.row) >> exact_log2(size)
+        across = self.column * self.span * BLOCK < self.width
+        m.d.comb += inside.eq(across & (self.row_of_blocks * BLOCK < self.height))
         page = exact_log2(BOUNDARY // size)
         crosses = (line[:page] + end)[page]  # then each beat is a burst of its own
         last_row = (self.pixel_row == BLOCK - 1) | (row * BLOCK + self.pixel_row + 1 >= self.height)
@@ -235,7 +247,7 @@ class Pixels(wiring.Component):
         ]
         with m.FSM():
             with m.State("PLACE"):
-                m.d.sync += line.eq(at)
+                m.d.sync += [line.eq(at), *self.begins]
                 with m.If(~Mux(self.plain, self.empty.valid, self.positions.valid)):
                     m.d.sync += self.plain.eq(~self.plain)
                 with m.Elif(inside):
@@ -243,7 +255,7 @@ class Pixels(wiring.Component):
                 with m.Else():
                     m.d.comb += given.eq(self.plain | present)
             with m.State("ROWS"):
-                m.d.comb += [write.valid.eq(self.plain | (present & there)), following.eq(1)]
+                m.d.comb += [write.valid.eq(self.plain | (present & there)), self.following.eq(1)]
                 with m.If(~write.valid & self.empty.valid):
                     m.d.sync += self.plain.eq(1)
                     m.next = "PLACE"
@@ -253,7 +265,7 @@ class Pixels(wiring.Component):
                         m.d.sync += [self.beat.eq(0), self.pixel_row.eq(self.pixel_row + 1)]
                         m.d.sync += line.eq(line + stride)
                         with m.If(last_row):
-                            m.d.sync += [self.pixel_row.eq(0), line.eq(at)]
+                            m.d.sync += [self.pixel_row.eq(0), line.eq(at), *self.begins]
                             m.d.comb += given.eq(1)
                             with m.If(self.plain & present):
                                 m.d.sync += self.plain.eq(0)

@@ -5,7 +5,8 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
-from splatcore.hdl.lib.holds import enough, keeps, within
+from splatcore.hdl.lib.credit import within
+from splatcore.hdl.lib.holds import enough, keeps
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, passes
@@ -104,9 +105,10 @@ class Raster(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        # Ends of groups between: waiting, in the two pipes, before the rasterizer; and the group
-        # that has not begun there though the one before has ended.
-        inside = SPLATS_WAITING + len(CUTS) + Setup.LATENCY + Mark.LATENCY + PAIRS_WAITING
+        # Ends of groups between: waiting, in the two pipes, in the register behind them, before the
+        # rasterizer; and the group that has not begun there though the one before has ended.
+        pipes = len(CUTS) + Setup.LATENCY + Mark.LATENCY
+        inside = SPLATS_WAITING + pipes + Register.HOLDS + PAIRS_WAITING
         enough(GROUPS_APART, inside + 1, "GROUP_BITS, ends of groups that may be apart")
         self.dropped = Signal()
         self.splats = Queue(layout(raster.featured_record(config)), SPLATS_WAITING, memory=True)
@@ -162,7 +164,7 @@ class Raster(wiring.Component):
         """Pairs through setup and marking; each rasterizer gets those with blocks of its own."""
         config = self.config
         m.submodules.setup, m.submodules.mark = setup, mark = Setup(config), Mark(config)
-        m.submodules.pipe = self.pipe = pipe = Pipe(Setup.LATENCY + Mark.LATENCY)
+        m.submodules.pipe = pipe = Pipe(Setup.LATENCY + Mark.LATENCY)
         m.d.comb += [
             pipe.i.valid.eq(self.expand.o.valid),
             self.expand.o.ready.eq(pipe.i.ready),
@@ -171,28 +173,35 @@ class Raster(wiring.Component):
             setup.enable.eq(pipe.enable),
             mark.enable.eq(pipe.enable),
         ]
-        self.marked, self.reached = mark.o, Signal(config.rasterizers)
+        m.submodules.marked = register = Register(mark.o.shape())
+        m.d.comb += [
+            register.i.payload.eq(mark.o),
+            register.i.valid.eq(pipe.o.valid),
+            pipe.o.ready.eq(register.i.ready),
+        ]
+        self.marked, self.reached = register.o, Signal(config.rasterizers)
+        marked, pair = register.o, register.o.payload
         self.arrived = Signal(raster.GROUP_BITS)  # number of the group whose pairs arrive
-        with m.If(pipe.o.valid & pipe.o.ready & mark.o.end):
+        with m.If(passes(marked) & pair.end):
             m.d.sync += self.arrived.eq(self.arrived + 1)
         takers = []
         # Of the pair at the end: it is, or was, offered to them; they have taken it.
         offered, given = Signal(config.rasterizers), Signal(config.rasterizers)
         for number, part in enumerate(self.rasterizers):
             o = part.i.payload
-            own = [Cat(level[block] for block in part.own) for level in mark.o.blocks]
+            own = [Cat(level[block] for block in part.own) for level in pair.blocks]
             there = self._at(part, self.arrived)
-            blocks = Mux(there, part.wanted(own, mark.o.tile), own[0])
+            blocks = Mux(there, part.wanted(own, pair.tile), own[0])
             m.d.comb += [
-                o[name].eq(mark.o[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
+                o[name].eq(pair[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
             ]
             m.d.comb += o.blocks.as_value().eq(Cat(own))
-            m.d.comb += self.reached[number].eq(blocks.any() | mark.o.end | offered[number])
-            m.d.comb += part.i.valid.eq(pipe.o.valid & self.reached[number] & ~given[number])
+            m.d.comb += self.reached[number].eq(blocks.any() | pair.end | offered[number])
+            m.d.comb += part.i.valid.eq(marked.valid & self.reached[number] & ~given[number])
             keeps(m, f"marked{number}", part.i)
             takers.append(part.i.ready | ~self.reached[number] | given[number])
-        m.d.comb += pipe.o.ready.eq(Cat(takers).all())
-        stays, taken = pipe.o.valid & ~pipe.o.ready, Cat(passes(p.i) for p in self.rasterizers)
+        m.d.comb += marked.ready.eq(Cat(takers).all())
+        stays, taken = marked.valid & ~marked.ready, Cat(passes(p.i) for p in self.rasterizers)
         m.d.sync += offered.eq(Mux(stays, self.reached, 0))
         m.d.sync += given.eq(Mux(stays, given | taken, 0))
 
@@ -236,7 +245,7 @@ class Raster(wiring.Component):
 
     def _count(self, m: Module):
         o, i = self.expand.o, self.i
-        arrives = self.pipe.o.valid & self.pipe.o.ready & ~self.marked.end
+        arrives = passes(self.marked) & ~self.marked.payload.end
         events = {
             "splats": i.valid & i.ready & ~i.payload.end,
             "dropped": self.dropped & self.i.ready,

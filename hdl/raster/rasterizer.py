@@ -118,7 +118,13 @@ class Rasterizer(wiring.Component):
         m.d.comb += self.positions.ready.eq(~self.started & ~behind)
         columns = self._inside(position.column, self.width, BLOCK)
         rows = self._inside(position.row, self.height, BLOCK)
-        with m.If(self.positions.valid & self.positions.ready):
+        begins, blend = self.positions.valid & self.positions.ready, self.blend
+        # What has become of a block is known here a cycle later, unless its group is over then.
+        shape = {"block": blend.blended_block.shape(), "ended": 1, "level": len(blend.level)}
+        late, late_valid = Signal(data.StructLayout(shape), reset_less=True), Signal()
+        m.d.sync += late_valid.eq(blend.blended & ~begins)
+        m.d.sync += late.eq(Cat(blend.blended_block, blend.ended, blend.level))
+        with m.If(begins):
             m.d.sync += [self.started.eq(1), self.position.eq(position)]
             m.d.sync += self.group.eq(self.group + 1)
             for tile in range(self.tiles):
@@ -130,11 +136,10 @@ class Rasterizer(wiring.Component):
                 ]
                 m.d.sync += self.live[tile].eq(Cat(inside))
             m.d.sync += [level.as_value().eq(0) for level in self.level]
-        with m.Elif(self.blend.blended):
-            block = self.blend.blended_block
-            m.d.sync += self.live.as_value().bit_select(block, 1).eq(~self.blend.ended)
-            for level, reached in zip(self.level, self.blend.level, strict=True):
-                m.d.sync += level.as_value().bit_select(block, 1).eq(reached)
+        with m.Elif(late_valid):
+            m.d.sync += self.live.as_value().bit_select(late.block, 1).eq(~late.ended)
+            for level, reached in zip(self.level, late.level, strict=True):
+                m.d.sync += level.as_value().bit_select(late.block, 1).eq(reached)
 
     def _issue(self, m: Module):
         """The next block: of the pair at hand, unless it is not wanted any more; else one of the

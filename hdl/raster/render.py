@@ -5,9 +5,10 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.record import AREA, layout
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import Slot
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.store import Store
+from splatcore.hdl.memory.window import area_windows, client_windows
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
 from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, LONG_BURST, ListReader
@@ -20,7 +21,10 @@ from splatcore.spec.axi import (
     BEAT_ADDRESS_BITS,
     BEAT_BITS,
     LINE_BEATS,
+    READ_AREAS,
+    WRITE_AREAS,
     read_record,
+    window_bits,
     write_record,
 )
 from splatcore.spec.config import Config
@@ -31,7 +35,10 @@ WRITING = ("buckets", "pixels")  # names of its readers and writers in `spec.axi
 
 
 def job_layout(config: Config) -> data.StructLayout:
-    """The parameters of a frame for this half: addresses and distances in beats."""
+    """The parameters of a frame for this half: addresses and distances in beats; the windows of its
+    areas, if there is more than one window."""
+    areas = area_windows(config, READING, WRITING)
+    windows = data.StructLayout(dict.fromkeys(areas, window_bits(config)))
     return data.StructLayout(
         {
             "width": range(config.width_max + 1),
@@ -42,6 +49,7 @@ def job_layout(config: Config) -> data.StructLayout:
             "pixels": BEAT_ADDRESS_BITS,
             "stride": work.STRIDE_BITS - BEAT_BITS,
         }
+        | ({"windows": windows} if areas else {})
     )
 
 
@@ -51,6 +59,7 @@ class Render(wiring.Component):
     Members
         start: begin a frame. job: what it is, until `done`.
         reads, data, writes: to and from memory, for each of `READING` and `WRITING`.
+        read_windows, write_windows: beside these, if any (`hdl.memory.window`).
         settled: for each of `WRITING`: all that was written is in memory.
         patient: for each of `WRITING`: what it offers may wait for what all others do.
         done: the frame's pixels are in memory.
@@ -80,7 +89,8 @@ class Render(wiring.Component):
             "done": Out(1),
             "counters": Out(data.StructLayout(counters)),
         }
-        super().__init__(ports)
+        windows = client_windows(config, len(READING), len(WRITING))
+        super().__init__(ports | {name: Out(shape) for name, shape in windows.items()})
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -94,9 +104,11 @@ class Render(wiring.Component):
             connect(m, flipped(self.data[number]), part.data)
         for number, name in enumerate(WRITING):
             connect(m, getattr(self, name).writes, flipped(self.writes[number]))
+        m.submodules.entries = entries = Slot(deal.entries.payload.shape())  # as fast as dealing
         for source, target in (
             (groups.lists, deal.groups),
-            (self.long_lists.o, deal.entries),
+            (self.long_lists.o, entries.i),
+            (entries.o, deal.entries),
             (deal.jobs, sort.jobs),
             (deal.lists, self.lists.i),
             (groups.positions, raster.positions),
@@ -111,13 +123,15 @@ class Render(wiring.Component):
         m.d.comb += [self.features.live.eq(raster.live), sort.stop.eq(self.features.stop)]
         self._deal(m)
         self._job(m)
+        if window_bits(self.config):
+            self._windows(m)
         self._control(m)
         return m
 
     def _deal(self, m: Module):
         """Long lists from memory to dealing, and their buckets to memory."""
         deal, lists = self.deal, self.long_lists
-        m.submodules.line = waiting = Queue(deal.lines.payload.shape(), 1)  # dealing goes on
+        m.submodules.line = waiting = Slot(deal.lines.payload.shape())  # dealing goes on
         line = waiting.o.payload
         connect(m, deal.lines, waiting.i)
         m.d.comb += [
@@ -153,6 +167,16 @@ class Render(wiring.Component):
             self.counters.sort.eq(self.sort.counters),
             self.counters.raster.eq(self.raster.counters),
         ]
+
+    def _windows(self, m: Module):
+        """Where each reader and writer is at work."""
+        windows = self.job.windows
+        for number, name in enumerate(READING):
+            m.d.comb += self.read_windows[number].eq(windows[READ_AREAS[name]])
+        for number, name in enumerate(WRITING):
+            m.d.comb += self.write_windows[number].eq(windows[WRITE_AREAS[name]])
+        with m.If(self.lists.in_scratch):
+            m.d.comb += self.read_windows[READING.index("lists")].eq(windows.scratch)
 
     def _control(self, m: Module):
         """A frame from its start to its last pixel."""

@@ -22,7 +22,7 @@ from splatcore.spec.raster import (
     pair_record,
 )
 
-CUTS = ("way", "product", "lean", "distance", "length", "slope", "square", "sum")
+CUTS = ("pair", "way", "product", "lean", "distance", "length", "slope", "square", "sum")
 """Registers stand behind what these names say."""
 
 
@@ -71,7 +71,7 @@ class Setup(wiring.Component):
         values |= {"tile": self.i.tile, "end": self.i.end}
         values |= {"column": self.i.column, "row": self.i.row}
         steps = (
-            self._way, self._product, self._lean, self._distance, self._length, self._slope,
+            dict, self._way, self._product, self._lean, self._distance, self._length, self._slope,
             self._square, self._sum,
         )  # fmt: skip
         for cut, step in zip(CUTS, steps, strict=True):

@@ -34,6 +34,9 @@ class Pair(wiring.Component):
 
     Members
         i, o: streams of `entry_layout`, of runs of `size` and of twice as many.
+        turn, count: the run that comes is a pair's second; entries of it that have come; over: for
+            each run of the pair that leaves: it has left; last: the second one ends its batch (for
+            proofs).
 
     **Timing**: an entry a cycle, a run's first one `latency` cycles after that of its pair's second
     run, or after the end of a run that is alone. Two queues of `size` entries and those that come
@@ -48,6 +51,10 @@ class Pair(wiring.Component):
         depth, memory = size + latency(size) + 1, size >= MEMORY_FROM
         self.runs = [Queue(held, depth, memory=memory) for _ in range(2)]
         self.alone = Queue(1, PAIRS_WAITING)  # for each pair: it has no second run
+        self.turn = Signal()
+        self.count = Signal(range(max(size, 2)))
+        self.over = Signal(2)
+        self.last = Signal()
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -59,7 +66,7 @@ class Pair(wiring.Component):
 
     def _push(self, m: Module):
         """Runs go to the two queues in turn."""
-        i, turn, count = self.i, Signal(), Signal(range(max(self.size, 2)))
+        i, turn, count = self.i, self.turn, self.count
         ends, known = Signal(), self.alone.i
         room = Mux(turn, self.runs[1].i.ready, self.runs[0].i.ready)
         m.d.comb += [
@@ -83,7 +90,7 @@ class Pair(wiring.Component):
         """The smaller head of a pair whose first run has come."""
         o, pair = self.o, self.alone.o
         first, second = (run.o for run in self.runs)
-        over, last = Signal(2), Signal()  # a run has been given; the second one ends its batch
+        over, last = self.over, self.last
         left = Signal(2)  # a run has entries that have not been given
         m.d.comb += [left[0].eq(~over[0]), left[1].eq(~over[1] & ~pair.payload)]
         less = Signal()

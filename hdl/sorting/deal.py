@@ -6,7 +6,8 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.holds import never_waits, within
+from splatcore.hdl.lib.credit import Credit
+from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.spec import sort
@@ -217,21 +218,21 @@ class Deal(wiring.Component):
     def _areas(self, m: Module):
         """An area is in use from its first job's being given out until its last one is over."""
         m.submodules.inside = self.inside = Queue(1, JOBS_INSIDE)  # jobs: the last of a round?
-        used, begins, ends = Signal(range(sort.AREAS + 1)), Signal(), Signal()
+        m.submodules.used = used = Credit(sort.AREAS, "areas in use")
+        begins = Signal()
         job, inside = self.jobs_waiting.i, self.inside
         m.d.comb += [
             inside.i.valid.eq(job.valid),
             inside.i.payload.eq(self.ends_round),
             inside.o.ready.eq(self.released),
             begins.eq(inside.i.valid & self.ends_round),
-            ends.eq(self.released & inside.o.valid & inside.o.payload),
-            self.all_used.eq(used == sort.AREAS),
+            used.comes.eq(begins),
+            used.goes.eq(self.released & inside.o.valid & inside.o.payload),
+            self.all_used.eq(~used.room),
             self.job_room.eq(job.ready & inside.i.ready),
         ]
-        m.d.sync += used.eq(used + begins - ends)
         for name, queue in (("jobs", job), ("lists", self.lists_waiting.i), ("inside", inside.i)):
             never_waits(m, name, queue, f"what is given out: {name}")
-        within(m, "areas", begins, ends, sort.AREAS, "more areas are in use than there are")
         with m.If(begins):
             m.d.sync += self.area.eq(Mux(self.area == sort.AREAS - 1, 0, self.area + 1))
 

@@ -88,7 +88,8 @@ class Sort(wiring.Component):
                 runs.release[k].eq(over),
             ]
         first, second = self.halves
-        m.d.comb += merge.written.eq(Mux(self.half, second.written, first.written))
+        # A cycle later than it is so; a job begins when its half has been chosen for a cycle.
+        m.d.sync += merge.written.eq(Mux(self.half, second.written, first.written))
         m.d.comb += merge.found.eq(Mux(self.half, second.head_found, first.head_found))
         with m.If(self.released):
             m.d.sync += self.half.eq(~self.half)

@@ -4,6 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.cascade import Cascade
@@ -30,6 +31,8 @@ class Sorter(wiring.Component):
         o: stream of runs' entries and their target.
         release: a bit for each half: its job is over, entries of it that are inside are dropped.
         idle: no entry is inside.
+        part; begins: a batch begins with the next entry; targets; inside, drops: batches of each
+            half inside a cascade, and how many of these are dropped (for proofs).
 
     **Timing**: that of `hdl.sorting.subsort`, with a batch inside at a time, or of
     `hdl.sorting.cascade`, in which dropped entries go on to the end.
@@ -46,16 +49,23 @@ class Sorter(wiring.Component):
             "idle": Out(1),
         }
         super().__init__(ports)
+        self.trees = config.sub_sorter == "trees"
+        self.part = (SubSorter if self.trees else Cascade)(config)
+        if not self.trees:
+            self.begins = Signal(init=1)
+            self.targets = Queue(target, BATCHES_INSIDE)
+            counts = range(BATCHES_INSIDE + 1)
+            self.inside = [Credit(BATCHES_INSIDE, f"batches of half {k}") for k in range(HALVES)]
+            self.drops = [Signal(counts, name=f"drops{half}") for half in range(HALVES)]
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        trees = self.config.sub_sorter == "trees"
-        m.submodules.part = part = (SubSorter if trees else Cascade)(self.config)
+        m.submodules.part = part = self.part
         m.d.comb += [
             part.i.payload.eq(self.i.payload.entry),
             self.o.payload.entry.eq(part.o.payload),
         ]
-        (self._one_batch if trees else self._batches)(m, part)
+        (self._one_batch if self.trees else self._batches)(m, part)
         return m
 
     def _one_batch(self, m: Module, part: SubSorter):
@@ -77,8 +87,8 @@ class Sorter(wiring.Component):
     def _batches(self, m: Module, part: Cascade):
         """Batches leave in their order; those of a half that is released are dropped there."""
         i, o = self.i, self.o
-        m.submodules.targets = targets = Queue(target_layout(self.config), BATCHES_INSIDE)
-        begins, stale, ends = Signal(init=1), Signal(), Signal()  # a batch begins with the next
+        m.submodules.targets = targets = self.targets
+        begins, stale, ends = self.begins, Signal(), Signal()
         enters = Signal()
         m.d.comb += [
             targets.i.payload.eq(i.payload.to),
@@ -96,16 +106,15 @@ class Sorter(wiring.Component):
         with m.If(i.valid & i.ready):
             m.d.sync += begins.eq(i.payload.entry.last)
         dropped = []
-        for half in range(HALVES):
-            inside, drops = (
-                Signal(range(BATCHES_INSIDE + 1), name=f"{n}{half}") for n in ("inside", "drops")
-            )
-            comes = enters & (i.payload.to.half == half)
-            goes = ends & (targets.o.payload.half == half)
-            m.d.sync += inside.eq(inside + comes - goes)
+        for half, (inside, drops) in enumerate(zip(self.inside, self.drops, strict=True)):
+            m.submodules[f"inside{half}"] = inside
+            m.d.comb += [
+                inside.comes.eq(enters & (i.payload.to.half == half)),
+                inside.goes.eq(ends & (targets.o.payload.half == half)),
+            ]
             with m.If(self.release[half]):
-                m.d.sync += drops.eq(inside - goes)
-            with m.Elif(goes & drops.any()):
+                m.d.sync += drops.eq(inside.count - inside.goes)
+            with m.Elif(inside.goes & drops.any()):
                 m.d.sync += drops.eq(drops - 1)
             dropped.append(drops.any())
         m.d.comb += stale.eq(Mux(targets.o.payload.half, dropped[1], dropped[0]))

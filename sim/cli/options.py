@@ -1,6 +1,8 @@
 """The command line's application object and the arguments that commands share."""
 
+import inspect
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -23,13 +25,22 @@ FOLDER = "DIR"
 """What stands for a folder in the help."""
 
 
+def flowing(text: str) -> str:
+    """A text's paragraphs, each as one line."""
+    return re.sub(r"(?<=\S)\n(?=\S)", " ", inspect.cleandoc(text))
+
+
 class Command(TyperCommand):
     """A command that does not run before its outputs are known to be writable and no input of it.
 
     A parameter of type `Path` is what it writes: a folder if `FOLDER` stands for it in the help,
     else a file, of the type of what stands for it; of A|B the latter with --cameras. A text that
-    names a file or folder, with or without :ID, is what it reads.
+    names a file or folder, with or without :ID, is what it reads. Its help is its docstring, with
+    lines as long as the terminal's.
     """
+
+    def __init__(self, *arguments, help: str | None, **options):
+        super().__init__(*arguments, help=flowing(help or ""), **options)
 
     def invoke(self, context: typer.Context):
         values = [(each, context.params.get(each.name)) for each in self.params]
@@ -76,13 +87,15 @@ app = App(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    help="""Splatcore: an open hardware accelerator for 3D Gaussian Splatting.
+    help=flowing(
+        """Splatcore: an open hardware accelerator for 3D Gaussian Splatting.
 
-    SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG), a packed model where that
-    makes sense, or the name of a generated scene (see `splatcore scene --help`).
+        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG), a packed model where
+        that makes sense, or the name of a generated scene (see `splatcore scene --help`).
 
-    Start with:  splatcore render garden -o garden.png
-    """,
+        Start with:  splatcore render garden -o garden.png
+        """
+    ),
 )
 
 

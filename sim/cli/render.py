@@ -67,6 +67,8 @@ def render_command(
     waves: rtl.WavesOption = None,
     window: rtl.WindowOption = None,
     tile: rtl.TileOption = None,
+    scope: rtl.ScopeOption = None,
+    waves_max: rtl.WavesMaxOption = rtl.WAVES_MAX,
     video: along.VideoOption = None,
     fps: along.RateOption = 30,
     beside: along.BesideOption = None,
@@ -83,7 +85,7 @@ def render_command(
     """
     path.check(camera, cameras, scheduler)
     check_engine(engine, bool(original or heat_map), compare)
-    request = rtl.Request(frames, timing, error_map, waves, window, tile)
+    request = rtl.Request(frames, timing, error_map, waves, window, tile, scope, waves_max)
     film = along.Film(video, fps, beside)
     film.check(cameras, engine, compare)
     if not (output or video):

@@ -21,21 +21,28 @@ from splatcore.sim.common.picture import write_error_map, write_png
 from splatcore.sim.common.source import Source, check_fits, note_unseen
 from splatcore.sim.machine.script import find_timing
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import background_codes
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 
 if TYPE_CHECKING:
     from splatcore.golden import pipeline
-    from splatcore.sim.machine.machine import Job, Run
+    from splatcore.sim.machine.machine import Job, Machine, Run
+    from splatcore.sim.machine.waves import Recording, Window
 
+WAVES_MAX = 1000.0  # MB of waveforms that need no further word
 
 FramesOption = option(int, "N", "rtl: frames of a small orbit; numbered pictures.")
 TimingOption = option(str, "NAME", "rtl: memory, 'ideal' or 'lpddr4' (64 bits of it).")
 ErrorMapOption = option(Path | None, "FILE.png", "rtl: draw the error of the first frame.")
 WavesOption = option(
-    Path | None, "FILE.vcd", "rtl: waveforms of --window or --tile, and FILE.gtkw."
+    Path | None, "FILE", "rtl: waveforms of --window or --tile, .vcd or .fst; and a .gtkw beside."
 )
+ScopeOption = option(
+    str | None, "MODULE", "Module whose signals --waves records, with all in it, like raster.setup."
+)
+WavesMaxOption = option(float, "MB", "Most that --waves may be estimated at.")
 WindowOption = option(str | None, "FIRST:LAST", "Cycles that --waves records.")
 TileOption = option(str | None, "COLUMN,ROW", "Tile whose group --waves records, in frame 0.")
 
@@ -50,6 +57,8 @@ class Request:
     waves: Path | None = None
     window: str | None = None
     tile: str | None = None
+    scope: str | None = None
+    waves_max: float = WAVES_MAX
 
     def check(self, engine: str, output: Path):
         """InputError for what does not go together or cannot be written."""
@@ -63,6 +72,12 @@ class Request:
             raise InputError(f"--frames {self.frames}: is not 1 or more")
         if bool(self.waves) != bool(self.window or self.tile) or (self.window and self.tile):
             raise InputError("--waves: goes with either --window or --tile")
+        if self.scope and not self.waves:
+            raise InputError("--scope: goes with --waves")
+        if self.waves:
+            from splatcore.sim.machine.wave_kind import check_kind
+
+            check_kind(self.waves)
         written = [("-o", numbered(output, k, self.frames)) for k in range(self.frames)]
         check_distinct([*written, *[("--error-map", self.error_map)] * bool(self.error_map)])
         for _, path in written:
@@ -94,7 +109,7 @@ def render_rtl(
     with progress_bar("packing"):
         model = packed_model(source, config, view)
     views = orbit(view, model.position, request.frames)
-    codes = engines.background_codes(config, background)
+    codes = background_codes(config, background)
     jobs = [Job(model, view, codes) for view in views]
     expected = [engines.golden(config, job) for job in jobs]
     for each, frame in zip(views, expected, strict=True):
@@ -132,13 +147,45 @@ def simulated(
 ) -> "Run":
     """What the machine makes of the jobs, the first of which is to be `first`; with waveforms."""
     from splatcore.sim.machine.path import build, simulate
+    from splatcore.sim.machine.wave_kind import check_kind
     from splatcore.sim.machine.waves import Window, write_waves
 
     timing = find_timing(request.timing)
     if not request.waves:
         return simulate(build(config), jobs, timing, label)
     window = Window.of(config, request.window, request.tile, first)
-    return write_waves(build(config, trace=True), jobs, timing, window, request.waves, label)
+    machine = build(config, check_kind(request.waves))
+    recording = planned(config, machine, window, request, first)
+    return write_waves(machine, jobs, timing, recording, label)
+
+
+def planned(
+    config: Config, machine: "Machine", window: "Window", request: Request, first: "pipeline.Frame"
+) -> "Recording":
+    """What is recorded; says how large the file will be, and refuses what is too large."""
+    from splatcore.sim.cycles.frame import frame_cycles
+    from splatcore.sim.machine.wave_kind import DEEPEST, check_kind
+    from splatcore.sim.machine.wave_names import find_scope, within
+    from splatcore.sim.machine.wave_size import estimate
+    from splatcore.sim.machine.waves import Recording, names_of
+
+    found, names = frame_cycles(config, first, find_timing(request.timing)), names_of(machine)
+    recording = Recording(request.waves, window)
+    if request.scope:
+        recording = replace(recording, scope=find_scope(names, request.scope), levels=DEEPEST)
+    recorded = within(names, recording.scope, recording.levels)
+    run = request.frames * (found.preprocessing + found.rendering)
+    cycles = window.count(run, found.rendering)
+    size = estimate(recorded, cycles, check_kind(request.waves)) / 1e6
+    shown = f"{size:.2f}" if size < 10 else f"{size:,.0f}"
+    text = f"about {shown} MB, {len(recorded)} signals in {cycles} cycles"
+    if size > request.waves_max:
+        raise InputError(
+            f"--waves {request.waves}: {text} are above --waves-max {request.waves_max:g}; "
+            "a --scope, a shorter --window or .fst take less"
+        )
+    console.print(f"{request.waves}: {text}", soft_wrap=True)
+    return recording
 
 
 def report(

@@ -1,67 +1,23 @@
-"""The commands `synth`, `fpga` and `memories`: how large the machine's parts are."""
+"""The commands `fpga` and `memories`: how large the machine's parts are on an FPGA and on chip."""
 
 from collections import Counter
 from dataclasses import asdict
 
 import typer
 
-from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES, WHOLE
+from splatcore.hdl.stages import WHOLE
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
 from splatcore.sim.common import paper
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import check_known
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.eda import fpga
-from splatcore.sim.eda.machine_gates import synthesise_machine
-from splatcore.sim.eda.synth import DEPTH_MAX, gates, memories
-from splatcore.spec.config import KB, Config
+from splatcore.sim.eda.synth import memories
+from splatcore.spec.config import KB
 from splatcore.spec.preset import find_preset
 
-PARTS = STAGES | CONTROL | PRIMITIVES
-
-StageOption = option(list[str], "NAME", f"top, {', '.join(PARTS)}.")
 PartOption = option(list[str] | None, "NAME", f"Default: {', '.join(fpga.DEFAULT_PARTS)}.")
 DeviceOption = option(str, None, f"LFE5U: {', '.join(fpga.DEVICES)}.")
-
-
-@app.command("synth")
-def synth_command(stage: StageOption, preset: PresetOption = "DEFAULT", json: JsonOption = None):
-    """Synthesise stages or primitives and say how large and how deep they are.
-
-    Sizes are NAND2-equivalents with flip-flops and without memories, which are listed in bits.
-    Depth is the number of gates on the longest path between registers; 800 MHz in 28 nm leave room
-    for 40. Mapped for area, with the depth that this gives, and mapped for speed.
-
-    top is the whole machine, part by part, and checked for latches, loops, wires of several drivers
-    and of none. It takes a quarter of an hour the first time; parts are kept
-    (see `splatcore cache`).
-    """
-    config = find_preset(preset)
-    check_known("--stage", ("top", *PARTS), *stage)
-    facts = {"preset": config.name}
-    if parts := [name for name in stage if name != "top"]:
-        facts["stages"] = _synthesise_parts(config, parts)
-    if "top" in stage:
-        facts["top"] = synthesise_machine(config)
-    write_json(json, facts)
-
-
-def _synthesise_parts(config: Config, names: list[str]) -> dict:
-    """Print a table of parts on their own; the same for a JSON file."""
-    facts = {}
-    headings = ("NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits")
-    title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
-    table = new_table("stage", headings, title)
-    for name in names:
-        with progress_bar(f"synthesising {name}"):
-            found = gates(PARTS[name](config))
-        nand2 = paper.GATES.get(paper.STAGE_OF.get(name))
-        row = [found.nand2, nand2, found.depth, found.speed_nand2, found.speed_depth]
-        row += [found.flip_flops, found.memory_bits]
-        table.add_row(name, *(shown(value, ",.0f") for value in row))
-        facts[name] = vars(found) | {"memory_bits": found.memory_bits, "paper_nand2": nand2}
-    console.print(table)
-    return facts
 
 
 @app.command(

@@ -22,6 +22,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from splatcore.sim.common.version import version
 from splatcore.spec.error import InputError
 
 console = Console(highlight=False)  # results, on standard output
@@ -130,9 +131,13 @@ def write(path: str | Path, data: bytes):
 
 
 def write_json(path: Path | None, value: object):
-    """Write an object (a dataclass or a dict) as JSON, if there is a path to write to."""
+    """Write an object (a dataclass or a dict) as JSON, if there is a path to write to.
+
+    The key `version` says what made it.
+    """
     if path is not None:
-        value = value if isinstance(value, dict) else asdict(value)
+        value = dict(value) if isinstance(value, dict) else asdict(value)
+        value.setdefault("version", version())
         write(path, (json.dumps(value, indent=2, allow_nan=False) + "\n").encode())
 
 

@@ -24,6 +24,24 @@ GATES_ALL = 1_143_800  # NAND2-equivalents of all of it, as printed: 100 more th
 MEMORIES = {"sort": 56, "feature": 32, "view": 12, "process": 12, "codebook": 8}
 """Kilobytes; `sort` is four key and four value buffers of 4 KB each, and 12 + 12 KB shared."""
 
+AREA = {
+    "stage 0": 4_887, "stage 1": 27_069, "stage 2": 287_820, "stage 3": 33_620, "control": 78_948,
+}  # fmt: skip
+"""um² of logic by stage."""
+
+MEMORY_AREA = {
+    "sort": 113_230, "feature": 56_759, "view": 22_001, "process": 22_001, "codebook": 15_266,
+}  # fmt: skip
+"""um² of memories."""
+
+AREA_ALL = 661_601  # um² of all of it, as printed
+
+UM2_PER_GATE = sum(AREA.values()) / sum(GATES.values())
+
+UM2_PER_KB = sum(MEMORY_AREA.values()) / sum(MEMORIES.values())
+
+CLOCK_HZ = 800e6
+
 MEMORY_POWER = {
     "stage 1": ("codebook", 5.43e-3),
     "stage 2": ("sorting", 42.74e-3),

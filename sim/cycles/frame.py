@@ -16,8 +16,15 @@ from splatcore.sim.cycles.rendering import rendering_cycles
 from splatcore.sim.cycles.sort import cycles as sort_cycles
 from splatcore.sim.machine.script import LPDDR4, Timing
 from splatcore.spec.config import Config
+from splatcore.spec.group import group_grid
 from splatcore.spec.microprogram import culling, program, projection
 from splatcore.spec.schedule import schedule
+
+STAGES = {
+    "preprocessing": ("chunk", "cull", "place", "project", "bin"),
+    "rendering": ("sort", "raster"),
+}
+"""Stages of each half."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,12 @@ class Cycles:
         """Stages, halves and the frame, as results have them."""
         return asdict(self) | {"frame": self.frame}
 
+    @property
+    def binding(self) -> tuple[str, str]:
+        """The half that takes longer, and its stage that does."""
+        half = "preprocessing" if self.preprocessing >= self.rendering else "rendering"
+        return half, max(STAGES[half], key=self.by_name.get)
+
 
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:
     """Cycles of a frame of the golden model. timing: of memory; its latency matters here."""
@@ -59,3 +72,13 @@ def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycle
         preprocessing=preprocessing_cycles(config, frame, timing.latency),
         rendering=rendering_cycles(config, frame, timing.latency),
     )
+
+
+def group_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> np.ndarray:
+    """Cycles [rows, columns] that each group takes of the second half: from the last pixel of the
+    group before to its own; 0 for groups without a splat."""
+    height, width = frame.pixels.shape[:2]
+    ends = np.zeros(len(frame.start) - 1)
+    rendering_cycles(config, frame, timing.latency, ends)
+    ends[ends > 0] = np.diff(ends[ends > 0], prepend=0)
+    return ends.reshape(group_grid(config, width, height))

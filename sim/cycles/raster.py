@@ -20,7 +20,7 @@ from splatcore.spec.raster import BLOCKS, block_count, nth_block, owned, owner
 BLOCKS_A_TILE = BLOCKS**2
 
 # Cycles as the registers and states of stage 3 make them.
-PAIR_LATENCY = 19  # from a splat's coming to its first pair's being marked
+PAIR_LATENCY = 22  # from a splat's coming to its first pair's being marked
 QUEUE_LATENCY = 2  # from a pair's entering a rasterizer's queue to its first block
 BLOCK_LATENCY = 1 + Evaluate.LATENCY  # from a block's being issued to the lanes
 TURN = 8  # from behind a group's last block to the next group's first, at least

@@ -29,8 +29,11 @@ DEALT_TO_MEMORY = 2.65  # an entry that is dealt, as measured, with the port bet
 BEGIN = 40  # from a frame's start to its first entry, and from its last pixel to its end
 
 
-def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
-    """Cycles of a frame's second half. latency: of memory, from a request to its first beat."""
+def rendering_cycles(
+    config: Config, frame: Frame, latency: int, ends: np.ndarray | None = None
+) -> int:
+    """Cycles of a frame's second half. latency: of memory, from a request to its first beat; ends
+    [groups]: takes the cycle in which each group's last pixel has ended, where it has a splat."""
     stage = Raster(config, frame)
 
     def give(first: float, entries: int) -> float:
@@ -55,13 +58,15 @@ def rendering_cycles(config: Config, frame: Frame, latency: int) -> int:
         empty -= min(empty, done - written - last)
         written = done
 
-    for count, spans in zip(counts, cycles, strict=True):
+    for number, (count, spans) in enumerate(zip(counts, cycles, strict=True)):
         if not count:  # it passes stages 2 and 3 by
             stage.number += 1
             continue
         timeline.group(next(found))
         write(stage.end())
         ended, last = stage.clock[END], spans
+        if ends is not None:
+            ends[number] = ended
     write(ended + stage.given)
     return int(written + empty) + BEGIN + 2 * latency
 

@@ -22,6 +22,7 @@ from splatcore.sim.common.table import new_table
 from splatcore.sim.eda.hierarchy import Hierarchy, Instance
 from splatcore.sim.eda.macros import Macros, memory_name
 from splatcore.sim.eda.synth import DEPTH_MAX, Netlist, yosys
+from splatcore.sim.rtl.convert import collecting_rarely
 from splatcore.spec.config import Config
 
 
@@ -89,7 +90,9 @@ class Size:
 
 def netlist(config: Config) -> Hierarchy:
     """The whole machine without its memories."""
-    return Hierarchy(rtlil.convert(Top(config), name="top", platform=Macros(), emit_src=False))
+    with collecting_rarely():
+        text = rtlil.convert(Top(config), name="top", platform=Macros(), emit_src=False)
+    return Hierarchy(text)
 
 
 def part_of(path: str) -> Part | None:
@@ -97,13 +100,20 @@ def part_of(path: str) -> Part | None:
     return next((part for part in PARTS if re.fullmatch(part.path, path)), None)
 
 
-def pieces(hierarchy: Hierarchy) -> list[tuple[Part, Netlist]]:
-    """Each instance of each part, cut out."""
+def placed_pieces(hierarchy: Hierarchy) -> list[tuple[Part, str, Netlist]]:
+    """Each instance of each part: its path, and its netlist, cut out."""
     places: dict[Part, list[Instance]] = {part: [] for part in PARTS}
     for instance in hierarchy.instances():
         if part := part_of(instance.path):
             places[part].append(instance)
-    return [(part, hierarchy.piece(root, part_of)) for part in PARTS for root in places[part]]
+    return [
+        (part, root.path, hierarchy.piece(root, part_of)) for part in PARTS for root in places[part]
+    ]
+
+
+def pieces(hierarchy: Hierarchy) -> list[tuple[Part, Netlist]]:
+    """Each instance of each part, cut out."""
+    return [(part, netlist) for part, _, netlist in placed_pieces(hierarchy)]
 
 
 def whole(hierarchy: Hierarchy) -> Netlist:

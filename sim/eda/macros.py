@@ -36,9 +36,13 @@ endmodule
 """
 
 
-def memory_name(words: int, bits: int) -> str:
+PREFIX = "splatcore"
+"""What names of modules begin with, unless other names are asked for."""
+
+
+def memory_name(words: int, bits: int, prefix: str = PREFIX) -> str:
     """The module of a memory of that size."""
-    return f"splatcore_memory_{words}x{bits}"
+    return f"{prefix}_memory_{words}x{bits}"
 
 
 def memory_size(module: str) -> tuple[int, int]:
@@ -47,10 +51,10 @@ def memory_size(module: str) -> tuple[int, int]:
     return words, bits
 
 
-def _text(template: str, words: int, bits: int) -> str:
+def _text(template: str, words: int, bits: int, prefix: str = PREFIX) -> str:
     address, data = (words - 1).bit_length() - 1, bits - 1
     ports = PORTS.format(address=address, data=data)
-    name = memory_name(words, bits)
+    name = memory_name(words, bits, prefix)
     return template.format(name=name, ports=ports, data=data, last=words - 1)
 
 
@@ -59,9 +63,9 @@ def box(words: int, bits: int) -> str:
     return _text(BOX, words, bits)
 
 
-def module(words: int, bits: int) -> str:
+def module(words: int, bits: int, prefix: str = PREFIX) -> str:
     """Verilog of a memory from which tools make what the target has: block RAM, or flip-flops."""
-    return _text(MODULE, words, bits)
+    return _text(MODULE, words, bits, prefix)
 
 
 class Macros:
@@ -71,11 +75,12 @@ class Macros:
     begins with a value. Memories with an asynchronous read port stay as they are: they become
     flip-flops.
 
-    sizes: (words, bits) of each memory that was replaced.
+    prefix: what the names of their modules begin with. sizes: (words, bits) of each memory that
+    was replaced.
     """
 
-    def __init__(self):
-        self.sizes: list[tuple[int, int]] = []
+    def __init__(self, prefix: str = PREFIX):
+        self.prefix, self.sizes = prefix, []
 
     def get_memory(self, memory: Memory):
         """The module that stands for a memory; called by Amaranth."""
@@ -88,7 +93,7 @@ class Macros:
         self.sizes.append(size)
         m = Module()
         m.submodules.macro = Instance(
-            memory_name(*size),
+            memory_name(*size, self.prefix),
             i_clk=ClockSignal(),
             i_write_enable=write.en, i_write_address=write.addr, i_write_data=write.data,
             i_read_enable=read.en, i_read_address=read.addr, o_read_data=read.data,

@@ -1,6 +1,7 @@
-"""The register map for people and for drivers: a page, and a C header with sizes and numbers."""
+"""The register map: a page for people, a C header for drivers, SystemRDL for other tools."""
 
 import re
+from dataclasses import dataclass
 from inspect import getsource
 from math import frexp
 from pathlib import Path
@@ -8,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.sim.common.output import write
-from splatcore.sim.eda.verilog import filled
+from splatcore.sim.eda.macros import PREFIX
+from splatcore.sim.eda.template import filled
 from splatcore.spec import registers
 from splatcore.spec.axi import ID_BITS, READERS, WRITERS
 from splatcore.spec.binning import groups_max
@@ -23,8 +25,12 @@ from splatcore.spec.registers import (
     DETAIL_BITS,
     FRAME_START,
     HALVES_AT,
+    WIDE,
     WORD,
     ErrorCode,
+    Register,
+    frame_registers,
+    high_registers,
     register_map,
 )
 from splatcore.spec.work import (
@@ -37,7 +43,11 @@ from splatcore.spec.work import (
     scratch_bytes,
 )
 
-FILES = ("registers.md", "splatcore.h")
+FILES = ("registers.md", "splatcore.h", "splatcore.rdl", "splatcore_camera.h")
+"""Files that depend on the machine, each with its template."""
+
+DRIVER = ("splatcore_driver.h", "splatcore_driver.c", "splatcore_camera.c")
+"""Files of the example driver that do not."""
 
 BITS = {
     "CONTROL": {
@@ -75,8 +85,47 @@ DETAILS = {
 """The detail, of errors that have one."""
 
 
-def write_register_files(config: Config, folder: Path) -> list[Path]:
-    """Write the page and the C header into a folder; their paths."""
+@dataclass(frozen=True)
+class Field:
+    """Bits of a register. low: the lowest one; encode: the enumeration of its values."""
+
+    name: str
+    low: int
+    width: int
+    about: str
+    encode: str = ""
+
+
+def fields(register: Register) -> list[Field]:
+    """Fields of a register; a value that is one whole is the field VALUE."""
+    if register.name == "ERROR":
+        about = "this half has given up its frame by an error"
+        return [
+            Field("CODE", 0, CODE_BITS, "the first error", "splatcore_error"),
+            Field("DETAIL", CODE_BITS, DETAIL_BITS, "says more of it"),
+            *(Field(name, HALVES_AT + k, 1, about) for k, name in enumerate(HALVES)),
+        ]
+    bits = BITS.get(register.name.removesuffix("_ENABLE"))
+    if bits is None:
+        return [Field("VALUE", 0, register.width, register.about)]
+    return [Field(name, mask.bit_length() - 1, 1, about) for name, (mask, about) in bits.items()]
+
+
+RDL_ACCESS = {
+    "read": "sw = r; hw = w;",
+    "write": "sw = rw; hw = r;",
+    "frame": "sw = rw; hw = r;",
+    "clear": "sw = rw; hw = rw; woclr;",
+    "any": "sw = rw; hw = rw; onwrite = wclr;",
+    "control": "sw = w; hw = r; singlepulse;",
+}
+"""Properties in SystemRDL by access; any: ERROR, which any write clears."""
+
+
+def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> list[Path]:
+    """Write the page, the description, the header and the driver into a folder; their paths.
+
+    prefix: what names of files begin with, and in lower or upper case those in C and SystemRDL."""
     folder.mkdir(parents=True, exist_ok=True)
     # as the comments in `ErrorCode` have them
     meanings = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
@@ -94,10 +143,29 @@ def write_register_files(config: Config, folder: Path) -> list[Path]:
         "number": number_facts(config.arithmetic),
         "halves": HALVES,
     } | {"READERS": READERS, "WRITERS": WRITERS, "WORD": WORD, "CODE_BITS": CODE_BITS}
+    facts |= {"fields": fields, "access": RDL_ACCESS, "locked": "; locked while points are made"}
     facts |= {"DETAIL_BITS": DETAIL_BITS, "HALVES_AT": HALVES_AT}
-    for name in FILES:
-        write(folder / name, filled(name, **facts).encode())
-    return [folder / name for name in FILES]
+    facts |= {"view": {"VIEW_WORDS": view_words(config)}, "wide": WIDE}
+    texts = {name: filled(name, **facts) for name in FILES}
+    texts |= {name: Path(__file__).with_name(name).read_text() for name in DRIVER}
+    texts = {renamed(name, prefix): renamed(text, prefix) for name, text in texts.items()}
+    for name, text in texts.items():
+        write(folder / name, text.encode())
+    return [folder / name for name in texts]
+
+
+def renamed(text: str, prefix: str) -> str:
+    """A text in which names of C and SystemRDL, and of files, begin with another prefix."""
+    names = {PREFIX: prefix, PREFIX.upper(): prefix.upper()}
+    found = rf"\b(?:{'|'.join(names)})(?=_|\.(?:h|rdl|xml)\b| \{{)"
+    return re.sub(found, lambda name: names[name[0]], text)
+
+
+def view_words(config: Config) -> int:
+    """How many registers depend on background and camera: the last ones of a frame but for those
+    of addresses' upper bits."""
+    names = [register.name for register in frame_registers(config)]
+    return len(names) - len(high_registers(config)) - names.index("BACKGROUND_RED")
 
 
 def sizes(config: Config) -> dict[str, int]:
@@ -106,6 +174,7 @@ def sizes(config: Config) -> dict[str, int]:
         "WIDTH_MAX": config.width_max,
         "HEIGHT_MAX": config.height_max,
         "SH_DEGREE_MAX": config.sh_degree,
+        "ADDRESS_BITS": config.address_bits,
         "GROUPS_MAX": groups_max(config),
         "MODEL_ALIGNMENT": ALIGNMENT,
         "WORK_ALIGNMENT": WORK_ALIGNMENT,

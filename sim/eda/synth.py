@@ -21,6 +21,7 @@ from amaranth.lib import wiring
 
 from splatcore.sim.common.cache import kept_json
 from splatcore.sim.eda.macros import Macros, box
+from splatcore.sim.rtl.convert import collecting_rarely
 
 TRANSISTORS_PER_NAND2 = 4
 
@@ -30,7 +31,8 @@ DEPTH_MAX = 40
 Of 1.25 ns the clock takes about a fifth: clock to output, setup, skew and jitter. A NAND2 at the
 slow corner of such a process, with three loads and its wire, takes what an inverter with four
 takes, 25 ps at most: 1.0 ns / 25 ps. Tools that size gates do better; what is counted here are
-plain inverters, NANDs, NORs and two-level gates.
+plain inverters, NANDs, NORs and two-level gates. In a library's cells a gate takes more than that,
+and paths lead across parts: docs/silicon.md.
 """
 
 UNMAPPED = """
@@ -99,13 +101,20 @@ class Netlist:
     def of(cls, component: wiring.Component) -> "Netlist":
         """A component's."""
         macros = Macros()
-        text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
+        with collecting_rarely():
+            text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
         return cls(text, tuple(macros.sizes))
 
-    def run(self, script: str, summary: Callable[[dict[str, str]], Any]) -> Any:
-        """A summary of what a script leaves behind; kept for the next time."""
+    def run(
+        self,
+        script: str,
+        summary: Callable[[dict[str, str]], Any],
+        files: dict[str, str] | None = None,
+    ) -> Any:
+        """A summary of what a script leaves behind; kept for the next time. files: further ones
+        that the script reads."""
         boxes = "".join(box(*size) for size in sorted(set(self.memories)))
-        files = {"top.il": self.text, "macros.v": boxes}
+        files = {"top.il": self.text, "macros.v": boxes} | (files or {})
         return kept_json("synth", (YOSYS, script, files), lambda: summary(yosys(script, files)))
 
     def mapped(self, script: str) -> dict[str, float]:

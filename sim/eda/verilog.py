@@ -3,22 +3,27 @@
 import re
 import subprocess
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from amaranth.back import verilog
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from splatcore.hdl.lib.holds import BUILT
 from splatcore.hdl.stages import STAGES
 from splatcore.hdl.top import Top
 from splatcore.sim.common.output import write
 from splatcore.sim.common.table import comma_separated
-from splatcore.sim.eda.macros import Macros, memory_name, module
+from splatcore.sim.eda.macros import PREFIX, Macros, memory_name, module
+from splatcore.sim.eda.names import readable, without_source
+from splatcore.sim.eda.register_files import write_register_files
+from splatcore.sim.eda.template import filled
+from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.verilator import environment
+from splatcore.spec.axi import ID_BITS
 from splatcore.spec.config import CLOCK_HZ, KB, Config
+from splatcore.spec.registers import register_map
 
 HEADER = """\
 // Splatcore {name}, preset {preset}. Generated; the source is {source}.
@@ -40,34 +45,41 @@ MEMORIES_HEADER = """\
 WAIVERS = Path(__file__).with_name("waivers.vlt")
 """Messages of lint that generated Verilog may cause, each with its reason."""
 
-TOP = "splatcore_top"
-
-MEMORIES_FILE = "splatcore_memories.v"
-
-INSTANCE = re.compile(r"^  (splatcore_\w+) +\\?(\S+) +\($", re.M)
+INSTANCE = re.compile(r"^  (\w+) +(\w+) +\($", re.M)
 
 RESET_CYCLES = 2
 
-ENVIRONMENT = Environment(
-    loader=PackageLoader("splatcore.sim.eda", "."),
-    undefined=StrictUndefined,
-    keep_trailing_newline=True,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+
+@dataclass(frozen=True)
+class Names:
+    """What Verilog is written with. prefix: of the names of modules and files. source_lines:
+    whether attributes `src` name lines of Python."""
+
+    prefix: str = PREFIX
+    source_lines: bool = True
+
+    @property
+    def top(self) -> str:
+        """The machine's module."""
+        return f"{self.prefix}_top"
+
+    @property
+    def sources(self) -> list[str]:
+        """The machine's files of Verilog."""
+        return [f"{self.prefix}_memories.v", f"{self.top}.v"]
 
 
-def filled(name: str, **facts) -> str:
-    """The template `NAME.jinja` beside this file with these facts."""
-    return ENVIRONMENT.get_template(f"{name}.jinja").render(facts)
+NAMES = Names()
 
 
-def memory_list(shapes: list[tuple[int, int]], instances: Iterable[tuple[str, str]]) -> str:
+def memory_list(
+    shapes: list[tuple[int, int]], instances: Iterable[tuple[str, str]], prefix: str
+) -> str:
     """Memories as CSV: module, words, bits, ports, how many there are, which instances.
 
     instances: (path, module) of all modules of the machine.
     """
-    places: dict[str, list[str]] = {memory_name(*shape): [] for shape in shapes}
+    places: dict[str, list[str]] = {memory_name(*shape, prefix): [] for shape in shapes}
     for path, name in instances:
         if name in places:
             places[name].append(path)
@@ -80,17 +92,28 @@ def memory_list(shapes: list[tuple[int, int]], instances: Iterable[tuple[str, st
     return comma_separated(rows)
 
 
-def core(config: Config, top: str, sources: list[str], waivers: str) -> str:
+def core(config: Config, names: Names) -> str:
     """A core file for FuseSoC."""
-    facts = {"config": config, "version": version("splatcore")}
-    return filled("splatcore.core", **facts, top=top, sources=sources, waivers=waivers)
+    facts = {"config": config, "names": names, "waivers": WAIVERS.name}
+    return filled("splatcore.core", version=version("splatcore"), **facts)
 
 
-def constraints(config: Config, component: wiring.Component) -> str:
-    """Constraints for synthesis and timing at `CLOCK_HZ`."""
+def testbench(config: Config, names: Names) -> str:
+    """A testbench for any simulator, of registers alone."""
+    facts = {"registers": register_map(config), "ids": ID_BITS, "reset": RESET_CYCLES}
+    return filled("testbench.v", config=config, names=names, **facts)
+
+
+def ports_of(component: wiring.Component) -> dict[bool, list[str]]:
+    """Names of its inputs (True) and outputs in Verilog, without clk and rst."""
     ports: dict[bool, list[str]] = {True: [], False: []}
     for path, member, _ in component.signature.flatten(component):
         ports[member.flow == In].append("__".join(map(str, path)))
+    return ports
+
+
+def constraints(config: Config, ports: dict[bool, list[str]]) -> str:
+    """Constraints for synthesis and timing at `CLOCK_HZ`. ports: inputs (True) and outputs."""
     period = 1e9 / CLOCK_HZ
     times = {"period": period, "uncertainty": period / 10, "half": period / 2}
     facts = {"config": config, "megahertz": CLOCK_HZ / 1e6, "reset": RESET_CYCLES}
@@ -98,15 +121,19 @@ def constraints(config: Config, component: wiring.Component) -> str:
 
 
 def stage_source(
-    name: str, component: wiring.Component, config: Config, platform: Macros | None = None
+    name: str,
+    component: wiring.Component,
+    config: Config,
+    platform: Macros | None = None,
+    names: Names = NAMES,
 ) -> str:
     """Verilog text of a component, its docstring on top; memories are inside without a platform."""
     about = "\n".join(f"// {line}".rstrip() for line in (component.__doc__ or "").splitlines())
     source = type(component).__module__.removeprefix("splatcore.").replace(".", "/") + ".py"
     head = HEADER.format(name=name, source=source, preset=config.name, about=about)
-    name = f"splatcore_{name}"
-    text = verilog.convert(component, name, platform or BUILT, emit_src=False)
-    return f"{head}\n{_plain(text, name)}"
+    module = f"{names.prefix}_{name}"
+    text = readable(_plain(converted(component, module, platform or BUILT, emit_src=True), module))
+    return f"{head}\n{text if names.source_lines else without_source(text)}"
 
 
 def _plain(text: str, top: str) -> str:
@@ -121,7 +148,7 @@ def _plain(text: str, top: str) -> str:
         return f"{name} "
 
     text = re.sub(rf"\\{top}\.\S+ ", rename, text)
-    return re.sub(r"^  wire \[-1:0\] .*;\n", "", text, flags=re.M)
+    return re.sub(r"^(?:  \(\*.*\*\)\n)?  wire \[-1:0\] .*;\n", "", text, flags=re.M)
 
 
 def instances(text: str, top: str) -> Iterator[tuple[str, str]]:
@@ -137,27 +164,28 @@ def instances(text: str, top: str) -> Iterator[tuple[str, str]]:
     return visit(top, top)
 
 
-def write_stages(config: Config, folder: Path) -> list[Path]:
+def write_stages(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
     """Write every stage of a machine into a folder, and the waivers; the paths of the files."""
     texts = {
-        f"splatcore_{k}.v": stage_source(k, make(config), config) for k, make in STAGES.items()
+        f"{names.prefix}_{k}.v": stage_source(k, make(config), config, names=names)
+        for k, make in STAGES.items()
     }
     return _written(folder, texts)
 
 
-def write_top(config: Config, folder: Path) -> list[Path]:
+def write_top(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
     """Write the whole machine into a folder, its memories, and what tools want to know of them."""
-    top, macros = Top(config), Macros()
-    source = stage_source("top", top, config, macros)
+    top, macros = Top(config), Macros(names.prefix)
+    source = stage_source("top", top, config, macros, names)
     shapes = sorted(set(macros.sizes))
     memories = MEMORIES_HEADER.format(preset=config.name)
-    memories += "\n".join(module(*shape) for shape in shapes)
+    memories += "\n".join(module(*shape, names.prefix) for shape in shapes)
     texts = {
-        f"{TOP}.v": source,
-        MEMORIES_FILE: memories,
-        "memories.csv": memory_list(shapes, instances(source, TOP)),
-        "splatcore.core": core(config, TOP, [MEMORIES_FILE, f"{TOP}.v"], WAIVERS.name),
-        "splatcore.sdc": constraints(config, top),
+        **dict(zip(names.sources, (memories, source), strict=True)),
+        "memories.csv": memory_list(shapes, instances(source, names.top), names.prefix),
+        f"{names.prefix}.core": core(config, names),
+        f"{names.prefix}_testbench.v": testbench(config, names),
+        f"{names.prefix}.sdc": constraints(config, ports_of(top)),
     }
     return _written(folder, texts)
 
@@ -172,8 +200,13 @@ def _written(folder: Path, texts: dict[str, str]) -> list[Path]:
     return list(paths)
 
 
-WRITERS = {"top": write_top, "stages": write_stages}
-"""Files to write, by name: functions of a machine and a folder that return paths."""
+def write_registers(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
+    """Write what software wants to know of a machine into a folder; the paths of the files."""
+    return write_register_files(config, folder, names.prefix)
+
+
+WRITERS = {"top": write_top, "registers": write_registers, "stages": write_stages}
+"""Files to write, by name: functions of a machine, a folder and names that return paths."""
 
 
 def lint(top: str, *paths: Path) -> list[str]:

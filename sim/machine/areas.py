@@ -6,15 +6,18 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.sim.machine.script import MAPPED, Region
-from splatcore.spec.axi import ADDRESS_BITS
+from splatcore.spec.axi import ADDRESS_BITS, window_bits
 from splatcore.spec.binning import PAGE_BITS, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.registers import address_values
 from splatcore.spec.work import aligned, page_bytes, scratch_bytes, stride, work
 
 BASE = 1 << 28  # address of memory's first byte: what reads or writes at 0 by mistake is found out
 GAP = 1 << 12  # bytes between areas that must not be accessed
+
+SPREAD = 0x9E3779B1  # odd, so that its multiples are as many windows, all over the address space
 
 WORK_AREAS = 2
 IMAGES = 2
@@ -27,16 +30,16 @@ FILL = 1 << 20  # bytes of noise that memory begins with, again and again
 
 @dataclass(frozen=True)
 class Areas:
-    """The memory of a run. models: addresses; pages, features: what the areas hold."""
+    """The memory of a run. models, images: addresses; pages, features: what the areas hold;
+    registers: of frames that have the work areas in turn."""
 
     models: tuple[int, ...]
     pages: int
     features: int
-    registers: dict[str, int]
+    registers: tuple[dict[str, int], ...]
     images: tuple[int, ...]
     regions: tuple[Region, ...]
     end: int
-    base: int = BASE
 
     def region(self, name: str) -> Region:
         """The region of that name."""
@@ -45,7 +48,7 @@ class Areas:
     def read(self, memory: np.ndarray, name: str) -> np.ndarray:
         """The bytes of a region in a run's memory."""
         region = self.region(name)
-        return memory[region.begin - BASE : region.end - BASE]
+        return memory[region.at : region.at + region.size]
 
 
 def place_areas(
@@ -58,7 +61,9 @@ def place_areas(
     """Areas for models and images of these sizes (width, height).
 
     pages, features: of a work area, instead of what is enough for any frame of the models, or
-    (pages) likely to be. InputError if addresses do not suffice.
+    (pages) likely to be. Of a machine with addresses of 64 bits each area has a window of its own,
+    and so have both parts of work areas that one register is for. InputError if addresses do not
+    suffice.
     """
     count = max([1, *map(len, models)])
     if pages is None:
@@ -70,8 +75,10 @@ def place_areas(
     def add(name: str, size: int, writable: bool = True) -> int:
         nonlocal place
         begin, place = place, place + aligned(size) + GAP
-        regions.append(Region(name, begin, size, writable))
-        return begin
+        number = SPREAD * (1 + len(regions)) % (1 << window_bits(config))
+        address = begin + (number << ADDRESS_BITS)
+        regions.append(Region(name, address, size, writable, begin - BASE))
+        return address
 
     starts = tuple(add(f"model{k}", len(model.image), False) for k, model in enumerate(models))
     offsets = work(config, pages, features)
@@ -87,16 +94,23 @@ def place_areas(
     images = tuple(add(f"image{k}", largest) for k in range(IMAGES))
     if place > 1 << ADDRESS_BITS:
         raise InputError(f"memory of {place - BASE} bytes: there are addresses of 32 bits only")
-    registers = dict(zip(("GROUPS", "LISTS", "FEATURES"), found[0], strict=True))
-    registers |= {"WORK_AREA": found[1][0] - found[0][0], "LISTS_PAGES": pages}
-    registers |= {"FEATURES_MAX": features, "SCRATCH": scratch}
-    return Areas(starts, pages, features, registers, images, tuple(regions), place - GAP)
+    registers = []
+    for parts in found.values():
+        values = {"LISTS_PAGES": pages, "FEATURES_MAX": features}
+        for name, begin in zip(("GROUPS", "LISTS", "FEATURES"), parts, strict=True):
+            values |= address_values(config, name, begin)
+        registers.append(values | address_values(config, "SCRATCH", scratch))
+    first, second = registers
+    first["WORK_AREA"] = second["WORK_AREA"] = second["GROUPS"] - first["GROUPS"]
+    # Only the upper bits are each work area's own.
+    second |= {name: first[name] for name in ("GROUPS", "LISTS", "FEATURES")}
+    return Areas(starts, pages, features, tuple(registers), images, tuple(regions), place - GAP)
 
 
 def make_memory(folder: Path, areas: Areas, models: list[PackedModel], seed: int = 0) -> None:
     """The file of a run's memory: models, and noise everywhere else."""
     noise = np.random.default_rng(seed).integers(0, 256, FILL, np.uint8)
     memory = np.resize(noise, areas.end - BASE)
-    for address, model in zip(areas.models, models, strict=True):
-        memory[address - BASE : address - BASE + len(model.image)] = model.image
+    for k, model in enumerate(models):
+        areas.read(memory, f"model{k}")[:] = model.image
     memory.tofile(folder / MAPPED)

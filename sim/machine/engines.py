@@ -11,7 +11,7 @@ from splatcore.sim.machine.path import build, simulate
 from splatcore.sim.machine.script import IDEAL
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
-from splatcore.spec.colour import colour_format
+from splatcore.spec.colour import background_codes
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.convention import SPLATCORE, Convention
 from splatcore.spec.error import InputError
@@ -30,12 +30,6 @@ def cycles(run: Run) -> dict[str, int | float | None]:
     frame = round(float(np.mean(run.frame_cycles))) if run.frame_cycles else single
     halves = {"preprocessing": first[0], "rendering": second[0]}
     return halves | {"frame": frame, "fps_at_800mhz": round(CLOCK_HZ / frame, 1)}
-
-
-def background_codes(config: Config, background: tuple[float, float, float]) -> tuple[int, ...]:
-    """Codes of a colour 0 … 1, in units of 255/256."""
-    colour = colour_format(config).encode(np.array(background) * 255 / 256)
-    return tuple(int(code) for code in colour)
 
 
 def golden(config: Config, job: Job) -> pipeline.Frame:

@@ -3,12 +3,16 @@
 // A wait takes what the interrupt says into `pending`, each time with the cycle at which it rose,
 // and ends when a bit that it waits for is there. An error that nobody waits for, or a machine that
 // stands still, ends the script; its last part, from `finally` on, is done all the same.
+//
+// With `live` lines of standard input follow the script, each read when the one before is done; the
+// answer to each command goes to standard output, `answer` with its value and response.
 
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
+#include <iostream>
 #include <string>
 #include <vector>
 
@@ -85,13 +89,13 @@ struct Host {
     size_t next = 0, at = 0, last_resort = 0;
     uint64_t left = 0, cycle = 0, rose = 0;
     enum { nothing, access, waiting, asking, clearing, counting, resetting } doing = resetting;
-    bool raised = false, over = false, moved = false;
+    bool raised = false, over = false, moved = false, live;
     std::string result = "done";
 
     Host(Vtop& top, Memory& memory, Settings& s)
         : top(top), memory(memory), settings(s), lite(top, s), script(s.read("script")),
           report(std::fopen((s.folder + "/report").c_str(), "w")),
-          interrupt_register(s.number("interrupt")), left(2) {
+          interrupt_register(s.number("interrupt")), left(2), live(!s.all("live").empty()) {
         at = last_resort = script.size();
         for (size_t k = 0; k < script.size(); k++)
             if (script[k][0] == "finally") last_resort = k + 1;
@@ -101,6 +105,10 @@ struct Host {
         if (at < script.size())
             std::fprintf(report, "%zu %llu %llu %u\n", at, (unsigned long long)cycle,
                          (unsigned long long)value, response);
+        if (live && at < script.size()) {
+            std::printf("answer %llu %u\n", (unsigned long long)value, response);
+            std::fflush(stdout);
+        }
         doing = nothing;
     }
     // What is left after a failure is done in the script's last part, and once only.
@@ -111,6 +119,9 @@ struct Host {
         doing = nothing;
     }
     void begin() {
+        std::string text;
+        if (next == script.size() && live && std::getline(std::cin, text))
+            script.push_back(words(text));
         if (next == script.size()) { over = true; return; }
         at = next++;
         const std::string& command = script[at][0];
@@ -123,7 +134,8 @@ struct Host {
     }
     void save() {  // address, bytes, name of the file
         FILE* file = std::fopen((settings.folder + "/" + script[at][3]).c_str(), "wb");
-        std::fwrite(memory.data + (number(1) - memory.base), 1, number(2), file);
+        const Region* region = memory.holds(number(1), number(2));
+        if (region) std::fwrite(memory.place(*region, number(1)), 1, number(2), file);
         std::fclose(file);
     }
     void wait() {

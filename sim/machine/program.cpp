@@ -24,13 +24,22 @@
 int main(int argc, char** argv) {
     Verilated::commandArgs(argc, argv);
     Settings settings(argv[1]);
+#if WAVES || TOGGLES
+    Verilated::traceEverOn(true);
+#endif
+#if WAVES
+    if (!settings.all("names").empty()) {
+        Vtop top;
+        Waves waves(top, settings);
+        waves.dump(0);  // without values a FST is not whole
+        waves.close();
+        return 0;
+    }
+#endif
     int file = open((settings.folder + "/memory").c_str(), O_RDWR);
     uint64_t size = settings.number("size");
     void* data = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (data == MAP_FAILED) { std::perror("memory"); return 2; }
-#if WAVES || TOGGLES
-    Verilated::traceEverOn(true);
-#endif
     Vtop top;
     Memory memory(top, settings, static_cast<uint8_t*>(data));
     Host host(top, memory, settings);

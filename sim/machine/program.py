@@ -21,6 +21,7 @@ CONFIG = f"""\
 #include <cstdint>
 
 #define WAVES {{waves}}
+#define FST {{fst}}
 #define TOGGLES {{toggles}}
 
 constexpr uint64_t BEAT = {{beat}}, BOUNDARY = {BOUNDARY};
@@ -30,17 +31,18 @@ constexpr uint32_t ID_BITS = {ID_BITS};
 
 
 def compiled(
-    config: Config, source: str, trace: bool = False, toggles: bool = False, level: str = FAST
+    config: Config, source: str, trace: str = "", toggles: bool = False, level: str = FAST
 ) -> Path:
-    """The program for a machine's Verilog; with `trace` it can write waveforms of the stages'
-    ports (VCD), with `toggles` it counts how often each net changes (SAIF). level: of the C++
+    """The program for a machine's Verilog; with `trace`, "vcd" or "fst", it can write waveforms of
+    any module, with `toggles` it counts how often each net changes (SAIF). level: of the C++
     compiler."""
-    more = ("--trace", "--trace-depth", "4") if trace else ()
+    more = (f"--trace-{trace}", "--no-trace-params") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")
-    beat, waves = port_bytes(config), int(trace and not toggles)
+    beat, waves = port_bytes(config), int(bool(trace) and not toggles)
     settings = CONFIG.format(
-        waves=waves, toggles=int(toggles), beat=beat, beat_bits=beat.bit_length() - 1
-    )
+        waves=waves, fst=int(trace == "fst"), toggles=int(toggles), beat=beat,
+        beat_bits=beat.bit_length() - 1,
+    )  # fmt: skip
     main, made = FOLDER / "program.cpp", {"config.hpp": settings}
     return build(source, main, made, FOLDER.glob("*.hpp"), more, level)

@@ -100,12 +100,14 @@ def find_timing(name: str) -> Timing:
 
 @dataclass(frozen=True)
 class Region:
-    """Bytes of memory that the machine may read, and write if `writable`."""
+    """Bytes of memory that the machine may read, and write if `writable`. begin: its address; at:
+    its place in memory's file."""
 
     name: str
     begin: int
     size: int
-    writable: bool = True
+    writable: bool
+    at: int
 
     @property
     def end(self) -> int:
@@ -113,9 +115,8 @@ class Region:
 
 
 class Memory(Protocol):
-    """Facts of memory that `execute` needs. base: the address of its first byte."""
+    """Facts of memory that `execute` needs."""
 
-    base: int
     regions: tuple[Region, ...]
 
 
@@ -257,6 +258,19 @@ def read_report(path: Path, config: Config) -> Report:
     return report
 
 
+def prepare(
+    folder: Path, script: Script, memory: Memory, timing: Timing, settings: Mapping[str, str]
+) -> None:
+    """Write what a run on a folder's memory file needs besides; settings: its limits, and more."""
+    lines = [*timing.settings, f"size {(folder / MAPPED).stat().st_size}"]
+    lines += [f"interrupt {script.addresses['INTERRUPT']}"]
+    for r in memory.regions:
+        lines.append(f"region {r.name} {r.begin} {r.end} {int(r.writable)} {r.at}")
+    lines += [f"{name} {value}" for name, value in settings.items()]
+    (folder / "settings").write_text("\n".join(lines) + "\n")
+    (folder / "script").write_text("\n".join(script.lines) + "\n")
+
+
 def execute(
     program: Path,
     folder: Path,
@@ -274,13 +288,8 @@ def execute(
     progress: told of cycles and of the image's bytes that have been written, twice a second.
     settings: more lines for the program. Raises SimulationError if the program breaks off.
     """
-    size = (folder / MAPPED).stat().st_size
-    lines = [*timing.settings, f"base {memory.base}", f"size {size}", f"idle_max {idle_max}"]
-    lines += [f"cycles_max {cycles_max}", f"interrupt {script.addresses['INTERRUPT']}"]
-    lines += [f"region {r.name} {r.begin} {r.end} {int(r.writable)}" for r in memory.regions]
-    lines += [f"{name} {value}" for name, value in (settings or {}).items()]
-    (folder / "settings").write_text("\n".join(lines) + "\n")
-    (folder / "script").write_text("\n".join(script.lines) + "\n")
+    limits = {"idle_max": str(idle_max), "cycles_max": str(cycles_max)}
+    prepare(folder, script, memory, timing, limits | dict(settings or {}))
     with subprocess.Popen(
         [program, str(folder), *state_of(timing.seed)],
         stdout=subprocess.PIPE,

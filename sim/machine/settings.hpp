@@ -12,6 +12,13 @@
 
 using Line = std::vector<std::string>;
 
+inline Line words(const std::string& text) {
+    std::istringstream given(text);
+    Line line;
+    for (std::string word; given >> word;) line.push_back(word);
+    return line;
+}
+
 struct Settings {
     std::string folder;
     std::map<std::string, std::vector<Line>> lines;
@@ -27,9 +34,7 @@ struct Settings {
         std::ifstream file(folder + "/" + name);
         std::vector<Line> found;
         for (std::string text; std::getline(file, text);) {
-            std::istringstream words(text);
-            Line line;
-            for (std::string word; words >> word;) line.push_back(word);
+            Line line = words(text);
             if (!line.empty()) found.push_back(line);
         }
         return found;

@@ -1,22 +1,41 @@
-// Waveforms (VCD) of a part of a run.
+// Waveforms (VCD or FST) of a part of a run.
 
 #pragma once
 
 #include "Vtop.h"
 #include "memory.hpp"
 #include "settings.hpp"
+
+#if FST
+#include "verilated_fst_c.h"
+using Traced = VerilatedFstC;
+constexpr const char* WAVES_FILE = "/waves.fst";
+#else
 #include "verilated_vcd_c.h"
+using Traced = VerilatedVcdC;
+constexpr const char* WAVES_FILE = "/waves.vcd";
+#endif
+
+// The file: signals of a module and of so many levels of modules in it, of all without.
+struct Waves : Traced {
+    Waves(Vtop& top, Settings& s) {
+        top.trace(this, 99);
+        if (!s.all("scope").empty()) {
+            Line scope = s.all("scope")[0];
+            dumpvars(std::stoi(scope[0]), scope[1]);
+        }
+        open((s.folder + WAVES_FILE).c_str());
+    }
+};
 
 // Writes down a window: given cycles, or from a read of an address until a rectangle's bytes of the
 // image have been written.
 struct Window {
-    VerilatedVcdC vcd;
+    Waves waves;
     uint64_t first = 0, last = UINT64_MAX, image = 0, stride = 1, x0 = 0, x1 = 0, y0 = 0, y1 = 0;
     int64_t left = 0;
     uint64_t begun = UINT64_MAX, ended = UINT64_MAX;
-    Window(Vtop& top, Memory& memory, Settings& s) {
-        top.trace(&vcd, 99);
-        vcd.open((s.folder + "/waves.vcd").c_str());
+    Window(Vtop& top, Memory& memory, Settings& s) : waves(top, s) {
         auto all = [&](const char* name) {
             std::vector<uint64_t> found;
             for (auto& word : s.all(name)[0]) found.push_back(std::stoull(word));
@@ -46,7 +65,7 @@ struct Window {
         if (cycle < first || cycle > last) return;
         if (begun == UINT64_MAX) begun = cycle;
         ended = cycle;
-        vcd.dump(10 * cycle + 5 * high);
+        waves.dump(10 * cycle + 5 * high);
     }
-    void close() { vcd.close(); }
+    void close() { waves.close(); }
 };

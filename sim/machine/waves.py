@@ -1,9 +1,9 @@
-"""Waveforms of a part of a run: a VCD file, and beside it a view of the stages' streams."""
+"""Waveforms of a part of a run: a VCD or FST file, and beside it a view of the stages' streams."""
 
 import re
 import shutil
+import subprocess
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,14 +15,24 @@ from splatcore.sim.machine.diagnosis import place_in_group
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.script import Timing
+from splatcore.sim.machine.wave_kind import LEVELS
+from splatcore.sim.machine.wave_names import Signal, signals
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
 from splatcore.spec.group import group_grid, group_pixels
 from splatcore.spec.work import PIXEL, SLOT, page_bytes, stride
 
-SCOPES = (3, 4)
-"""Depths of modules whose streams the view shows: the halves with the bus, and the stages."""
+WHOLE = "TOP"  # the module around the machine
+
+OVERLAP, MORE = 1.5, 300
+"""Cycles of a group by those of its share of a frame's entries; cycles that are added."""
+
+VIEW = ".gtkw"  # the end of GTKWave's save files
+
+CLOCK = ("clk", "rst")
+BINARY, HEXADECIMAL, GROUP, GROUP_END = "@28", "@22", "@800200", "@1000200"
+"""How GTKWave shows the next lines, by its flags."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +41,7 @@ class Window:
     its list to the last of its pixels.
 
     offset: where its list begins in list memory (in_lists), or its place in the table of groups if
-    it has none. rectangle: x0, x1, y0, y1 of the group's pixels.
+    it has none. rectangle: x0, x1, y0, y1 of the group's pixels. share: of all entries in its list.
     """
 
     cycles: tuple[int, int] | None = None
@@ -39,6 +49,7 @@ class Window:
     offset: int = 0
     width: int = 0
     rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
+    share: float = 0.0
 
     @classmethod
     def of(cls, config: Config, window: str | None, tile: str | None, golden: Frame) -> "Window":
@@ -57,70 +68,95 @@ class Window:
         y, x = (k * side for k in divmod(group, group_grid(config, width, height)[1]))
         rectangle = x, min(x + side, width), y, min(y + side, height)
         if lists.count[group]:
-            return cls(None, True, int(lists.page[group]) * page_bytes(config), width, rectangle)
+            page = int(lists.page[group]) * page_bytes(config)
+            share = float(lists.count[group] / lists.count.sum())
+            return cls(None, True, page, width, rectangle, share)
         return cls(None, False, group * SLOT, width, rectangle)
+
+    def count(self, run: int, rendering: int) -> int:
+        """About how many cycles it has, in a run of so many, the second half of a frame `rendering`
+        of them. A group is read while an earlier one is rasterized."""
+        if self.cycles is None:
+            return min(round(OVERLAP * self.share * rendering) + MORE, run)
+        first, last = self.cycles
+        return max(min(last, run) - first, 0) + 1
 
     def settings(self, areas: Areas) -> dict[str, str]:
         """Lines for the program."""
         if self.cycles:
             return {"window": f"{self.cycles[0]} {self.cycles[1]}"}
         x0, x1, y0, y1 = self.rectangle
-        start = areas.registers["LISTS" if self.in_lists else "GROUPS"] + self.offset
+        start = areas.region("lists0" if self.in_lists else "groups0").begin + self.offset
         numbers = start, areas.images[0], stride(self.width), x0 * PIXEL, x1 * PIXEL, y0, y1
         return {"watch": " ".join(map(str, numbers))}
 
 
+@dataclass(frozen=True)
+class Recording:
+    """Waveforms to be written: the window, and a module with so many levels of modules, itself
+    included."""
+
+    path: Path
+    window: Window
+    scope: str = WHOLE
+    levels: int = LEVELS
+
+
 def write_waves(
-    machine: Machine, jobs: list[Job], timing: Timing, window: Window, path: Path, label: str
+    machine: Machine, jobs: list[Job], timing: Timing, recording: Recording, label: str
 ) -> Run:
-    """Run frames, write what happens in the window to a VCD file, and a view beside it."""
+    """Run frames, write what happens in the window to a VCD or FST file, and a view beside it."""
+    path, window = recording.path, recording.window
+
+    def settings(areas: Areas) -> dict[str, str]:
+        return window.settings(areas) | {"scope": f"{recording.levels} {recording.scope}"}
+
     with TemporaryDirectory(prefix="splatcore") as name:
-        run = simulate(machine, jobs, timing, label, settings=window.settings, keep=Path(name))
+        run = simulate(machine, jobs, timing, label, settings=settings, keep=Path(name))
         if run.report.window is None:
             raise InputError(f"--waves {path}: the run ended before the window began")
-        shutil.move(Path(name) / "waves.vcd", path)
-    write(path.with_suffix(".gtkw"), view(path, run.report.window).encode())
+        [made] = Path(name).glob("waves.*")
+        shown = view(path, run.report.window, list(signals(made)))
+        shutil.move(made, path)
+    write(path.with_suffix(VIEW), shown.encode())
     return run
 
 
-def view(path: Path, window: tuple[int, int]) -> str:
-    """GTKWave's save file: the streams of the stages, module by module."""
+def names_of(machine: Machine) -> list[Signal]:
+    """All signals of which a machine can write waveforms."""
+    with TemporaryDirectory(prefix="splatcore") as name:
+        folder = Path(name)
+        (folder / "settings").write_text("names all\n")
+        subprocess.run([machine.program, name], check=True, stdout=subprocess.DEVNULL)
+        [made] = folder.glob("waves.*")
+        return list(signals(made))
+
+
+def view(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
+    """GTKWave's save file: the streams of each module, a group for each stream with its valid,
+    ready, payload and the payload's fields."""
     lines = [f'[dumpfile] "{path.absolute()}"', f"[timestart] {10 * window[0]}"]
-    lines += ["[signals_width] 320", "[sst_expanded] 1", "@28", "TOP.clk", "TOP.rst"]
+    lines += ["[signals_width] 320", "[sst_expanded] 1"]
     modules = defaultdict(dict)
-    for scope, name, width in signals(path):
-        modules[scope][name] = width
-    for scope, names in modules.items():
-        streams = [
-            name.removesuffix("__valid")
-            for name in names
-            if name.endswith("__valid") and name.removesuffix("__valid") + "__ready" in names
-        ]
-        if not streams:
+    for signal in names:
+        modules[signal.scope][signal.name] = signal.width
+    lines += [f"@28\nTOP.{name}" for name in CLOCK if name in modules["TOP"]]
+    for scope, widths in modules.items():
+        ends = (name.removesuffix("__valid") for name in widths if name.endswith("__valid"))
+        streams = [stream for stream in ends if f"{stream}__ready" in widths]
+        if not streams or scope == "TOP":
             continue
         lines += ["@200", f"-{scope}"]
         for stream in streams:
-            lines += ["@28", *(f"{scope}.{stream}__{end}" for end in ("valid", "ready"))]
-            if width := names.get(f"{stream}__payload", 0):
-                bits = f"[{width - 1}:0]" if width > 1 else ""
-                lines += ["@22" if bits else "@28", f"{scope}.{stream}__payload{bits}"]
+            payload = f"{stream}__payload"
+            members = [f"{stream}__valid", f"{stream}__ready", payload]
+            members += [name for name in widths if name.startswith(f"{payload}.")]
+            lines += [GROUP, f"-{stream}"]
+            for name in (member for member in members if member in widths):
+                bits = f"[{widths[name] - 1}:0]" if widths[name] > 1 else ""
+                lines += [HEXADECIMAL if bits else BINARY, f"{scope}.{name}{bits}"]
+            lines += [GROUP_END, f"-{stream}"]
     return "\n".join(lines) + "\n"
-
-
-def signals(path: Path) -> Iterator[tuple[str, str, int]]:
-    """Scope, name and width of the signals of a VCD file that are in `SCOPES`."""
-    scopes = []
-    with open(path) as file:
-        for line in file:
-            words = line.split()
-            if words[:1] == ["$scope"]:
-                scopes.append(words[2])
-            elif words[:1] == ["$upscope"]:
-                scopes.pop()
-            elif words[:1] == ["$var"] and len(scopes) in SCOPES:
-                yield ".".join(scopes), words[4], int(words[2])
-            elif words[:1] == ["$enddefinitions"]:
-                return
 
 
 def _two(text: str, option: str, between: str) -> tuple[int, int]:

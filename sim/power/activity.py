@@ -14,7 +14,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from amaranth.back import verilog
 
 from splatcore.hdl.top import Top
 from splatcore.sim.common.cache import kept_json
@@ -28,6 +27,7 @@ from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.program import TOGGLES
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.sim.power.saif import duration, nets
+from splatcore.sim.rtl.convert import converted
 from splatcore.spec.config import Config
 from splatcore.spec.energy import ENERGY
 from splatcore.spec.error import InputError
@@ -87,7 +87,7 @@ class Counts:
 def machine_source(config: Config) -> str:
     """The machine's Verilog with memories as modules, so that their enables are nets."""
     macros = Macros()
-    text = verilog.convert(Top(config), name="top", platform=macros, emit_src=False)
+    text = converted(Top(config), platform=macros)
     return text + "".join(module(*size) for size in sorted(set(macros.sizes)))
 
 

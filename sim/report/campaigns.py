@@ -175,18 +175,27 @@ def rates(results: Results) -> Iterator[Item]:
     )  # fmt: skip
 
 
-def density(results: Results) -> Iterator[Item]:
-    """Maps of how many splats reach each tile, each scene's densest view, all on one scale."""
-    facts, found = results.rows("work")
-    densest: dict[str, tuple[str, np.ndarray]] = {}
-    for row in found:
+def densest(facts: Facts, rows: list[Facts]) -> dict[str, np.ndarray]:
+    """Tiles of each scene's densest view, by the view's name; kept results have no others."""
+    found: dict[str, tuple[str, np.ndarray]] = {}
+    for row in rows:
         name = f"{row['scene']} {row['camera']}"
+        if name not in facts["density"]:
+            continue
         tiles = np.array(facts["density"][name])
         if tiles.ndim != 2 or not tiles.size:
             raise InputError(f"{facts.file}: density.{name}: is no table of tiles")
-        if row["scene"] not in densest or tiles.mean() > densest[row["scene"]][1].mean():
-            densest[row["scene"]] = name, tiles
-    maps = dict(densest.values())
+        if row["scene"] not in found or tiles.mean() > found[row["scene"]][1].mean():
+            found[row["scene"]] = name, tiles
+    if not found:
+        raise InputError(f"{facts.file}: density: has nothing about these scenes")
+    return dict(found.values())
+
+
+def density(results: Results) -> Iterator[Item]:
+    """Maps of how many splats reach each tile, each scene's densest view, all on one scale."""
+    facts, found = results.rows("work")
+    maps = densest(facts, found)
     rows = math.ceil(len(maps) / MAPS_IN_A_ROW)
     most = max(int(tiles.max()) for tiles in maps.values())
     norm = LogNorm(1, max(2, most))

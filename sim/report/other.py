@@ -70,7 +70,7 @@ def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
 
 def sheet(results: Results) -> Iterator[Item]:
     """All cases' pictures with their errors."""
-    path = results.path("hard").parent / SHEET
+    path = results.beside("hard") / SHEET
     try:
         with Image.open(path) as image:
             data = shrunk(image.convert("RGB"))
@@ -87,12 +87,12 @@ def sheet(results: Results) -> Iterator[Item]:
     )
 
 
-def shrunk(image: Image.Image) -> bytes:
-    """A picture as PNG, made smaller until the page can take it."""
+def shrunk(image: Image.Image, most: int = SHEET_BYTES) -> bytes:
+    """A picture as PNG of so many bytes at most, made smaller as long as it has more."""
     while True:
         buffer = io.BytesIO()
         image.save(buffer, "PNG", optimize=True)
-        if buffer.tell() <= SHEET_BYTES:
+        if buffer.tell() <= most:
             return buffer.getvalue()
         image = image.resize([max(1, int(side * SHRINK)) for side in image.size], Image.LANCZOS)
 

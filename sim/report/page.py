@@ -56,7 +56,7 @@ class Column:
 @dataclass
 class Table:
     """Rows of as many values as columns. key: its file's name; sources: results it is made of;
-    strong: rows that sum up or stand out."""
+    strong: rows that sum up or stand out; commands, versions: that made these results."""
 
     key: str
     caption: str
@@ -65,6 +65,7 @@ class Table:
     sources: Sequence[str] = ()
     strong: frozenset[int] = frozenset()
     commands: list[str] = field(default_factory=list)
+    versions: list[str] = field(default_factory=list)
 
     def cells(self) -> list[list[str]]:
         """All cells as printed."""
@@ -75,7 +76,7 @@ class Table:
 
     def facts(self) -> dict:
         """For the JSON file."""
-        about = {"caption": self.caption, "commands": self.commands}
+        about = {"caption": self.caption, "commands": self.commands, "versions": self.versions}
         headings = [column.heading for column in self.columns]
         return about | {"columns": headings, "rows": list(map(list, self.rows))}
 
@@ -100,6 +101,11 @@ class Figure:
     uri: str = ""
     sources: Sequence[str] = ()
     commands: list[str] = field(default_factory=list)
+    versions: list[str] = field(default_factory=list)
+
+    def facts(self) -> dict:
+        """For the JSON file."""
+        return {"caption": self.caption, "commands": self.commands, "versions": self.versions}
 
 
 def plotted(
@@ -185,10 +191,7 @@ def facts(parts: list[Part]) -> dict:
                 "title": part.title,
                 "summary": [vars(card) for card in part.shown("card")],
                 "tables": {table.key: table.facts() for table in part.shown("table")},
-                "figures": {
-                    figure.key: {"caption": figure.caption, "commands": figure.commands}
-                    for figure in part.shown("figure")
-                },
+                "figures": {figure.key: figure.facts() for figure in part.shown("figure")},
                 "problems": part.problems,
             }
             for part in parts

@@ -1,4 +1,5 @@
-"""Results that a report is made of: files that rules of the Makefile leave in a folder."""
+"""Results that a report is made of: files that rules of the Makefile leave in a folder, and for
+those that are not there the tables that the repository keeps."""
 
 import json
 import shlex
@@ -8,6 +9,7 @@ from pathlib import Path
 
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.common.source import VIEW_SIZE
+from splatcore.sim.report.kept import files, read_kept
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -17,7 +19,8 @@ ALL = "SCENES SIZE PRESET"
 SOURCES = {
     "scenes": ("scenes/scenes.csv", ALL),
     "budget": ("budget.json", ALL),
-    "sweep": ("sweep/sweep.json", "SCENES SIZE"),
+    "quality": ("quality/quality.json", ALL),
+    "sweep": ("sweep/sweep.json", "SCENES SIZE POINTS"),
     "programs": ("programs.json", "PRESET"),
     "programs-paper": ("programs-paper.json", ""),
     "synth": ("synth.json", "PRESET"),
@@ -30,6 +33,7 @@ SOURCES = {
     "hard-paper": ("hard-paper/hard.json", ""),
     "fpga-tiny": ("fpga-tiny.json", ""),
     "fpga": ("fpga.json", "PRESET"),
+    "compression": ("compression/compression.json", "SCENES"),
 }
 """Files by name, and the variables of make that their rules take. `fit` has no rule, as only its
 user knows what to ask it for."""
@@ -105,17 +109,22 @@ def measured_with(facts: dict) -> Options:
 
 @dataclass
 class Results:
-    """A folder of results. used: names of the results asked for since it was emptied; troubles:
-    faults that leave a result to show."""
+    """A folder of results. kept: another one, of tables, for what is missing there; used: names of
+    the results asked for since it was emptied; troubles: faults that leave a result to show."""
 
     folder: Path
     options: Options = field(default_factory=Options)
+    kept: Path | None = None
     used: list[str] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)
     _found: dict[str, Options] = field(default_factory=dict)
+    _commands: dict[str, str] = field(default_factory=dict)
+    _versions: dict[str, str] = field(default_factory=dict)
 
     def command(self, name: str) -> str:
         """The command that makes a result; one that exists tells the options it was made with."""
+        if name in self._commands:
+            return self._commands[name]
         (file, takes), asked = SOURCES[name], self.options
         found = self._found.get(name, Options())
         values = {
@@ -125,6 +134,28 @@ class Results:
         }
         given = [f"{key}={value}" for key, value in values.items() if value and key in takes]
         return shlex.join(["make", f"RESULTS={self.folder}", *given, str(self.folder / file)])
+
+    def version(self, name: str) -> str:
+        """What made a result, as far as it has been read and says so."""
+        return self._versions.get(name, "")
+
+    def is_kept(self, name: str) -> bool:
+        """Whether a result is read from the kept tables: there is none in the folder."""
+        if self.kept is None or (self.folder / SOURCES[name][0]).exists():
+            return False
+        return any(path.exists() for path in files(name, self.kept))
+
+    def from_kept(self, name: str) -> Facts:
+        """A kept result's content; its command and its version are what it says."""
+        self.used.append(name)
+        found = Facts(read_kept(name, self.kept), str(next(iter(files(name, self.kept)))))
+        self._commands[name], self._versions[name] = found["command"], found["version"]
+        return found
+
+    def beside(self, name: str) -> Path:
+        """The folder of a result, where its pictures are."""
+        self.used.append(name)
+        return self.kept if self.is_kept(name) else self.path(name).parent
 
     def path(self, name: str) -> Path:
         """A result's file; InputError if it is missing."""
@@ -136,9 +167,13 @@ class Results:
 
     def facts(self, name: str) -> Facts:
         """A result's content; InputError if it is of another size or machine than asked for."""
-        found = read(self.path(name))
+        if self.is_kept(name):
+            found = self.from_kept(name)
+        else:
+            found = read(self.path(name))
+            self._found[name] = measured_with(found)
+            self._versions[name] = found.get("version", "")
         self.check(found, SOURCES[name][1])
-        self._found[name] = measured_with(found)
         return found
 
     def campaign(self, name: str) -> Facts:
@@ -184,8 +219,14 @@ class Results:
         return [row for row in rows if not asked or row["scene"] in asked]
 
     def several(self, name: str, pattern: str) -> Iterator[Facts]:
-        """Contents of all JSON files beside a result's own."""
+        """Contents of all JSON files beside a result's own; of a kept one its rows."""
+        if self.is_kept(name):
+            yield from self.from_kept(name)["rows"]
+            return
+        versions: dict[str, None] = {}
         for path in sorted(self.path(name).parent.glob(pattern)):
             found = read(path)
             self._found[name] = measured_with(found)
+            versions[found.get("version", "")] = None
+            self._versions[name] = "; ".join(filter(None, versions))
             yield found

@@ -9,7 +9,7 @@ from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.paper import FPS
 from splatcore.sim.common.plot import legend_below, mark, side_by_side, stacked
 from splatcore.sim.report.page import MILLION, NONE, Card, Column, Item, Table, plotted
-from splatcore.sim.report.results import Facts, Results
+from splatcore.sim.report.results import SOURCES, Facts, Results
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
 
@@ -81,9 +81,12 @@ def names(rows: Sequence[Facts]) -> list[str]:
 
 
 def of_views(rows: list[Facts]) -> tuple[list[Column], Callable[[Facts], list], str]:
-    """Columns of each view, with size and memory if rows differ there; their cells; and what all
-    rows have alike of both, for a caption."""
-    texts = {"size": lambda row: row["size"], "memory": lambda row: row["timing"]["name"]}
+    """Columns of each view, with size, memory and packing if rows differ there; their cells; and
+    what all rows have alike of these, for a caption."""
+    texts = {
+        "size": lambda row: row["size"], "memory": lambda row: row["timing"]["name"],
+        "packing": lambda row: f"packed {row.get('quality') or 'as small as is good enough'}",
+    }  # fmt: skip
     differ = [text for text in texts.values() if len({text(row) for row in rows}) > 1]
     alike = [text(rows[0]) for text in texts.values() if text not in differ]
     columns = [*VIEW, *(Column(name) for name, text in texts.items() if text in differ)]
@@ -97,9 +100,26 @@ def of_views(rows: list[Facts]) -> tuple[list[Column], Callable[[Facts], list], 
 HALVES = ("preprocessing", "rendering", "frame")
 
 
+def left_out(results: Results, rows: list[Facts]) -> None:
+    """Views that were rendered by the golden model and not simulated are a trouble, by name."""
+    try:
+        _, others = results.rows("quality")
+    except InputError:  # its own section says so
+        return
+    done = {(row["scene"], row["camera"]) for row in rows}
+    first = {(row["scene"], row["camera"]): row for row in others}
+    if missing := [row for view, row in first.items() if view not in done]:
+        place = results.folder
+        results.troubles.append(
+            f"not simulated in RTL: {', '.join(names(missing))}; made by: "
+            f"make RESULTS={place} {place}/{SOURCES['scenes'][0]}"
+        )
+
+
 def measured(results: Results) -> Iterator[Item]:
     """Cycles and error of each view."""
     rows = views(results)
+    left_out(results, rows)
     columns, view, alike = of_views(rows)
     yield from cards(of_memory(rows))
     yield Table(

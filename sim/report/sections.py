@@ -5,7 +5,17 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatcore.sim.common.output import write
-from splatcore.sim.report import budget, campaigns, other, paper_tables, scenes, sweep
+from splatcore.sim.report import (
+    budget,
+    campaigns,
+    compression,
+    other,
+    paper_tables,
+    published,
+    quality,
+    scenes,
+    sweep,
+)
 from splatcore.sim.report.page import Item, Part, facts, html
 from splatcore.sim.report.results import Results
 from splatcore.spec.error import InputError
@@ -20,6 +30,12 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
         "a float64 renderer's of the same packed model (machine) and of the scene as it is "
         "(scene), 8-bit pictures of all.",
         scenes.BLOCKS,
+    ),
+    "quality": (
+        "What bytes buy",
+        "Packed models from few bytes a Gaussian to many, all at once as the machine renders them: "
+        "its picture against the scene as it is, and cycles by the cycle model.",
+        quality.QUALITY,
     ),
     "budget": (
         "Where the error comes from",
@@ -41,6 +57,11 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
         "and where they cannot: docs/paper.md.",
         paper_tables.BLOCKS,
     ),
+    "published": (
+        "Published accelerators",
+        "Other machines for 3D Gaussian Splatting, by what their authors print.",
+        published.PUBLISHED_SECTION,
+    ),
     "ablation": (
         "What each idea buys",
         "The same scenes with the machine's savings switched on one after the other.",
@@ -51,6 +72,12 @@ SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
         "Rates of culling and of early termination, how busy the processing elements are, and "
         "how many splats reach each tile.",
         campaigns.WORK,
+    ),
+    "compression": (
+        "Compression",
+        "Pruning, distillation and quantisation with fine-tuning between, to models that the "
+        "machine reads as they are: docs/compression.md.",
+        compression.COMPRESSION,
     ),
     "power": (
         "Power: an estimate",
@@ -101,6 +128,8 @@ def compose(name: str, results: Results) -> Part:
         card.section = name
     for item in (*part.shown("table"), *part.shown("figure")):
         item.commands += [results.command(source) for source in dict.fromkeys(item.sources)]
+        versions = map(results.version, dict.fromkeys(item.sources))
+        item.versions = list(dict.fromkeys(filter(None, versions)))
         item.commands = item.commands or [f"splatcore report --section {name} -o DIR"]
     return part
 

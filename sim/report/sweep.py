@@ -155,7 +155,7 @@ def cells(row: Facts | None) -> list:
 def confirmed(results: Results) -> Iterator[Item]:
     """Points that were simulated in RTL."""
     _, points = swept(results)
-    found = {name: point["rtl"] for name, point in points.items() if point["rtl"]}
+    found = {name: point["rtl"] for name, point in points.items() if point.get("rtl")}
     if not found:
         return
     yield Table(

@@ -13,12 +13,12 @@ from xml.etree import ElementTree
 
 import cocotb
 import cocotb_tools.config
-from amaranth.back import verilog
 from amaranth.lib import wiring
 from cocotb_tools.runner import get_runner
 
 from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.rtl.build import SPLIT, library
+from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.initial import STATE, state_of, without_initial
 from splatcore.sim.rtl.verilator import environment
 
@@ -75,7 +75,7 @@ def parameters() -> dict:
 
 def build(component: wiring.Component, simulator: str) -> Path:
     """Folder of the compiled simulation, made unless it is there already."""
-    sources = {"top.v": verilog.convert(component, name="top", emit_src=False)}
+    sources = {"top.v": converted(component)}
     if simulator == "verilator":
         sources["top.v"] = without_initial(sources["top.v"])
         sources["top.vlt"] = _control_file(component)

@@ -22,14 +22,10 @@ def state_of(seed: int) -> list[str]:
 REGISTER = re.compile(r"^(\s*reg .+ )= \d+'h[0-9a-f]+;$", re.M)
 MEMORY = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.M)
 
-CONSTANT = re.compile(r"^  always @\*\n(    \S+ ?(?:\[[^]]*\] )?= \d+'h[0-9a-f]+;)$", re.M)
-"""A block that gives a wire a constant: it waits for a change of nothing, so a simulator may never
-run it, and the wire would keep what it began with."""
-
 
 def without_initial(source: str) -> str:
     """Verilog of Amaranth without initial values of registers, and of memories without contents.
 
-    Memories with contents, some word of which is not 0, keep them, and wires that never change.
+    Memories with contents, some word of which is not 0, keep them.
     """
-    return CONSTANT.sub(r"  initial\n\1", MEMORY.sub("", REGISTER.sub(r"\1;", source)))
+    return MEMORY.sub("", REGISTER.sub(r"\1;", source))

@@ -12,11 +12,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from amaranth.back import verilog
 from amaranth.hdl import Shape
 from amaranth.lib import stream, wiring
 
 from splatcore.sim.rtl.build import CPP, SimulationError, build
+from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.coverage import counted
 from splatcore.sim.rtl.initial import state_of
 
@@ -101,7 +101,7 @@ class Simulation:
     ):
         self.ports, self.samples = Ports.of(component), tuple(samples)
         _check_names("output", self.samples, self.ports.out)
-        source = source or verilog.convert(component, name="top", emit_src=counted())
+        source = source or converted(component, emit_src=counted())
         made = {"ports.hpp": _ports_header(self.ports, self.samples, source)}
         self.program = build(source, CPP / "stream.cpp", made)
 

@@ -30,6 +30,18 @@ def environment() -> dict[str, str]:
     }
 
 
+def has_headers(*names: str) -> bool:
+    """Whether the C++ compiler that Verilator uses finds these headers."""
+    compiler = shutil.which(os.environ.get("CXX", "g++"))
+    if compiler is None:
+        return False
+    text = "".join(f"#include <{name}>\n" for name in names)
+    done = subprocess.run(
+        [compiler, "-E", "-x", "c++", "-"], input=text.encode(), capture_output=True, check=False
+    )
+    return done.returncode == 0
+
+
 def _version(program: str | None) -> tuple[int, ...]:
     """Version of a verilator; () if there is none."""
     if program is None:

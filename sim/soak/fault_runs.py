@@ -15,7 +15,7 @@ import numpy as np
 from splatcore.golden.pipeline import Frame, render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.machine.areas import BASE, Areas, make_memory, place_areas
+from splatcore.sim.machine.areas import Areas, make_memory, place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing, execute
 from splatcore.sim.soak.machines import machine
@@ -224,7 +224,7 @@ def _spoil(folder: Path, areas: Areas, fields: dict[str, int]):
     """Other values in the header of B's model."""
     memory = np.memmap(folder / "memory", np.uint8, "r+")
     for name, value in fields.items():
-        at = areas.models[SPOILT] - BASE + HEADER.offset(name) // 8
+        at = areas.region(f"model{SPOILT}").at + HEADER.offset(name) // 8
         width = HEADER[name].width // 8
         memory[at : at + width] = np.frombuffer(value.to_bytes(width, "little"), np.uint8)
     memory.flush()

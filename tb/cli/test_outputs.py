@@ -84,6 +84,7 @@ def test_nothing_is_overwritten_unasked(place, capsys, arguments):
 UNWRITABLE = {
     "verilog -o file": "file: is no folder",
     "registers -o file": "file: is no folder",
+    "example -o file": "file: is no folder",
     "registers -o file/x": "file/x: there is no folder",
     "report -o file": "file: is no folder",
     "bench work one -o file": "file: is no folder",

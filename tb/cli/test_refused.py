@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -123,6 +124,10 @@ BAD = {
     "render scene.ply --engine rtl --waves w.vcd -o a.png": "--window or --tile",
     "render scene.ply --engine rtl --window 1:2 -o a.png": "--waves",
     f"{WAVES} --window 2": "--window '2'",
+    "render scene.ply --engine rtl --scope top -o a.png": "--scope: goes with --waves",
+    "render scene.ply --engine rtl --waves w.ghw --window 1:2 -o a.png": "w.ghw: does not end with",
+    "render scene.ply --scope top -o a.png": "--scope: goes with --engine rtl",
+    "render scene.ply --waves-max 9 -o a.png": "--waves-max: goes with --engine rtl",
     f"{WAVES} --tile 1,0": "--tile 1,0.*9x9",
     "render scene.ply --engine gpu -o a.png": "gpu",
     "render scene.ply --preset HUGE -o a.png": "HUGE.*DEFAULT, PAPER, TINY",
@@ -137,7 +142,7 @@ BAD = {
     "render degree3.splatcore --engine golden --preset paper -o a.png": "degree 3.*up to 1",
     "render degree1.splatcore --engine golden --preset paper -o a.png": "PAPER.*compact",
     "render scene.splatcore --engine golden --preset paper -o a.png": "'chunk', .*PAPER 'absolute'",
-    "report -o out --section speed": r"--section 'speed': unknown \(there are scenes, budget",
+    "report -o out --section speed": r"--section 'speed': unknown \(there are scenes, quality",
     "report -o out --size 3": "--size '3': is not WIDTHxHEIGHT",
     "report -o out --preset HUGE": "preset 'HUGE': unknown",
     "report -o out --scene none.ply": r"none\.ply",
@@ -145,7 +150,11 @@ BAD = {
     "scene jungle -o a.ply": "jungle.*garden",
     "scene garden --count 0 -o a.ply": "count: 0",
     "synth --stage roof": "'roof'.*project",
+    "synth --stage add -o out": "-o out: goes with --liberty",
+    "synth --stage add --process 130": "--process 130.0: goes with --liberty",
+    "synth --stage add --liberty scene.ply": "scene.ply: not a liberty file",
     "verilog -o none/rtl": "none/rtl",
+    "example -o none/a": "none/a",
 }
 """Arguments → a pattern of what is said of them."""
 
@@ -175,7 +184,7 @@ HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
     "scene": list(GENERATORS)[:3], "bench": ["sort"], "bench sort": ["--lengths"],
     "soak": ["frames", "faults"], "soak frames": ["--only"],
     "hard": [*HARD, "52 dB"],
-    "report": ["make report", "--section", "report.html", "needs no network", *SECTIONS],
+    "report": ["make results", "--keep", "--section", "report.html", "needs no network", *SECTIONS],
 }  # fmt: skip
 """Commands, and what their help tells."""
 
@@ -183,6 +192,10 @@ HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
 @pytest.mark.parametrize("command", HELP)
 def test_help(command, capsys):
     assert run(*command.split(), "--help") == 0
-    text = re.sub(r"\s|│", "", capsys.readouterr().out)
+    told = capsys.readouterr().out
+    for line, following in pairwise(told.partition("╭")[0].splitlines()):
+        words = (*line.split(), *following.split()[:1])
+        assert not line.strip() or not following.strip() or len(" ".join(words)) > 70, line
+    text = re.sub(r"\s|│", "", told)
     assert len(text) > 300 and "--no-run" not in text
     assert all("".join(words.split()) in text for words in HELP[command])

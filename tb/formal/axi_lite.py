@@ -1,19 +1,16 @@
 """Properties of an AXI4-Lite slave, the registers, as a component to prove."""
 
 from amaranth.hdl import Assert, Cover, Module, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import Out
 
-from splatcore.hdl.registers import WORD_BITS, Registers
+from splatcore.hdl.registers import WORD_BITS
 from splatcore.spec.axi import OKAY
-from tb.formal.axi_rules import channel, kept, open_ones, passes, within
-from tb.helpers.parts import forward
+from tb.formal.axi_rules import Around, channel, kept, open_ones, passes, within
 
 ROOM = 2  # questions of a channel inside: one being done, one answered that is not taken
 LATENCY = 1  # cycles without an answer, with a question inside
 
 
-class Answers(wiring.Component):
+class Answers(Around):
     """Registers, before a master of which nothing is assumed: it may withdraw its offers.
 
     Asserted: an answer is kept until it is taken; there is none without its question, an address
@@ -23,14 +20,8 @@ class Answers(wiring.Component):
     OKAY if it was done, and only then.
     """
 
-    def __init__(self, part: Registers):
-        super().__init__({"part": Out(part.signature)})
-        self.inner = part
-
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.part = part = self.inner
-        forward(m, self.part, part)
+        m, part = self.placed(), self.inner
         port = part.s_axi
         for name in ("b", "r"):
             kept(m, *channel(port, name))

@@ -1,9 +1,34 @@
 """Rules that all channels of AXI4 and AXI4-Lite have in common, as assertions on a port."""
 
+from collections.abc import Callable
+
 from amaranth.hdl import Assert, Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
+from amaranth.lib.wiring import Out
+
+from splatcore.hdl.lib.stream import Register
+from tb.helpers.parts import forward
 
 MOST = 7  # of what is counted here; no part holds as many
+
+
+class Around(wiring.Component):
+    """A part with rules about it; its inputs are free.
+
+    Members
+        part: all ports of the part. inner: the part itself.
+    """
+
+    def __init__(self, part: wiring.Component):
+        super().__init__({"part": Out(part.signature)})
+        self.inner = part
+
+    def placed(self) -> Module:
+        """A module with the part in it."""
+        m = Module()
+        m.submodules.part = self.inner
+        forward(m, self.part, self.inner)
+        return m
 
 
 def kept(m: Module, valid: Value, ready: Value, payload: Value) -> None:
@@ -44,3 +69,38 @@ def within(m: Module, waits: Value, cycles: int) -> None:
     count = Signal(range(cycles + 2))
     m.d.sync += count.eq(Mux(waits, count + 1, 0))
     m.d.comb += Assert(count <= cycles)
+
+
+class InOrder:
+    """What passes a `Register` to a channel of the port; asserts that it holds two at most, and
+    offers each in order, once and unchanged, from the cycle on after it came.
+
+    item: what comes, if `comes`; count: how many wait; first, second: these.
+    """
+
+    def __init__(
+        self, m: Module, register: Register, comes: Value, item: Value, valid: Value, ready: Value
+    ):
+        self.item = item
+        self.first, self.second = (Signal(item.shape()) for _ in range(2))
+        self.count = count = Signal(2)
+        goes = valid & ready
+        m.d.sync += count.eq(count + comes - goes)
+        with m.If(goes | (count == 0)):
+            m.d.sync += self.first.eq(Mux(count == 2, self.second, item))
+        with m.If(comes):
+            m.d.sync += self.second.eq(item)
+        m.d.comb += [
+            Assert(~comes | (count != 2)),
+            Assert(valid == (count != 0)),
+            # Why: where they are.
+            Assert(count == register.o.valid + register.full),
+            Assert(register.o.valid | ~register.full),
+            Assert((count == 0) | (register.head == self.first)),
+            Assert((count != 2) | (register.spare == self.second)),
+        ]
+
+    def those(self, which: Callable[[Value], Value]) -> Value:
+        """How many of those that wait have such a client."""
+        first, second = which(self.first.client), which(self.second.client)
+        return ((self.count != 0) & first) + ((self.count == 2) & second)

@@ -88,6 +88,15 @@ def in_register(proof: Followed, m: Module, picked: Value) -> None:
     ]
 
 
+def in_slot(proof: Followed, m: Module, picked: Value) -> None:
+    part = proof.part
+    m.d.comb += [
+        Assert(proof.inside == part.o.valid),
+        Assert(part.i.ready == ~part.o.valid),
+        Assert(~proof.followed | (part.o.payload == proof.value)),
+    ]
+
+
 class WatchedQueue(Queue):
     """A queue with one more port to look at its rows: `row` in, `content` out."""
 
@@ -108,21 +117,29 @@ class WatchedQueue(Queue):
 
 def in_queue(proof: Followed, m: Module, picked: Value) -> None:
     part = proof.part
-    head = part.o.valid if part.memory else 0  # items that have left their rows already
-    row = part.read + proof.ahead - head
-    end = part.read + part.level - head
-    waits = proof.followed & ~(head & (proof.ahead == 0))
+    waits = proof.followed & ~(part.memory & part.o.valid & (proof.ahead == 0))
     leaving = part.o.ready if part.depth == 1 else 0
+    content = in_rows(m, part, proof.ahead)
+    m.d.comb += [
+        Assert(proof.inside == part.level),
+        Assert(part.i.ready == ((proof.inside != proof.capacity) | leaving)),
+        Assert(~waits | (content == proof.value)),
+    ]
+
+
+def in_rows(m: Module, part: WatchedQueue, ahead: Value) -> Value:
+    """What holds of a queue's rows; returns what is in that of the item behind `ahead` others."""
+    head = part.o.valid if part.memory else 0  # items that have left their rows already
+    row = part.read + ahead - head
+    end = part.read + part.level - head
     m.d.comb += [
         part.row.eq(Mux(row < part.depth, row, row - part.depth)),
-        Assert(proof.inside == part.level),
         Assert(part.level >= part.o.valid),
         Assert((part.read < part.depth) & (part.write < part.depth)),
         Assert(part.write == Mux(end < part.depth, end, end - part.depth)),
-        Assert(part.i.ready == ((proof.inside != proof.capacity) | leaving)),
-        Assert(~waits | (part.content == proof.value)),
         Assert(~part.clash),
     ]
+    return part.content
 
 
 def in_pipe(proof: Followed, m: Module, picked: Value) -> None:

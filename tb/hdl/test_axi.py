@@ -16,8 +16,8 @@ from splatcore.spec.axi import (
     read_record,
     write_record,
 )
-from splatcore.spec.config import DEFAULT
-from tb.helpers.ports import other_port
+from splatcore.spec.config import DEFAULT, Config
+from tb.helpers.ports import other_port, wide_addresses
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
@@ -27,12 +27,22 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("name, part", [("axi", Axi), ("registers", Registers)])
 def test_under_cocotbext(name, part, seed):
     """Clients and memories; the host on the registers' AXI4-Lite."""
-    run_testbench(part(DEFAULT), f"tb.testbenches.{name}", seed=seed, port=DEFAULT.port)
+    under_cocotbext(part, name, DEFAULT, seed)
+
+
+def under_cocotbext(part: type, name: str, config: Config, seed: int = 0):
+    facts = {"port": config.port, "address_bits": config.address_bits}
+    run_testbench(part(config), f"tb.testbenches.{name}", seed=seed, **facts)
 
 
 def test_other_port_under_cocotbext():
-    config = other_port(DEFAULT)
-    run_testbench(Axi(config), "tb.testbenches.axi", port=config.port)
+    under_cocotbext(Axi, "axi", other_port(DEFAULT))
+
+
+@pytest.mark.parametrize("name, part", [("axi", Axi), ("registers", Registers)])
+def test_wide_addresses_under_cocotbext(name, part):
+    """Bursts in two windows of 4 GiB, another one at each client in every cycle; the registers."""
+    under_cocotbext(part, name, wide_addresses(DEFAULT))
 
 
 NAMES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
@@ -196,3 +206,44 @@ def test_as_many_bursts_as_can_be_counted():
     result = run(reads=100, writes=most + 20, arready=1, awready=1, wready=1)
     assert result.samples["m_axi__arvalid"].sum() == 2 * most < 100 * len(READERS)
     assert result.samples["m_axi__awvalid"].sum() == len(WRITERS) * most < CYCLES
+
+
+EARLY, OPENED, LATE = 20, 40, 80  # cycles: answers, the port takes what waits, answers again
+
+
+def too_early(clients: int, held: str) -> tuple[np.ndarray, dict]:
+    """Answers to all clients before what is waited for has left, and again after; the clients that
+    are to be told as strays, and the port's inputs. held: READY of these is low until `OPENED`."""
+    ids, last = np.arange(clients), LATE + clients
+    valid, client = np.zeros((2, last + 1), np.uint64)
+    for first in (EARLY, LATE):
+        valid[first : first + clients], client[first : first + clients] = 1, ids
+    open_late = np.append(np.zeros(OPENED, np.uint64), np.uint64(1))
+    ready = {name: open_late if name == held else 1 for name in ("arready", "awready", "wready")}
+    return ids, ready | {"valid": valid, "id": client}
+
+
+@pytest.mark.parametrize("held", ["awready", "wready"])
+@pytest.mark.parametrize("beats", [1, 2, 5])
+def test_answers_before_a_burst_has_left(held, beats):
+    """A burst is not done before its address and its last beat have left: they are told."""
+    ids, port = too_early(len(WRITERS), held)
+    valid, client = port.pop("valid"), port.pop("id")
+    found = run(writes=1, beats=beats, bvalid=valid, bid=client, **port).samples
+    first = int(found["m_axi__awid"][np.flatnonzero(found["m_axi__awvalid"])[0]])
+    assert not (found["settled"][10:OPENED] >> first & 1).any()
+    assert found["settled"][-1] == (1 << len(ids)) - 1 and found["idle"][-1] == 0b11
+    told = found["stray"]
+    assert (told[told != 0] == (1 | ids << 1 | 1 << ID_BITS + 1)).all()
+    assert np.flatnonzero(told).max() < LATE
+
+
+def test_beats_before_a_burst_is_asked_for():
+    ids, port = too_early(len(READERS), "arready")
+    valid, client = port.pop("valid"), port.pop("id")
+    result = run(reads=1, rvalid=valid, rid=client, rlast=1, **port)
+    found = result.samples
+    assert not (found["idle"][10:OPENED] & 1).any() and found["idle"][-1] == 0b11
+    told = found["stray"]
+    assert (told[told != 0] == (1 | ids << 1)).all() and np.flatnonzero(told).max() < LATE
+    assert all(len(result.outputs[f"data__{k}"]) == 1 for k in ids)

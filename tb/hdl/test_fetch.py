@@ -34,11 +34,12 @@ pytestmark = pytest.mark.slow
 class Memory(wiring.Component):
     """`Fetch` on a memory whose beats, of the port, hold their number and its complement.
 
-    pace: an item for each beat that comes back. bursts: what was asked for.
+    pace: an item for each beat that comes back. bursts: what was asked for; narrow: its mark, which
+    is a range's if its count is odd.
     """
 
     def __init__(self, config: Config, depth: int, burst: int):
-        self.fetch = Fetch(config, depth, COUNT_BITS, burst)
+        self.fetch = Fetch(config, depth, COUNT_BITS, burst, marks=True)
         fetch = self.fetch.signature.members
         pace = In(stream.Signature(1))
         super().__init__({"i": fetch["i"], "bursts": fetch["reads"], "pace": pace, "o": fetch["o"]})
@@ -51,6 +52,8 @@ class Memory(wiring.Component):
         forward(m, self, fetch, ("i", "o"))
         m.d.comb += [  # the memory has a burst no sooner than it was told of
             self.bursts.payload.eq(fetch.reads.payload),
+            self.bursts.payload.narrow.eq(fetch.reads.payload.narrow | fetch.marked),
+            fetch.marks.eq(self.i.payload.count[0]),
             queue.i.payload.eq(fetch.reads.payload),
             self.bursts.valid.eq(fetch.reads.valid & queue.i.ready),
             queue.i.valid.eq(fetch.reads.valid & self.bursts.ready),
@@ -76,15 +79,16 @@ class Memory(wiring.Component):
         return m
 
 
-def expected(first: np.ndarray, count: np.ndarray, burst: int) -> tuple[list, np.ndarray]:
-    """Bursts (first beat, beats) and the beats of ranges, all of the port."""
+def expected(first: np.ndarray, count: np.ndarray, burst: int, marks) -> tuple[list, np.ndarray]:
+    """Bursts (first beat, beats, mark) and the beats of ranges, all of the port."""
     bursts = []
-    for begin, end in zip(first, first + count, strict=True):
+    for begin, end, mark in zip(first, first + count, marks, strict=True):
         starts = np.arange(begin // burst, -(-end // burst)) * burst
         bursts += [
-            (max(begin, start), min(end, start + burst) - max(begin, start)) for start in starts
+            (max(begin, start), min(end, start + burst) - max(begin, start), mark)
+            for start in starts
         ]
-    return bursts, np.concatenate([np.arange(b, b + n) for b, n in bursts])
+    return bursts, np.concatenate([np.arange(b, b + n) for b, n, _ in bursts])
 
 
 def check(
@@ -92,15 +96,15 @@ def check(
 ) -> int:
     """The cycles that ranges take, after a look at what was asked for and what came."""
     wide = port_beats(config)
-    bursts, beats = expected(first // wide, -(-count // wide), burst // wide)
+    bursts, beats = expected(first // wide, -(-count // wide), burst // wide, count % 2)
     result = compiled(Memory, config, depth, burst).run(
         {"i": RANGE.pack({"beat": first, "count": count}), "pace": np.zeros((len(beats), 1), "u1")},
         expected={"bursts": len(bursts), "o": len(beats)}, stall=stall, seed=seed,
     )  # fmt: skip
     assert result.finished, result.stopped
     asked = read_record().unpack(result.outputs["bursts"])
-    assert not asked["narrow"].any()
-    assert [*zip(asked["beat"] // wide, asked["length"] + 1, strict=True)] == bursts
+    found = asked["beat"] // wide, asked["length"] + 1, asked["narrow"]
+    assert [*zip(*found, strict=True)] == bursts
     assert not (asked["beat"] % wide).any()
     words = [int.from_bytes(row.tobytes(), "little") for row in result.outputs["o"]]
     mask = (1 << BEAT_ADDRESS_BITS) - 1

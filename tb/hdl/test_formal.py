@@ -8,11 +8,20 @@ from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register
+from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, Slot
 from splatcore.sim.rtl.formal import ProofError, cover, prove, search
-from tb.formal.stream import WIDTH, Followed, Forked, WatchedQueue, in_pipe, in_queue, in_register
+from tb.formal.stream import (
+    WIDTH,
+    Followed,
+    Forked,
+    WatchedQueue,
+    in_pipe,
+    in_queue,
+    in_register,
+    in_slot,
+)
 from tb.helpers.parts import Beside, Piped
-from tb.planted.fault import plant
+from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
@@ -29,6 +38,7 @@ def pipe(latency: int) -> Followed:
 
 PROOFS = {
     "register": lambda: Followed(Register(WIDTH), in_register, latency=1, capacity=2),
+    "slot": lambda: Followed(Slot(WIDTH), in_slot, latency=1, capacity=1),
     **{f"queue_{depth}": partial(queue, depth) for depth in (1, 2, 5)},  # 5: no power of two
     **{f"memory_{depth}": partial(queue, depth, True) for depth in (3, 8)},
     **{f"pipe_{latency}": partial(pipe, latency) for latency in (1, 4)},
@@ -47,11 +57,12 @@ def test_stream():
 
 def test_stream_comes_to_pass():
     """The cases of the assertions can be reached: they do not hold for want of one."""
-    cover(beside("register", "memory_3", "pipe_4", "fork"), COVER_DEPTH)
+    cover(beside("register", "slot", "memory_3", "pipe_4", "fork"), COVER_DEPTH)
 
 
 FAULTS = {
     "an item too many": ("register", Register, "self.i.ready.eq(~self.full)", "self.i.ready.eq(1)"),
+    "taken while full": ("slot", Slot, "self.i.ready.eq(~self.o.valid)", "self.i.ready.eq(1)"),
     "full too late": ("queue_5", Queue, "self.level != self.depth", "self.level <= self.depth"),
     "fetched from nowhere": ("memory_3", Queue, "self.level != self.o.valid", "1"),
     "halts too late": ("pipe_4", Pipe, "~self.o.valid | self.o.ready", "1"),
@@ -59,7 +70,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", each(FAULTS))
 def test_fault_is_found(fault, monkeypatch):
     name, part, old, new = FAULTS[fault]
     plant(monkeypatch, part, "elaborate", old, new)

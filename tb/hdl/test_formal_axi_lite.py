@@ -6,7 +6,7 @@ from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.formal import ProofError, cover, prove
 from splatcore.spec.config import TINY
 from tb.formal.axi_lite import Answers
-from tb.planted.fault import plant
+from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +28,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", each(FAULTS))
 def test_fault_is_found(fault, monkeypatch):
     plant(monkeypatch, Registers, *FAULTS[fault])
     with pytest.raises(ProofError, match="fails in step"):

@@ -5,15 +5,16 @@ import pytest
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.sim.rtl.formal import ProofError, cover, search
 from tb.formal.merge import Merged
-from tb.planted.fault import plant
+from tb.planted.fault import each, plant
 
 DEPTH = 14  # cycles: half a minute, two more cycles take more than as long again
 COVER_DEPTH = 20  # cycles in which two full runs can be merged, or a merge can follow another
 
 
 @pytest.mark.slow
-def test_merge_of_two_runs():
-    search(Merged(), DEPTH)
+@pytest.mark.parametrize("depth", [DEPTH - 2, pytest.param(DEPTH, marks=pytest.mark.verify)])
+def test_merge_of_two_runs(depth):
+    search(Merged(), depth)
 
 
 @pytest.mark.slow
@@ -35,7 +36,7 @@ FAULTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", each(FAULTS))
 def test_fault_is_found(fault, monkeypatch):
     plant(monkeypatch, Merge, *FAULTS[fault])
     with pytest.raises(ProofError, match="fails in step"):

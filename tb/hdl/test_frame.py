@@ -1,4 +1,5 @@
-"""Frame control: which half memory serves first; ABORT around a hand-over; errors in one cycle."""
+"""Frame control: which half memory serves first; ABORT around a hand-over; errors in one cycle, and
+in the cycle in which a frame ends."""
 
 import numpy as np
 import pytest
@@ -29,7 +30,8 @@ class Halves(wiring.Component):
     def __init__(self):
         bits = stream.Signature(1)
         ports = {"looks": In(bits), "seen": Out(bits), "start": In(1), "aborts": In(1)}
-        ports |= {"done": In(2), "ready": Out(1), "started": Out(FRAME_BITS)}
+        ports |= {"done": In(2), "ready": Out(1), "frame_event": Out(1)}
+        ports |= dict.fromkeys(("started", "finished"), Out(FRAME_BITS))
         ports |= {"error": Out(ERROR), "fails": In(ERROR)}
         ports |= {name: In(CLIENT_ERROR) for name in self.FAULTS[:2]}
         super().__init__(ports | dict.fromkeys(self.BITS, Out(2)))
@@ -52,7 +54,7 @@ class Halves(wiring.Component):
 NONE, FIRST, SECOND = 0, 1 << PREPROCESSING, 1 << RENDERING
 ROOM = 30  # cycles from one event to the next
 RESET = 6  # cycles from ABORT until the halves have been reset
-SAMPLES = (*Halves.BITS, "ready", "started", "error")
+SAMPLES = (*Halves.BITS, "ready", "frame_event", "started", "finished", "error")
 
 
 def run(cycles: int, **constants: np.ndarray) -> dict[str, np.ndarray]:
@@ -154,3 +156,30 @@ def test_errors_of_both_halves_in_one_cycle(faults, code, halves):
     assert found["gives_up"][at] == halves and found["gives_up"].sum() == halves
     given_up = FIRST | SECOND if "aborts" in faults else halves
     assert found["reset"].max() == given_up and found["working"][-1] == (FIRST | SECOND) - given_up
+
+
+@pytest.mark.parametrize(
+    "faults, given_up",
+    [
+        ({"read_error": READ[RENDERING]}, SECOND),
+        ({"write_error": WRITE[RENDERING]}, SECOND),
+        ({"read_error": READ[PREPROCESSING]}, NONE),  # of the other half, which is idle
+        ({"aborts": 1}, NONE),
+    ],
+)
+def test_rendering_ends_in_the_cycle_of_an_error(faults, given_up):
+    """An error of this half gives its frame up, and FRAME is not told; with ABORT it is complete.
+    In both cases the next frame is rendered."""
+    cycles, at = 5 * ROOM, 2 * ROOM
+    inputs = {name: np.zeros(cycles, np.uint64) for name in ("start", "done", *faults)}
+    inputs["start"][[5, 3 * ROOM]] = 1
+    inputs["done"][[ROOM, 4 * ROOM]] = FIRST
+    inputs["done"][at] = SECOND
+    for name, value in faults.items():
+        inputs[name][at] = value
+    found = run(cycles, **inputs)
+    assert found["working"][at] == SECOND and found["working"][3 * ROOM] == NONE
+    assert found["gives_up"].sum() == found["gives_up"][at] == given_up
+    assert found["finished"][-1] == (0 if given_up else 1)
+    assert found["frame_event"].sum() == found["frame_event"][at] == found["finished"][-1]
+    assert found["working"][-1] == SECOND and (found["begin"] == SECOND).sum() == 2

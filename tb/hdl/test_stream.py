@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register
+from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register, Slot
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from tb.helpers.parts import Beside, Piped
 from tb.helpers.runs import needs_icarus
@@ -12,15 +12,17 @@ from tb.helpers.runs import needs_icarus
 WIDTH = 16
 
 
-def part(component, latency: int, capacity: int, outputs: int = 1) -> tuple:
-    """A component and its docstring's promises."""
+def part(component, latency: int, capacity: int, outputs: int = 1, pace: int = 1) -> tuple:
+    """A component and its docstring's promises; pace: cycles from one item to the next."""
     level = hasattr(component, "level")
     promise = {"latency": latency, "capacity": capacity, "outputs": outputs, "level": level}
+    promise["pace"] = pace
     return component, promise
 
 
 PARTS = {
     "register": part(Register(WIDTH), 1, 2),
+    "slot": part(Slot(WIDTH), 1, 1, pace=2),
     **{f"queue_{n}": part(Queue(WIDTH, n), 1, n) for n in (1, 2, 5, 8)},
     **{f"memory_{n}": part(Queue(WIDTH, n, memory=True), 2, n) for n in (3, 8)},
     "fork": part(Fork(WIDTH, 3), 0, 0, outputs=3),
@@ -44,7 +46,11 @@ def test_under_verilator():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name, promise, test",
-    [("pipe_4", "latency", "throughput"), ("queue_5", "capacity", "capacity")],
+    [
+        ("pipe_4", "latency", "throughput"),
+        ("slot", "pace", "throughput"),
+        ("queue_5", "capacity", "capacity"),
+    ],
 )
 def test_broken_promise_is_named(name, promise, test):
     """The testbench fails, and says where, if a part does not do what it is said to do."""

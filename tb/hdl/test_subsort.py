@@ -15,7 +15,7 @@ from splatcore.spec.sort import batch_record, digits, phases, ranked_record
 from tb.formal.subsort import SIZES, Given, small
 from tb.helpers.batches import KINDS, batches_of
 from tb.helpers.runs import check_run, compiled
-from tb.planted.fault import plant
+from tb.planted.fault import each, plant
 
 MACHINES = {
     "default": DEFAULT,
@@ -133,7 +133,7 @@ FAULTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", each(FAULTS))
 def test_fault_is_found(fault, monkeypatch):
     plant(monkeypatch, SubSorter, *FAULTS[fault])
     with pytest.raises(ProofError, match="fails in step"):

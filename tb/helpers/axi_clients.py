@@ -1,7 +1,8 @@
 """All clients of `hdl.memory.axi` at work on memories of `cocotbext-axi` with pauses.
 
 Each writer has a region of memory of its own, all readers read one that nobody writes. What was
-taken from a writer must be in memory, exactly; what was asked for must come back, in order.
+taken from a writer must be in memory, exactly; what was asked for must come back, in order. Where
+addresses have 64 bits there are two windows with memory, and each burst is in any of them.
 """
 
 import random
@@ -21,7 +22,9 @@ PORT = parameters()["port"]  # bits of the port
 BEAT, WIDE = PORT // 8, PORT // axi.DATA_BITS  # bytes of its beats; the machine's in one
 REGION = 2 * axi.BOUNDARY  # bytes of a client's region; that of the readers is the last one
 
-MEMORY = REGION * (len(axi.WRITERS) + 1)
+WINDOW_BITS = parameters()["address_bits"] - axi.ADDRESS_BITS
+COUNT = 2 if WINDOW_BITS else 1  # of windows
+MEMORY = REGION * (len(axi.WRITERS) + 1)  # bytes in each
 READ_BASE = REGION * len(axi.WRITERS)
 LENGTH_MAX = 16
 HALVES = (axi.PREPROCESSING, axi.RENDERING)
@@ -54,20 +57,28 @@ class Mixed(AxiSlaveRead):
 
 
 class Memory:
-    """Bytes, and a set of addresses of beats that answer by an error."""
+    """Bytes of one window after the other, and a set of places of beats that answer by an error."""
 
-    def __init__(self, content: np.ndarray):
-        self.content, self.broken = content.copy(), set()
+    def __init__(self, content: np.ndarray, windows: list[int]):
+        self.content, self.windows, self.broken = content.copy(), windows, set()
+
+    def place(self, address: int) -> int:
+        """The place of an address in `content`."""
+        window, below = divmod(address, 1 << axi.ADDRESS_BITS)
+        assert window in self.windows, f"nothing lies at {address:#x}"
+        return self.windows.index(window) * MEMORY + below
 
     async def read(self, address: int, length: int) -> bytes:
-        if address in self.broken:
+        place = self.place(address)
+        if place in self.broken:
             raise OSError
-        return self.content[address : address + length].tobytes()
+        return self.content[place : place + length].tobytes()
 
     async def write(self, address: int, given: bytes) -> None:
-        if address // BEAT * BEAT in self.broken:
+        place = self.place(address)
+        if place // BEAT * BEAT in self.broken:
             raise OSError
-        self.content[address : address + len(given)] = list(given)
+        self.content[place : place + len(given)] = list(given)
 
 
 class Bench:
@@ -76,10 +87,12 @@ class Bench:
     def __init__(self, dut, kind: str, pattern):
         self.dut, self.pattern = dut, pattern
         rng = np.random.default_rng(random.getrandbits(32))
-        self.initial = rng.integers(0, 256, MEMORY, np.uint8)
+        self.initial = rng.integers(0, 256, COUNT * MEMORY, np.uint8)
         self.expected = self.initial.copy()
-        self.memory, bus = Memory(self.initial), AxiBus.from_prefix(dut, "m_axi_")
-        if kind == "ram":
+        windows = random.sample(range(1 << WINDOW_BITS), COUNT)
+        self.memory, bus = Memory(self.initial, windows), AxiBus.from_prefix(dut, "m_axi_")
+        self.offered = {"read": [0] * len(axi.READERS), "write": [0] * len(axi.WRITERS)}  # windows
+        if kind == "ram" and COUNT == 1:
             ram = AxiRam(bus, dut.clk, dut.rst, size=MEMORY)
             ram.write(0, self.initial.tobytes())
             self.content = lambda: np.frombuffer(bytes(ram.read(0, MEMORY)), np.uint8)
@@ -87,7 +100,8 @@ class Bench:
         else:
             self.content = lambda: self.memory.content
             writing = AxiSlaveWrite(bus.write, dut.clk, dut.rst, target=self.memory)
-            reading = Mixed(bus.read, dut.clk, dut.rst, target=self.memory)
+            slave = AxiSlaveRead if kind == "ram" else Mixed
+            reading = slave(bus.read, dut.clk, dut.rst, target=self.memory)
             reading.ar_channel.queue_occupancy_limit = len(axi.READERS)
         pause(writing, reading, pattern)
         self.reads = [Stream(dut, f"reads__{k}") for k in range(len(axi.READERS))]
@@ -134,8 +148,18 @@ class Bench:
     def burst(self, base: int) -> tuple[int, int]:
         """First beat and beats, of the port, of a burst that does not cross the boundary."""
         page, beats = axi.BOUNDARY // BEAT, random.choice([1, 2, random.randint(1, LENGTH_MAX)])
-        place = random.randint(0, page - beats)
+        place = random.randint(0, page - beats) + random.randrange(COUNT) * MEMORY // BEAT
         return (base // BEAT + page * random.randrange(REGION // axi.BOUNDARY) + place), beats
+
+    def offer(self, way: str, k: int, first: int | None) -> int:
+        """Have the window beside a client be that of a place, of None any; the place within it."""
+        window, below = divmod(first or 0, MEMORY // BEAT)
+        if WINDOW_BITS:
+            any_window = random.getrandbits(WINDOW_BITS)
+            self.offered[way][k] = any_window if first is None else self.memory.windows[window]
+            numbers = (n << WINDOW_BITS * k for k, n in enumerate(self.offered[way]))
+            getattr(self.dut, f"{way}_windows").value = sum(numbers)
+        return below
 
     def fails(self, half: int) -> bool:
         return bool(int(self.dut.failing.value) >> half & 1)
@@ -146,9 +170,11 @@ class Bench:
         while True:
             offers = bool(self.requests[k]) and not self.silent[half] and not next(idle)
             stream.valid.value = offers
+            self.offer("read", k, None)
             if offers:
                 first, beats = self.requests[k][0]
-                stream.payload.value = first * WIDE | beats - 1 << axi.BEAT_ADDRESS_BITS
+                beat = self.offer("read", k, first) * WIDE
+                stream.payload.value = beat | beats - 1 << axi.BEAT_ADDRESS_BITS
             await RisingEdge(self.dut.clk)
             while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
@@ -186,9 +212,12 @@ class Bench:
             offers = bool(self.beats[k]) and not self.silent[half]
             offers = offers and (bool(self.inside[k]) or not next(idle))
             stream.valid.value = offers
+            self.offer("write", k, None)
             if offers:
                 first, place, length, strobe, data = self.beats[k][0]
-                value = first * WIDE | length - 1 << axi.BEAT_ADDRESS_BITS
+                value = first % (MEMORY // BEAT) * WIDE | length - 1 << axi.BEAT_ADDRESS_BITS
+                if place == 0:
+                    self.offer("write", k, first)
                 above = axi.BEAT_ADDRESS_BITS + axi.LENGTH_BITS
                 stream.payload.value = value | strobe << above | data << above + BEAT
             await RisingEdge(self.dut.clk)

@@ -3,13 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.golden.bin import Binned, Codes, Lists, bin_splats
 from splatcore.golden.reference_tiles import bin_splats as touched
 from splatcore.hdl.binning.bin import COUNTED, Bin
+from splatcore.hdl.lib.holds import holds
 from splatcore.hdl.lib.record import layout
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
@@ -88,6 +89,8 @@ class BinFrames(wiring.Component):
             self.reports.payload.needed.eq(inner.needed),
             self.frames.ready.eq(released & ~inner.done),
         ]
+        waits = Cat(getattr(inner, name).valid for name in ("features", "bursts", "groups")).any()
+        holds(m, "given", ~(inner.done & waits), "done, and not all has been given")
         m.d.sync += settled.eq(Mux(self.frames.ready, 0, (settled << 1) | self.frames.valid))
         with m.If(inner.i.valid & inner.i.ready):
             m.d.sync += taken.eq(taken + 1)

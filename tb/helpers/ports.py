@@ -1,8 +1,8 @@
-"""Machines with memory ports of each width."""
+"""Machines with memory ports of each width, and of addresses of each."""
 
 from dataclasses import replace
 
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.config import DEFAULT, PRESETS, Config
 
 PORTS = {port: replace(DEFAULT, name=f"PORT{port}", port=port) for port in (128, 256)}
 
@@ -10,3 +10,12 @@ PORTS = {port: replace(DEFAULT, name=f"PORT{port}", port=port) for port in (128,
 def other_port(config: Config) -> Config:
     """The same machine with a port of the other width."""
     return replace(config, name=f"{config.name}_OTHER", port=128 if config.port == 256 else 256)
+
+
+def wide_addresses(config: Config) -> Config:
+    """The same machine with addresses of 64 bits."""
+    return replace(config, name=f"{config.name}_WIDE", address_bits=64)
+
+
+MAPS = (*PRESETS.values(), wide_addresses(DEFAULT))
+"""Machines with register maps of all kinds."""

@@ -19,6 +19,8 @@ VIEWS = {
 }  # fmt: skip
 """Scenes, cameras and cycles of their frames."""
 
+VERSION = "1.2.3, commit abcdef0123"
+
 DENSITY = {"0": 100, "door": 10, "roof": 30}
 """Splats of a camera's tiles, in steps from one to the next."""
 
@@ -61,6 +63,32 @@ def scenes(folder: Path):
             "traffic_bytes": {"read_model": 1_000_000, "write_pixels": 3_000_000},
         })  # fmt: skip
     (folder / "scenes/scenes.csv").write_text("scene\n")
+
+
+def packings(folder: Path):
+    """`bench quality` and `bench compression`: three packings of each view, a scene's steps."""
+    rows = []
+    for (scene, camera), frame in VIEWS.items():
+        for number, asked in enumerate(("compact", "balanced", "faithful")):
+            row = of_view(scene, camera, frame) | {
+                "asked": asked, "gaussians": 1000, "sh_degree": number + 1, "bytes": 50_000,
+                "bytes_per_gaussian": 21.75 + 16 * number, "model_bytes": 40_000,
+            }  # fmt: skip
+            row |= {f"{key}_packing": 0.5 for key in ("psnr_db", "ssim", "max_error")}
+            rows.append(row | {"psnr_db_scene": 28.0 + 10 * number, "ssim_scene": 0.9,
+                               "max_error_scene": 0.25})  # fmt: skip
+    facts = {"preset": "DEFAULT", "size": SIZE, "failed": [], "version": VERSION}
+    write(folder / "quality/quality.json", facts | {"rows": rows})
+    model = {"gaussians": 500, "sh_degree": 1, "bytes": 20_000, "ratio": 12.5, "psnr_db": 30.0,
+             "psnr_db_min": 28.0, "ssim": 0.95, "max_error": 0.3}  # fmt: skip
+    work = {"tile_pairs": 10, "pairs": 5, "fps_at_800mhz": 100.0}
+    step = model | {"step": "packed", "kind": "pack", "seconds": 1.5, "work": work}
+    point = {"target_ratio": 100.0, "note": "no such ratio"}
+    write(folder / "compression/compression.json", facts | {
+        "degree": None, "quality": None, "scenes": {"vase.ply": {
+            "steps": {"rows": [step]}, "curve": {"points": [model | {"target_ratio": None}, point]},
+        }},
+    })  # fmt: skip
 
 
 def budget(folder: Path):
@@ -199,5 +227,5 @@ def others(folder: Path):
 
 def everything(folder: Path):
     """All results that a report has a use for."""
-    for make in (scenes, budget, sweep, machine, campaigns, others):
+    for make in (scenes, packings, budget, sweep, machine, campaigns, others):
         make(folder)

@@ -12,7 +12,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.fit.preset_file import write_preset
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
-from splatcore.sim.machine.waves import signals
+from splatcore.sim.machine.wave_names import signals
 from splatcore.sim.packing.choose import finest
 from splatcore.sim.soak.machines import machine
 from splatcore.spec.config import TINY
@@ -127,7 +127,7 @@ def test_waves_of_a_window(tmp_path):
     times = [int(line[1:]) for line in vcd.read_text().splitlines() if line.startswith("#")]
     assert times[0] // 10 >= FIRST and times[-1] // 10 <= LAST + 1
     assert len({time // 10 for time in times}) >= LAST - FIRST
-    names = {f"{scope}.{name}" for scope, name, _ in signals(vcd)}
+    names = {f"{signal.scope}.{signal.name}" for signal in signals(vcd)}
     view = (tmp_path / "w.gtkw").read_text().splitlines()
     shown = [re.sub(r"\[.*", "", line) for line in view if line.startswith("TOP.top.")]
     assert shown and set(shown) <= names

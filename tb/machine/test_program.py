@@ -6,17 +6,15 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.areas import make_memory, place_areas
 from splatcore.sim.machine.machine import Job, Machine, Run, host_script
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Report, Script, Timing, execute
-from splatcore.sim.machine.waves import Window, signals, write_waves
+from splatcore.sim.rtl.convert import converted
 from splatcore.spec.axi import BEAT
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import TINY
-from splatcore.spec.error import InputError
 from splatcore.spec.registers import ErrorCode
 from tb.helpers.copier import BURST, FAULT, FAULTS, PAGES, POINTS, Copier
 from tb.helpers.scenes import random_scene
@@ -29,7 +27,7 @@ BEATS = SIZE[0] * SIZE[1] * 3 // BEAT
 
 @pytest.fixture(scope="module")
 def machine() -> Machine:
-    return Machine(TINY, verilog.convert(Copier(), name="top", emit_src=False))
+    return Machine(TINY, converted(Copier()))
 
 
 @pytest.fixture(scope="module")
@@ -188,42 +186,6 @@ def test_reset_in_mid_frame(machine, models):
     assert report.done and len(report.events) == 2
     assert report.read["model"] > BEATS
     assert saved == job.model.image[: BEATS * BEAT].tobytes()
-
-
-@pytest.fixture(scope="module")
-def traced() -> Machine:
-    return Machine(TINY, verilog.convert(Copier(), name="top", emit_src=False), trace=True)
-
-
-def test_waves_of_a_window(traced, models, tmp_path):
-    path = tmp_path / "w.vcd"
-    job = jobs(models)
-    run = write_waves(traced, job, IDEAL, Window((250, 299)), path, "simulating")
-    assert run.done and run.report.window == (250, 299)
-    text = path.read_text()
-    times = [int(line[1:]) for line in text.splitlines() if line.startswith("#")]
-    assert times == list(range(2500, 3000, 5))
-    shown = path.with_suffix(".gtkw").read_text().splitlines()
-    names = {f"{scope}.{name}" for scope, name, _ in signals(path)}
-    found = [line.partition("[")[0] for line in shown if line.startswith("TOP.top")]
-    assert "TOP.top.queue.i__payload" in found and set(found) <= names
-    assert f'[dumpfile] "{path}"' in shown
-    with pytest.raises(InputError, match="before the window began"):
-        write_waves(traced, job, IDEAL, Window((10**6, 10**6)), path, "simulating")
-
-
-def test_waves_of_a_tile(traced, models, tmp_path):
-    """From the reading of its list to the last of its pixels, here the first 4 rows."""
-
-    def watch(areas):
-        read = areas.models[0] + 2 * BURST * BEAT
-        return {"watch": f"{read} {areas.images[0]} {SIZE[0] * 3} 0 {SIZE[0] * 3} 0 4"}
-
-    run = traced.run(jobs(models), IDEAL, settings=watch, keep=tmp_path)
-    first, last = run.report.window
-    ready = run.frames[0].ready
-    assert ready < first < ready + 20
-    assert first + 4 * SIZE[0] * 3 // BEAT < last < run.frames[0].finished - 50
 
 
 def job_areas(job: Job):

@@ -4,8 +4,10 @@ import ast
 import inspect
 import random
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+
+import pytest
 
 OPERATORS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
@@ -34,10 +36,13 @@ class Fault:
 
 
 def draw(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
-    """`count` faults (or all) of files (name → text): files take turns, and in each the kinds."""
-    rng = random.Random(seed)
+    """`count` faults (or all) of files (name → text): files take turns, and in each the kinds.
+
+    Which ones of a file follows from the seed, its name and its faults, whatever other files are.
+    """
     queues = []
     for name in sorted(sources):
+        rng = random.Random(f"{seed} {name}")
         by_kind = {kind: [] for kind in KINDS}
         for fault in faults(name, sources[name]):
             by_kind[fault.kind].append(fault)
@@ -109,6 +114,12 @@ def _fault(name: str, text: str, kind: str, old: ast.expr, new: str) -> Fault:
     changed = (data[:begin] + new.encode() + data[end:]).decode()
     before = " ".join(ast.unparse(old).split())
     return Fault(name, kind, old.lineno, before, new, changed)
+
+
+def each(faults: Iterable[str]) -> list:
+    """Faults as parameters of a test: `make test` meets the first, `make verify` the others."""
+    first, *others = faults
+    return [first, *(pytest.param(name, marks=pytest.mark.verify) for name in others)]
 
 
 def planted(method: Callable, old: str, new: str) -> Callable:

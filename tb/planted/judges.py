@@ -1,7 +1,8 @@
 """Which tests judge the faults that are planted in a file of hdl/.
 
 A fault meets one set of tests after the other until one catches it: quick ones of the part first,
-then the testbench of its stage, then small frames and faults of the whole machine.
+then the testbench of its stage, small frames and faults of the whole machine, at last two frames of
+`DEFAULT`.
 """
 
 from tb.helpers.stage_cases import STAGES
@@ -10,6 +11,7 @@ MACHINE = (
     "tb/machine/test_machine.py tb/machine/test_machine_steps.py tb/machine/test_faults.py "
     "-k 'not long_list and not full_size'"
 )
+DEFAULT = "tb/machine/test_machine_default.py -k garden"
 STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
@@ -22,10 +24,11 @@ QUICK = {
     "arithmetic/unary": "tb/hdl/test_unary.py -k rtl",
     "arithmetic/unary_ends": "tb/hdl/test_unary.py -k rtl",
     "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or an_entry or buffers'",
-    "binning/binned": "",
+    "binning/binned": "tb/hdl/test_binned.py",
     "binning/row_end": "tb/hdl/test_row_end.py",
     "frame": "tb/hdl/test_frame.py",
     "lib/counters": "tb/hdl/test_counters.py",
+    "lib/credit": "tb/hdl/test_formal_credit.py -k 'not fault' tb/hdl/test_holds.py",
     "lib/holds": "tb/hdl/test_holds.py",
     "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
     "lib/stream": "tb/hdl/test_stream.py -k verilator",
@@ -34,6 +37,7 @@ QUICK = {
     "memory/fetch": "tb/hdl/test_fetch.py",
     "memory/share": "tb/hdl/test_groups.py",
     "memory/store": "",
+    "memory/turns": "tb/hdl/test_axi.py",
     "memory/words": "tb/hdl/test_words.py",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points": STAGE.format("project"),
@@ -103,6 +107,7 @@ LAST = {
     "": MACHINE,
     "arithmetic": f"tb/hdl/test_float.py tb/hdl/test_unary.py {HALVES}",
     "points": HALVES,
+    "sorting/runs": "tb/hdl/test_sort.py -k 'cycles and three'",
     "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_sort.py",
 }
 """What judges a file's or a folder's faults when all others have missed them."""
@@ -112,7 +117,7 @@ def judges(file: str) -> list[str]:
     """The tests of a file, named as in `points/cull`, each as arguments of pytest; in order."""
     benches = "".join(f" tb/stages/test_stages.py::test_stage[verilator-{name}]"
                       for name in found(BENCHES, file))  # fmt: skip
-    order = [found(QUICK, file), benches.strip(), found(LAST, file), MACHINE]
+    order = [found(QUICK, file), benches.strip(), found(LAST, file), MACHINE, DEFAULT]
     return list(dict.fromkeys(filter(None, order)))
 
 

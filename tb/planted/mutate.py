@@ -1,16 +1,18 @@
 """Plants faults in hdl/ and says how many the tests catch.
 
-    python -m tb.planted.mutate [--count N] [--seed S] [FILE …]
+    python -m tb.planted.mutate [--count N] [--seed S] [--results FILE] [--again] [FILE …]
 
 A fault is one change to the Python text of one file: an operator, a constant, an index, a condition
 that always holds, a handshake that is always high. Each meets the tests of its file, of its stage
 and of the machine, in processes of their own, until one catches it. Faults that cannot be built say
 nothing about the tests and are not counted. Some change nothing, as a sign of zero or a bit that is
-cut off again: what is missed has to be read. Verdicts are kept (see `splatcore cache`) until a file
-of hdl/ or tb/ changes.
+cut off again: what is missed has to be read. The results are a table that holds each verdict as
+long as the file that the fault is in stays the same; a run goes on where one before it stopped.
 """
 
 import argparse
+import csv
+import hashlib
 import os
 import shlex
 import shutil
@@ -18,9 +20,10 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock
@@ -30,8 +33,9 @@ from rich.progress import track
 from rich.table import Table
 
 from splatcore.sim.common.cache import cache_root, kept_json
+from splatcore.sim.common.output import write
 from tb.helpers.command import ROOT
-from tb.planted.fault import Fault, draw
+from tb.planted.fault import Fault, draw, faults
 from tb.planted.judges import judges
 from tb.planted.verdict import CAUGHT, NOT_BUILT
 
@@ -40,7 +44,11 @@ HDL = ROOT / "hdl"
 COUNT = 40
 PROCESSES = 2
 
-TIMEOUT = 900  # seconds after which tests, compiling included, count as hung
+RESULTS = ROOT / "docs" / "results" / "planted.csv"
+COLUMNS = ("file", "line", "kind", "before", "after", "verdict", "tests", "text")
+"""Of the results. tests: what gave the verdict; text: a hash of the file with the fault."""
+
+TIMEOUT = 3600  # seconds after which tests, compiling included, count as hung
 
 PYTEST = "-x -q -p no:cacheprovider -p tb.planted.verdict -m 'not scenes and not verify'"
 PASSED = 0
@@ -114,24 +122,64 @@ class Court:
             kept_json("planted", [tests, sources("hdl"), sources("tb")], passes)
 
 
-def judged(faults: list[Fault]) -> list[str]:
-    """Verdicts on faults, each printed as it comes; RuntimeError if tests fail without a fault."""
+class Results:
+    """Verdicts, and the tests that gave them, in a table on disk; of faults, and of those alone
+    that can still be made."""
+
+    def __init__(self, path: Path):
+        self.path, self.rows, self.lock = path, {}, Lock()
+        if path.exists():
+            with path.open(newline="") as file:
+                self.rows = {row["text"]: row for row in csv.DictReader(file)}
+
+    def __getitem__(self, fault: Fault) -> tuple[str, str] | None:
+        row = self.rows.get(_hash(fault))
+        return (row["verdict"], row["tests"]) if row else None
+
+    def __setitem__(self, fault: Fault, found: tuple[str, str]):
+        about = (fault.file, fault.line, fault.kind, fault.before, fault.after)
+        with self.lock:
+            row = dict(zip(COLUMNS, (*about, *found, _hash(fault)), strict=True))
+            self.rows[_hash(fault)] = row
+            self._write()
+
+    def _write(self):
+        listed = sorted(self.rows.values(), key=lambda row: (row["file"], int(row["line"])))
+        text = StringIO(newline="")
+        table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        table.writerows(listed)
+        write(self.path, text.getvalue().encode())
+
+    def keep(self, faults: Iterable[Fault]):
+        """Forget verdicts on other faults."""
+        known = set(map(_hash, faults))
+        self.rows = {key: row for key, row in self.rows.items() if key in known}
+
+
+def _hash(fault: Fault) -> str:
+    return hashlib.sha256(f"{fault.file}\0{fault.text}".encode()).hexdigest()[:16]
+
+
+def judged(faults: list[Fault], results: Results, again: bool = False) -> list[str]:
+    """Verdicts on faults, each printed as it comes; RuntimeError if tests fail without a fault.
+
+    again: those that were missed are judged anew.
+    """
     console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
-    listed = []
     with TemporaryDirectory() as cache, ThreadPoolExecutor(PROCESSES) as pool:
         court = Court(Path(cache))
 
-        def one(fault: Fault) -> list[str]:
-            made_from = [fault, judges(fault.file), sources("hdl"), sources("tb")]
-            return kept_json("planted", made_from, lambda: court.judged(fault))
-
-        verdicts = track(
-            pool.map(one, faults), "judging", len(faults), console=console, transient=True
-        )
-        for fault, (found, tests) in zip(faults, verdicts, strict=True):
+        def one(fault: Fault) -> str:
+            known = results[fault]
+            if known is None or (again and known[0] == VERDICTS[PASSED]):
+                known = results[fault] = court.judged(fault)
+            found, tests = known
             console.print(f"{found:9} {fault}" + f"   by {tests}" * bool(tests))
-            listed.append(found)
-    return listed
+            return found
+
+        verdicts = pool.map(one, faults)
+        return list(track(verdicts, "judging", len(faults), console=console, transient=True))
 
 
 @cache
@@ -139,6 +187,11 @@ def sources(folder: str) -> dict[str, str]:
     """The Python files of a folder of the project, by name."""
     paths = sorted((ROOT / folder).rglob("*.py"))
     return {str(path.relative_to(ROOT)): path.read_text() for path in paths}
+
+
+def texts_of(files: Iterable[str]) -> dict[str, str]:
+    """The text of each file of hdl/."""
+    return {name: (HDL / f"{name}.py").read_text() for name in files}
 
 
 def main(arguments: Sequence[str] | None = None) -> float:
@@ -149,13 +202,19 @@ def main(arguments: Sequence[str] | None = None) -> float:
     parser.add_argument("file", nargs="*", help=f"some of {', '.join(files)}; all by default")
     parser.add_argument("--count", type=int, default=COUNT, help="faults to judge")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--results", type=Path, default=RESULTS, help="a table, kept from run to run"
+    )
+    parser.add_argument("--again", action="store_true", help="judge anew what was missed")
     options = parser.parse_args(arguments)
-    texts = {name: (HDL / f"{name}.py").read_text() for name in options.file or files}
-    faults = draw(texts, options.count, options.seed)
-    verdicts = judged(faults)
-    counts = Counter((fault.kind, found) for fault, found in zip(faults, verdicts, strict=True))
+    texts = texts_of(options.file or files)
+    drawn = draw(texts, options.count, options.seed)
+    results = Results(options.results)
+    results.keep(fault for name, text in texts_of(files).items() for fault in faults(name, text))
+    verdicts = judged(drawn, results, options.again)
+    counts = Counter((fault.kind, found) for fault, found in zip(drawn, verdicts, strict=True))
     table = Table("kind", "caught", "missed", "not built")
-    for kind in sorted({fault.kind for fault in faults}):
+    for kind in sorted({fault.kind for fault in drawn}):
         row = (counts[kind, found] for found in ("caught", "missed", "not built"))
         table.add_row(kind, *map(str, row))
     caught = verdicts.count("caught")

@@ -12,7 +12,7 @@ from splatcore.spec.number import Float
 from tb.helpers.parts import Beside
 from tb.planted import mutate
 from tb.planted.fault import KINDS, Fault, draw, faults
-from tb.planted.judges import BENCHES, LAST, MACHINE, QUICK, judges
+from tb.planted.judges import BENCHES, DEFAULT, LAST, MACHINE, QUICK, judges
 from tb.planted.mutate import HDL, judged, verdict
 
 FORMATS = [Float(4, 3, subnormal=False), Float(3, 4, overflow="infinity")]
@@ -120,12 +120,17 @@ def test_verdicts(tmp_path, monkeypatch, capsys):
         of_clamp("m = Module()", "m = Modul()"),
     ]
     verdicts = ["caught", "missed", "not built", "caught", "not built"]
-    assert judged(given) == verdicts
+    results = mutate.Results(tmp_path / "planted.csv")
+    assert judged(given, results) == verdicts
     told = capsys.readouterr().out.splitlines()
-    assert [line[:9].strip() for line in told if "→" in line] == verdicts
-    assert told[0].endswith(f"by {test}")
-    monkeypatch.setattr(mutate, "verdict", None)
-    assert judged(given) == verdicts  # kept
+    assert sorted(line[:9].strip() for line in told if "→" in line) == sorted(verdicts)
+    assert all(line.endswith(f"by {test}") for line in told if line.startswith("caught"))
+    monkeypatch.setattr(mutate, "verdict", lambda *_: "caught")
+    kept = mutate.Results(tmp_path / "planted.csv")
+    assert judged(given, kept) == verdicts
+    assert judged(given, kept, again=True) == ["caught" if k == "missed" else k for k in verdicts]
+    kept.keep(given[:2])
+    assert [kept[fault] is not None for fault in given] == [True, True, False, False, False]
 
 
 @pytest.mark.slow
@@ -139,7 +144,7 @@ def test_tests_that_hang_or_fail_anyway(tmp_path, monkeypatch):
     monkeypatch.setenv("SPLATCORE_CACHE", str(tmp_path / "kept"))
     monkeypatch.setattr(mutate, "judges", lambda file: [str(test)])
     with pytest.raises(RuntimeError, match="fails without a fault"):
-        judged([of_clamp("magnitude > self.b", "1")])
+        judged([of_clamp("magnitude > self.b", "1")], mutate.Results(tmp_path / "planted.csv"))
     with pytest.raises(RuntimeError, match="status 5"):
         verdict(f"{test} -k nothing", tmp_path)
 
@@ -151,7 +156,8 @@ def test_judges():
     """The most particular ones first, the machine last; each name is a file's or a folder's."""
     cull = judges("points/cull")
     assert cull[0] == QUICK["points/cull"] and "verilator-cull" in cull[1]
-    assert cull[2:] == [LAST["points"], MACHINE] and judges("top")[-1] == MACHINE
+    assert cull[2:] == [LAST["points"], MACHINE, DEFAULT]
+    assert judges("top")[-2:] == [MACHINE, DEFAULT]
     assert judges("sorting/merge")[0] == QUICK["sorting"]
     for name in {*QUICK, *BENCHES, *LAST}:
         assert (HDL / name).is_dir() or (HDL / f"{name}.py").is_file(), name

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.initial import without_initial
 from splatcore.sim.rtl.streams import Simulation
 
@@ -57,7 +57,7 @@ def test_what_has_no_value_is_random():
 
 
 def test_only_simulations_leave_values_out():
-    source = verilog.convert(Reads(), name="top", emit_src=False)
+    source = converted(Reads())
     left = without_initial(source)
     assert "reg [63:0] kept = " in source and "memory[0] = " in source
     assert "reg [63:0] kept ;" in left and "memory[0] = " not in left

@@ -116,8 +116,9 @@ def test_another_size_or_machine(results, capsys):
 
 
 COMMANDS = {
-    "scenes": "bench scenes --out DIR/scenes SCENES SIZE PRESET",
+    "scenes": "bench scenes --timing lpddr4 --quality compact --out DIR/scenes SCENES SIZE PRESET",
     "budget": "error --stage all --json DIR/budget.json SCENES SIZE PRESET",
+    "quality": "bench quality --psnr , --out DIR/quality SCENES SIZE PRESET",
     "sweep": "bench sweep --out DIR/sweep SCENES SIZE",
     "programs": "programs --json DIR/programs.json PRESET",
     "programs-paper": "programs --preset PAPER --json DIR/programs-paper.json",
@@ -132,6 +133,7 @@ COMMANDS = {
     "--json DIR/hard-paper/hard.json",
     "fpga-tiny": "fpga --preset TINY --json DIR/fpga-tiny.json",
     "fpga": "fpga --json DIR/fpga.json PRESET",
+    "compression": "bench compression --out DIR/compression SCENES",
 }
 
 
@@ -180,7 +182,7 @@ def test_only_what_is_missing_is_measured(results):
     assert commands("results", RESULTS=str(place)) == [hard.split(), memories.split()]
     (results / "new.spz").write_text("scene")
     newer = commands("results", RESULTS=str(place), SCENES=str(results / "new.spz"))
-    assert len(newer) == 2 + 6  # campaigns and power, too
+    assert len(newer) == 2 + 7  # campaigns and power, too
 
 
 def test_a_measurement_that_fails(results):
@@ -195,13 +197,14 @@ def test_a_measurement_that_fails(results):
     )
     program.chmod(0o755)
     asked = {"SPLATCORE": str(program), "RESULTS": str(place), "REPORT": str(results / "out")}
+    assert make("-k", "results", **asked).returncode
     assert make("report", **asked).returncode == 0
     *made, last = log.read_text().splitlines()
     assert [line.split()[0] for line in made] == ["hard", "synth", "fpga"]
     assert last == f"report -o {results}/out --results {place}"
     assert (place / "hard" / "hard.json").exists()
     log.unlink()
-    make("report", **asked)
+    make("-k", "results", "report", **asked)
     assert [line.split()[0] for line in log.read_text().splitlines()] == ["synth", "fpga", "report"]
 
 
@@ -214,7 +217,8 @@ def test_make_report(tmp_path):
     (tmp_path / "odd.ply").write_text("no scene")
     place = tmp_path / "results"
     made = make(
-        "report", SPLATCORE=f"{sys.executable} -m splatcore", REPORT=str(tmp_path / "out"),
+        "-k", "results", "report",
+        SPLATCORE=f"{sys.executable} -m splatcore", REPORT=str(tmp_path / "out"),
         RESULTS=str(place), SCENE=str(tmp_path / "odd.ply"),
     )  # fmt: skip
     found = Report(tmp_path / "out", made.returncode, made.stderr)

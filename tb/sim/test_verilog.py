@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.place import Place
@@ -17,7 +16,8 @@ from splatcore.sim.eda import machine_gates
 from splatcore.sim.eda.machine_gates import PARTS, Size, faults, synthesise_machine
 from splatcore.sim.eda.macros import Macros, module
 from splatcore.sim.eda.synth import DEPTH_MAX, depth, gates, memories
-from splatcore.sim.eda.verilog import MEMORIES_FILE, TOP, WAIVERS, lint, stage_source, write_top
+from splatcore.sim.eda.verilog import NAMES, WAIVERS, lint, stage_source, write_top
+from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.streams import Simulation, StreamRuleError
 from splatcore.spec import config
 from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
@@ -116,9 +116,9 @@ def test_the_machine_is_clean(tmp_path):
     paths = write_top(TINY, tmp_path)
     names = {path.name for path in paths}
     assert {"splatcore.core", "splatcore.sdc", "memories.csv", WAIVERS.name} < names
-    sources = [tmp_path / MEMORIES_FILE, tmp_path / f"{TOP}.v"]
-    assert lint(TOP, *sources) == []
-    assert faults(TOP, *sources) == []
+    sources = [tmp_path / name for name in NAMES.sources]
+    assert lint(NAMES.top, *sources) == []
+    assert faults(NAMES.top, *sources) == []
     text = "".join(path.read_text() for path in sources)
     modules = re.findall(r"^module (\w+)", text, re.M)
     assert len(set(modules)) == len(modules) and all(m.startswith("splatcore_") for m in modules)
@@ -138,10 +138,23 @@ def test_the_machine_is_clean(tmp_path):
 
 
 @pytest.mark.verify
+def test_the_machine_with_wide_addresses_is_clean(tmp_path):
+    """As the command writes it for a preset file."""
+    (tmp_path / "wide.toml").write_text('base = "TINY"\naddress_bits = 64\n')
+    assert run("verilog", "--preset", tmp_path / "wide.toml", "-o", tmp_path) == 0
+    sources = [tmp_path / name for name in NAMES.sources]
+    assert lint(NAMES.top, *sources) == []
+    ports = re.findall(r"^  output \[63:0\] (m_axi__a[rw]addr);", sources[-1].read_text(), re.M)
+    assert sorted(ports) == ["m_axi__araddr", "m_axi__awaddr"]
+    bench = (tmp_path / "splatcore_testbench.v").read_text()
+    assert all(f'"{name}_HIGH"' in bench for name in ("MODEL", "SCRATCH", "PIXELS"))
+
+
+@pytest.mark.verify
 @pytest.mark.parametrize("config", [DEFAULT, PAPER], ids=lambda config: config.name)
 def test_machines_of_full_size_are_clean(config, tmp_path):
     write_top(config, tmp_path)
-    assert lint(TOP, tmp_path / MEMORIES_FILE, tmp_path / f"{TOP}.v") == []
+    assert lint(NAMES.top, *(tmp_path / name for name in NAMES.sources)) == []
 
 
 @pytest.mark.verify
@@ -189,7 +202,7 @@ def test_table_of_the_machine(monkeypatch, capsys):
 def test_memories_are_amaranths(fault):
     """A queue in a memory's module keeps order; in one that forgets what was read it does not."""
     macros, queue = Macros(), Queue(24, 12, memory=True)
-    text = verilog.convert(queue, name="top", platform=macros, emit_src=False)
+    text = converted(queue, platform=macros)
     (size,) = macros.sizes
     assert size == (12, 24)
     text += module(*size).replace(f"if ({fault}) ", "")

@@ -18,6 +18,7 @@ from tb.helpers.command import ROOT, run
 
 POWERS = (1, 2, 4, 8, 16)
 FIELDS = {
+    "address_bits": st.sampled_from([32, 64]),
     "width_max": st.integers(1, 4096), "sh_degree": st.integers(0, 1), "pes": st.integers(2, 12),
     "position": st.sampled_from(["chunk", "absolute"]), "early_termination": st.booleans(),
     "faint": st.sampled_from([(), (5, 11, 9), (1, 2, 2)]),
@@ -107,6 +108,8 @@ def test_names_and_files(tmp_path):
         ("depth = { exponent = 1, fraction = 3 }", "depth: Float("),
         ("rasterizers = 3", "rasterizers 3 is not a power of two"),
         ("width_max = 5000", "width_max 5000 is not in 1 … 4096"),
+        ("address_bits = 40", "address_bits 40 is not a power of two from 32 on"),
+        ("address_bits = 128", "address_bits 128 is not in 32 … 64"),
         ("sum_fraction = 8", "sum_fraction 8 is not in 9 … 16"),
         ("arithmetic = { exponent = 7, fraction = 30 }", "arithmetic's fraction 30 is not in"),
         ("arithmetic = { exponent = 7, fraction = 10, signed = false }", "arithmetic has no sign"),

@@ -45,7 +45,10 @@ PATTERNS = {
 }
 """Pauses of the channels by which is read, and of those by which is written."""
 
-RESETS = 1 if FEW else 2
+SHORT = ("tie", "empty")
+"""Cases of few cycles."""
+
+RESETS = 2
 SETTLING = 4  # cycles for which a half's ports stand before its frame begins
 EVENTS = registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR
 
@@ -200,7 +203,7 @@ class Bench:
         return passed
 
 
-@timed_test(TIMEOUT, case=list(CASES), pattern=some(["free", "starved", "blocked"]))
+@timed_test(TIMEOUT, case=[] if FEW else list(CASES), pattern=["free", "starved", "blocked"])
 async def each_case(dut, case, pattern):
     """Memory holds what it must, whoever waits."""
     bench = Bench(dut, pattern)
@@ -213,10 +216,10 @@ async def frames_in_a_row(dut, pattern):
     """All cases without a reset between: nothing stays from the one before."""
     bench = Bench(dut, pattern)
     await bench.begin()
-    await bench.check(list(CASES), "in a row")
+    await bench.check(list(SHORT if FEW else CASES), "in a row")
 
 
-@timed_test(TIMEOUT, pattern=["bursts"])
+@timed_test(TIMEOUT, pattern=[] if FEW else ["bursts"])
 async def reset_in_the_middle(dut, pattern):
     """After a reset at any time all is as if nothing had been before."""
     bench, case = Bench(dut, pattern), "full"

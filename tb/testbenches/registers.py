@@ -2,20 +2,22 @@
 
 import logging
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
+from splatcore.sim.rtl.cocotb_runner import parameters
 from splatcore.spec import registers
 from splatcore.spec.axi import LITE_ADDRESS_BITS, OKAY, SLAVE_ERROR
 from splatcore.spec.config import DEFAULT
 from tb.helpers.streams import PERIOD, at_random, bursts, never, pause, reset, timed_test
 
-MAP, ADDRESS = registers.register_map(DEFAULT), registers.addresses(DEFAULT)
-FRAME, COUNTERS = registers.frame_registers(DEFAULT), registers.counter_registers(DEFAULT)
+CONFIG = replace(DEFAULT, address_bits=parameters()["address_bits"])
+MAP, ADDRESS = registers.register_map(CONFIG), registers.addresses(CONFIG)
+FRAME, COUNTERS = registers.frame_registers(CONFIG), registers.counter_registers(CONFIG)
 PATTERNS = [never, at_random, bursts]
 TIMEOUT = 60_000 * PERIOD
 INPUTS = ("locked", "status", "ready_event", "frame_event", "error", "gives_up")

@@ -153,7 +153,7 @@ def expected(feed: dict, stream: str) -> list[tuple[int, int]]:
     return list(zip(rows, feed["care"].get(stream, [-1] * len(rows)), strict=True))
 
 
-@timed_test(CYCLES_MAX * PERIOD, case=list(CASES), pattern=some(PATTERNS))
+@timed_test(CYCLES_MAX * PERIOD, case=[] if FEW else list(CASES), pattern=list(PATTERNS))
 async def each_case(dut, case, pattern):
     """All items come out in order and are held while they are not taken."""
     bench = Bench(dut)
@@ -166,7 +166,8 @@ async def frames_in_a_row(dut, pattern):
     """All cases, and all again, without a reset between: nothing stays from the one before."""
     bench = Bench(dut)
     await bench.begin()
-    await bench.check([*CASES, *reversed(CASES)], pattern, "in a row")
+    again = [] if FEW else reversed(CASES)
+    await bench.check([*CASES, *again], pattern, "in a row")
 
 
 @timed_test(CYCLES_MAX * PERIOD, pattern=some(["free", "bursts"]))

@@ -1,7 +1,7 @@
 """Testbench of `hdl.lib.stream`: parts side by side in one simulation, each on its own.
 
-Parameters: by part its latency, how many items it holds, its count of outputs and whether it has
-a level.
+Parameters: by part its latency, how many items it holds, its count of outputs, whether it has a
+level, and its pace: cycles from an item to the next where nothing stalls.
 """
 
 import random
@@ -32,6 +32,7 @@ class Probe:
         part = PARTS[name]
         self.dut = dut
         self.latency, self.capacity = part["latency"], part["capacity"]
+        self.pace = part["pace"]
         outputs = part["outputs"]
         names = [f"{name}__o"] if outputs == 1 else [f"{name}__o__{k}" for k in range(outputs)]
         self.i = streams.Stream(dut, f"{name}__i")
@@ -56,6 +57,10 @@ class Probe:
             inside += self.i.passes() - self.o[0].passes()
             if self.dut.rst.value:
                 inside = 0
+
+    def cycles(self, first: int) -> list[int]:
+        """Those in which items pass from the first one on, if nothing stalls."""
+        return list(range(first, first + COUNT * self.pace, self.pace))
 
     def items(self, count: int) -> list[int]:
         return [random.getrandbits(len(self.i.payload)) for _ in range(count)]
@@ -89,7 +94,7 @@ async def order(dut, part, idle, stall):
 
 @streams.timed_test(TIMEOUT, part=list(PARTS))
 async def throughput(dut, part):
-    """Without stalls an item passes in every cycle, `latency` cycles after it went in."""
+    """Without stalls an item passes every `pace` cycles, `latency` cycles after it went in."""
     probe = Probe(dut, part)
     await probe.start()
     items = probe.items(COUNT)
@@ -98,10 +103,10 @@ async def throughput(dut, part):
     await streams.send(probe.i, items)
     await ClockCycles(dut.clk, probe.latency + 1)
     first = probe.monitor_i.cycles[0]
-    assert probe.monitor_i.cycles == list(range(first, first + COUNT))
+    assert probe.monitor_i.cycles == probe.cycles(first)
     for monitor in probe.monitors:
         assert monitor.payloads == items
-        assert monitor.cycles == list(range(first + probe.latency, first + probe.latency + COUNT))
+        assert monitor.cycles == probe.cycles(first + probe.latency)
 
 
 @streams.timed_test(TIMEOUT, part=list(PARTS))
@@ -117,10 +122,10 @@ async def capacity(dut, part):
     stalled.cancel()
     for o in probe.o:
         o.ready.value = 1
-    await ClockCycles(dut.clk, COUNT + 1)
+    await ClockCycles(dut.clk, COUNT * probe.pace + 1)
     for monitor in probe.monitors:
         assert monitor.payloads == items
-        assert monitor.cycles == list(range(monitor.cycles[0], monitor.cycles[0] + COUNT))
+        assert monitor.cycles == probe.cycles(monitor.cycles[0])
 
 
 @streams.timed_test(TIMEOUT, part=list(PARTS))

@@ -1,0 +1,96 @@
+"""The command `view`: a page in the browser, with the machine's picture of where one looks."""
+
+from splatcore.model.pack.quality import QUALITIES
+from splatcore.sim.cli import options
+from splatcore.sim.cli.options import option
+from splatcore.sim.common.output import console, progress_bar
+from splatcore.sim.common.source import (
+    Source,
+    camera_beside,
+    check_fits,
+    check_known,
+    open_camera,
+    open_source,
+    parse_size,
+)
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+AT_MOST = (960, 540)
+"""Size within which a picture lies where --size says nothing: a second or two of rendering."""
+
+HostOption = option(str, "ADDRESS", "Where it listens; 0.0.0.0: to other computers, too.")
+PortOption = option(int, "N", "0: one that is free.", min=0, max=65535)
+BrowserOption = option(bool, None, "Open the page in the browser of this computer.")
+
+
+@options.app.command("view")
+def view_command(
+    scene: options.SourceArgument,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    quality: options.QualityOption = None,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 8080,
+    browser: BrowserOption = False,
+):
+    """Look at a scene in the browser, with the machine's picture at rest.
+
+    While the camera moves, the page shows the browser's own picture of the splats. Beside the
+    machine's picture, the golden model's, are cycles, frames a second and the error; instead of it
+    the page shows the reference's picture, error maps, splats of each tile or cycles of each group.
+    """
+    from splatcore.sim.view.server import check_viser, served
+
+    config = find_preset(preset)
+    if quality is not None:
+        check_known("--quality", QUALITIES, quality)
+    if size:
+        check_fits(config, *parse_size(size))
+    check_viser(host, port)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+        setting = setting_of(source, camera, size, config, quality)
+    with served(scene, setting, host, port) as (address, _):
+        console.print(f"{source.name}: {address} (Ctrl-C ends)", soft_wrap=True)
+        wait(address if browser else None)
+
+
+def setting_of(
+    source: Source, camera: str | None, size: str | None, config: Config, quality: str | None
+):
+    """What pages begin with; InputError for what cannot be shown."""
+    from splatcore.model.formats.camera_file import read_cameras, split_id
+    from splatcore.sim.packing.choose import candidates
+    from splatcore.sim.view.camera import up_of, within
+    from splatcore.sim.view.page import Setting
+
+    if not len(source.gaussians):
+        raise InputError(f"{source.name}: has no Gaussians")
+    if source.scene is None and quality:
+        raise InputError(f"--quality {quality}: {source.name} is packed already")
+    if quality and config.colours == "array" and quality not in candidates(source.scene, config):
+        raise InputError(f"--quality {quality}: preset {config.name} renders compact models only")
+    view = open_camera(camera, size, source)
+    if not size:
+        most = min(AT_MOST[0], config.width_max), min(AT_MOST[1], config.height_max)
+        view = view.resized(*within((view.width, view.height), most))
+    file = split_id(camera)[0] if camera else camera_beside(source.name)
+    cameras: list[Camera] = read_cameras(file) if file else []
+    return Setting(view, cameras, up_of(cameras or [view]), config, quality, source.gaussians)
+
+
+def wait(address: str | None):
+    """Until an interrupt. address: opened in the browser before."""
+    import threading
+    import webbrowser
+
+    if address:
+        webbrowser.open(address)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        console.print("ended")

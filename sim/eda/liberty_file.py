@@ -1,0 +1,191 @@
+"""Liberty files (.lib, .lib.gz): groups and attributes of the text, and the library they describe.
+
+Power, noise, current-source models and hold times are skipped.
+"""
+
+import gzip
+import re
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.sim.eda.liberty import EDGES, Arc, Cell, Library, Table
+from splatcore.spec.error import InputError
+
+COMMENT = re.compile(r"/\*.*?\*/|\\\r?\n", re.S)
+
+STATEMENT = re.compile(
+    r'(?P<name>\w+)\s*(?::\s*(?P<value>"[^"]*"|[^;{}\n]*)|'
+    r'\((?P<arguments>(?:"[^"]*"|[^()"])*)\)\s*(?P<open>\{)?)|(?P<close>\})'
+)
+"""A line of a group, the beginning of a group, or its end."""
+
+WORD = re.compile(r'"([^"]*)"|([^\s,"]+)')
+
+TIMES = {"fs": 1e-6, "ps": 1e-3, "ns": 1.0, "us": 1e3}
+CAPACITANCES = {"ff": 1e-3, "pf": 1.0}
+
+SPECIAL = ("dont_use", "is_isolation_cell", "is_level_shifter", "always_on", "pad_cell")
+"""Attributes of cells that synthesis leaves alone."""
+
+
+@dataclass
+class Group:
+    """A group of a liberty file. names: those in its brackets. lines: attributes; of those with
+    brackets all arguments."""
+
+    kind: str
+    names: list[str]
+    lines: dict[str, str | list[str]] = field(default_factory=dict)
+    groups: list["Group"] = field(default_factory=list)
+
+    def of_kind(self, *kinds: str) -> Iterator["Group"]:
+        return (group for group in self.groups if group.kind in kinds)
+
+    def number(self, name: str, default: float = 0.0) -> float:
+        return float(self.lines.get(name, default))
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Those of all strings of an attribute with brackets."""
+        return np.array(" ".join(self.lines[name]).replace(",", " ").split(), float)
+
+
+def parse(text: str) -> Group:
+    """The groups of a liberty text; ValueError if it is none."""
+    root = Group("", [])
+    stack = [root]
+    for found in STATEMENT.finditer(COMMENT.sub("", text)):
+        if found["close"]:
+            stack.pop()
+        elif found["open"]:
+            group = Group(found["name"], _words(found["arguments"]))
+            stack[-1].groups.append(group)
+            stack.append(group)
+        elif found["value"] is not None:
+            stack[-1].lines[found["name"]] = found["value"].strip().strip('"')
+        else:
+            stack[-1].lines[found["name"]] = _words(found["arguments"])
+        if not stack:
+            raise ValueError("a bracket too many")
+    if len(stack) > 1 or [group.kind for group in root.groups] != ["library"]:
+        raise ValueError("no liberty file" if len(stack) == 1 else "ends within a group")
+    return root.groups[0]
+
+
+def _words(text: str) -> list[str]:
+    return [quoted or plain for quoted, plain in WORD.findall(text)]
+
+
+class Reader:
+    """Makes a library of its groups, in ns and pF."""
+
+    def __init__(self, library: Group):
+        self.group = library
+        self.templates = {each.names[0]: each for each in library.of_kind("lu_table_template")}
+        self.time = _unit(library.lines.get("time_unit", "1ns"), TIMES)
+        factor, unit = library.lines.get("capacitive_load_unit", ["1", "pf"])
+        self.capacitance = _unit(factor + unit, CAPACITANCES)
+        if library.lines.get("delay_model", "table_lookup") != "table_lookup":
+            raise ValueError(f"delay_model {library.lines['delay_model']} is not table_lookup")
+
+    def library(self, text: str) -> Library:
+        """All of it; text: the file's."""
+        cells = {group.names[0]: self.cell(group) for group in self.group.of_kind("cell")}
+        return Library(self.group.names[0], text, self.corner(), cells)
+
+    def corner(self) -> str:
+        """Process, voltage and temperature by the default operating conditions."""
+        name = self.group.lines.get("default_operating_conditions", "")
+        found = {each.names[0]: each for each in self.group.of_kind("operating_conditions")}
+        values = []
+        for what, unit in {"process": "", "voltage": " V", "temperature": " °C"}.items():
+            value = found[name].lines.get(what) if name in found else None
+            value = value or self.group.lines.get(f"nom_{what}")
+            if value is not None:
+                values.append(f"{what} {float(value):g}{unit}")
+        return ", ".join([name, *values] if name else values) or "not said"
+
+    def cell(self, group: Group) -> Cell:
+        inputs, functions, arcs = {}, {}, []
+        for pin in group.of_kind("pin"):
+            name = pin.names[0]
+            if pin.lines.get("direction") == "input":
+                inputs[name] = self.capacitances(pin)
+            elif pin.lines.get("direction") == "output":
+                functions[name] = pin.lines.get("function", "")
+            arcs += [arc for timing in pin.of_kind("timing") for arc in self.arcs(name, timing)]
+        flip_flop = next(group.of_kind("ff"), Group("", []))
+        other = next(group.of_kind("latch", "statetable", "ff_bank", "latch_bank"), None)
+        special = any(group.lines.get(name) == "true" for name in SPECIAL)
+        three_state = any("three_state" in pin.lines for pin in group.of_kind("pin"))
+        return Cell(
+            group.names[0], group.number("area"), inputs, functions,
+            {name: str(value) for name, value in sorted(flip_flop.lines.items())}
+            | ({"other": other.kind} if other else {}),
+            tuple(arcs), special or three_state or "" in functions.values(),
+        )  # fmt: skip
+
+    def capacitances(self, pin: Group) -> tuple[float, float]:
+        both = pin.number("capacitance", self.group.number("default_input_pin_cap"))
+        rise, fall = (pin.number(f"{edge}_capacitance", both) for edge in EDGES)
+        return rise * self.capacitance, fall * self.capacitance
+
+    def arcs(self, end: str, timing: Group) -> Iterator[Arc]:
+        """Those to a pin, from each pin that a group of timing names."""
+        kind = timing.lines.get("timing_type", "").replace("combinational", "")
+        if kind not in ("", "rising_edge", "setup_rising"):
+            return
+        names = ("{}_constraint",) if kind == "setup_rising" else ("cell_{}", "{}_transition")
+        tables = [tuple(self.table(timing, name.format(edge)) for edge in EDGES) for name in names]
+        sense = timing.lines.get("timing_sense", "").removesuffix("_unate").replace("non", "")
+        for begin in timing.lines.get("related_pin", "").split():
+            yield Arc(begin, end, kind, sense, tables[0], tables[-1])
+
+    def table(self, timing: Group, name: str) -> Table | None:
+        """A table in ns by ns and pF; one without an axis is constant along it."""
+        group = next(timing.of_kind(name), None)
+        if group is None:
+            return None
+        values = group.numbers("values") * self.time
+        template = self.templates.get(group.names[0], group)
+        axes = {"slew": np.array([0.0]), "load": np.array([0.0])}
+        order = []
+        for number in (1, 2) if values.size > 1 else ():
+            index, what = f"index_{number}", template.lines.get(f"variable_{number}", "")
+            if index in group.lines or index in template.lines:
+                is_load = "capacitance" in what or what.startswith("constrained")
+                unit = self.capacitance if "capacitance" in what else self.time
+                order.append("load" if is_load else "slew")
+                source = group if index in group.lines else template
+                axes[order[-1]] = source.numbers(index) * unit
+        values = values.reshape([len(axes[each]) for each in order] or [1, 1])
+        if order == ["load", "slew"]:
+            values = values.T
+        return Table(*axes.values(), values.reshape(len(axes["slew"]), len(axes["load"])))
+
+
+def _unit(text: str, units: dict[str, float]) -> float:
+    """A factor and a unit, as in 100ps."""
+    number, unit = re.fullmatch(r"([\d.e+-]+)\s*(\w+)", text.strip().lower()).groups()
+    return float(number) * units[unit]
+
+
+def read_liberty(path: str | Path) -> Library:
+    """The library of a file; InputError if it is none, or lacks what synthesis cannot do
+    without."""
+    try:
+        data = Path(path).read_bytes()
+        text = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode()
+        library = Reader(parse(text)).library(text)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except (ValueError, EOFError, zlib.error, KeyError) as error:
+        raise InputError(f"{path}: not a liberty file that can be read: {error}") from None
+    wanted = {"inverter": "an inverter", "nand2": "a NAND2", "flip_flop": "a flip-flop"}
+    for name, what in wanted.items():
+        if getattr(library, name) is None:
+            raise InputError(f"{path}: the library has no cell that is {what}")
+    return library

@@ -1,0 +1,112 @@
+/* A driver of Splatcore: splatcore_driver.h says what it does. Apache-2.0. */
+#include "splatcore_driver.h"
+
+int32_t splatcore_open(void *device)
+{
+    if (splatcore_read(device, SPLATCORE_ID) != SPLATCORE_ID_VALUE ||
+        splatcore_read(device, SPLATCORE_VERSION) != SPLATCORE_VERSION_VALUE ||
+        splatcore_read(device, SPLATCORE_SIZE_MAX) != SPLATCORE_SIZE_MAX_VALUE)
+        return SPLATCORE_NO_DEVICE;
+    splatcore_write(device, SPLATCORE_ERROR, 0);
+    splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_MASK);
+    splatcore_write(device, SPLATCORE_INTERRUPT_ENABLE, SPLATCORE_INTERRUPT_MASK);
+    return 0;
+}
+
+/* Give up all frames: what has not come in time shall not come later. */
+static int32_t timeout(void *device)
+{
+    splatcore_write(device, SPLATCORE_CONTROL, SPLATCORE_CONTROL_ABORT);
+    return SPLATCORE_TIMEOUT;
+}
+
+int32_t splatcore_ready(void *device, uint32_t pauses)
+{
+    while (!(splatcore_read(device, SPLATCORE_STATUS) & SPLATCORE_STATUS_READY)) {
+        if (pauses-- == 0)
+            return timeout(device);
+        splatcore_pause(device);
+    }
+    return 0;
+}
+
+/* An address's register, or two of them. */
+#if SPLATCORE_ADDRESS_BITS > 32
+#define WRITE_ADDRESS(name, address) \
+    (splatcore_write(device, SPLATCORE_##name, (uint32_t)(address)), \
+     splatcore_write(device, SPLATCORE_##name##_HIGH, (uint32_t)((address) >> 32)))
+#else
+#define WRITE_ADDRESS(name, address) splatcore_write(device, SPLATCORE_##name, address)
+#endif
+
+/* Where the parts lie: work area 1 behind work area 0. */
+static void write_memory(void *device, const struct splatcore_memory *memory)
+{
+    const uint32_t pages = memory->pages, features = memory->features;
+
+    WRITE_ADDRESS(MODEL, memory->model);
+    WRITE_ADDRESS(GROUPS, memory->work);
+    WRITE_ADDRESS(LISTS, memory->work + SPLATCORE_LISTS_AT);
+    WRITE_ADDRESS(FEATURES, memory->work + SPLATCORE_FEATURES_AT(pages));
+    splatcore_write(device, SPLATCORE_WORK_AREA, SPLATCORE_WORK_BYTES(pages, features));
+    splatcore_write(device, SPLATCORE_LISTS_PAGES, pages);
+    splatcore_write(device, SPLATCORE_FEATURES_MAX, features);
+    WRITE_ADDRESS(SCRATCH, memory->scratch);
+    WRITE_ADDRESS(PIXELS, memory->image);
+}
+
+int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
+                        const struct splatcore_view *view)
+{
+    if (view->width - 1 >= SPLATCORE_WIDTH_MAX || view->height - 1 >= SPLATCORE_HEIGHT_MAX)
+        return SPLATCORE_NO_FRAME;
+    write_memory(device, memory);
+    splatcore_write(device, SPLATCORE_WIDTH, view->width);
+    splatcore_write(device, SPLATCORE_HEIGHT, view->height);
+    splatcore_write(device, SPLATCORE_STRIDE, SPLATCORE_STRIDE_BYTES(view->width));
+    for (uint32_t k = 0; k < SPLATCORE_VIEW_WORDS; k++)
+        splatcore_write(device, SPLATCORE_VIEW_AT + 4 * k, view->words[k]);
+    splatcore_write(device, SPLATCORE_CONTROL, SPLATCORE_CONTROL_START);
+    return 0;
+}
+
+int32_t splatcore_wait(void *device, uint32_t events, uint32_t pauses)
+{
+    for (;;) {
+        uint32_t now = splatcore_read(device, SPLATCORE_INTERRUPT);
+        if (now & SPLATCORE_INTERRUPT_ERROR) {
+            uint32_t error = splatcore_read(device, SPLATCORE_ERROR);
+            splatcore_write(device, SPLATCORE_ERROR, error);
+            splatcore_write(device, SPLATCORE_INTERRUPT, now);
+            return (int32_t)error;
+        }
+        if (now & events) {
+            splatcore_write(device, SPLATCORE_INTERRUPT, now & events);
+            return 0;
+        }
+        if (pauses-- == 0)
+            return timeout(device);
+        splatcore_pause(device);
+    }
+}
+
+/* A driver of several frames starts the next one when it has seen READY, with another image, and
+ * waits for FRAME after that. */
+int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
+                        const struct splatcore_view *view, uint32_t pages_max, uint32_t pauses)
+{
+    for (;;) {
+        int32_t failed = splatcore_ready(device, pauses);
+        splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_MASK);
+        if (!failed)
+            failed = splatcore_start(device, memory, view);
+        if (!failed)
+            failed = splatcore_wait(device, SPLATCORE_INTERRUPT_FRAME, pauses);
+        if (failed < 0 || (failed & (int32_t)SPLATCORE_ERROR_CODE_MASK) != SPLATCORE_ERROR_PAGES)
+            return failed;
+        uint32_t needed = splatcore_read(device, SPLATCORE_NEEDED);
+        if (needed > pages_max || needed <= memory->pages) /* it counts no further than its mask */
+            return failed;
+        memory->pages = needed;
+    }
+}

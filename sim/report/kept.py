@@ -1,0 +1,184 @@
+"""Results kept in the repository: CSV tables in docs/results, of which the report makes its page.
+
+A result is one JSON object. What the report reads of it becomes a table for each of its lists, and
+lines of "# key: value" above each table for the rest. The first of them are the command and the
+version that made it. A cell is empty where a row lacks the key, and `null` where JSON has that.
+"""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from splatcore.sim.report.kept_columns import TABLES, TEXTS, Sheet
+from splatcore.spec.error import InputError
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "results"
+"""In a checkout, and as package splatcore.docs.results in an installed wheel."""
+
+ORIGIN = ("command", "version")
+"""Lines that every table begins with."""
+
+SELF = "."  # a column of the items themselves, lists of numbers
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part of a sheet's place: a dotted key, then `[` for a list or `{` for an object; column: of
+    the list's index or the object's key, empty for none."""
+
+    key: str
+    bracket: str
+    column: str
+
+
+def steps(place: str) -> list[Step]:
+    """The parts of `rows[row].parts[]` and the like."""
+    found = re.findall(r"([a-z_.]+)?([\[{])([a-z]*)[\]}]", place)
+    return [Step(key.strip("."), bracket, column) for key, bracket, column in found]
+
+
+def columns(sheet: Sheet) -> list[str]:
+    """The heading of a sheet."""
+    own = [step.column for step in steps(sheet.place) if step.column]
+    return own + ["splats" if key == SELF else key for key in sheet.columns.split()]
+
+
+def look(value: object, path: str) -> tuple[bool, object]:
+    """Whether there is something at a dotted path, and what."""
+    for key in filter(None, path.split(".")):
+        if not isinstance(value, dict) or key not in value:
+            return False, None
+        value = value[key]
+    return True, value
+
+
+def items(value: object, path: list[Step]) -> Iterator[tuple[list, object]]:
+    """Rows of an object: the cells of the place's own columns, and the item."""
+    if not path:
+        yield [], value
+        return
+    there, found = look(value, path[0].key)
+    pairs = enumerate(found) if path[0].bracket == "[" else found.items() if there else ()
+    for at, item in pairs if there else ():
+        for more, last in items(item, path[1:]):
+            yield [*([at] if path[0].column else []), *more], last
+
+
+def put(value: dict, keys: list, item: object):
+    """Put an item at a path of keys, those of lists being their indices."""
+    for key in keys[:-1]:
+        value = value.setdefault(key, {})
+    value[keys[-1]] = item
+
+
+def listed(value: object) -> object:
+    """What `put` has made, with lists for objects of indices."""
+    if not isinstance(value, dict):
+        return value
+    found = {key: listed(item) for key, item in value.items()}
+    return list(found.values()) if found and all(isinstance(k, int) for k in found) else found
+
+
+def encoded(key: str, there: bool, value: object) -> str:
+    """A cell."""
+    if not there:
+        return ""
+    if key == SELF:
+        return " ".join(map(str, value))
+    if isinstance(value, str) and key.split(".")[-1] in TEXTS:
+        return value
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def decoded(key: str, cell: str) -> object:
+    """A cell's value; ValueError if it is none. Text in brackets is JSON, as a size may be."""
+    if key == SELF:
+        return [int(word) for word in cell.split()]
+    if key.split(".")[-1] in TEXTS and cell != "null" and not cell.startswith("["):
+        return cell
+    return json.loads(cell, parse_constant=float)  # NaN fails where the report reads its own
+
+
+def files(name: str, folder: Path) -> dict[Path, Sheet]:
+    """A result's tables by their files."""
+    sheets = TABLES[name].sheets
+    return {folder / f"{name}{'-' * bool(end)}{end}.csv": sheet for end, sheet in sheets.items()}
+
+
+def tables(name: str, facts: dict, command: str, folder: Path) -> dict[Path, str]:
+    """The text of each file of a result."""
+    origin = {"command": command, "version": facts.get("version", "not said")}
+    keys = TABLES[name].lines.split()
+    found = {key: look(facts, key) for key in keys}
+    about = origin | {key: encoded(key, *value) for key, value in found.items() if value[0]}
+    texts = {}
+    for path, sheet in files(name, folder).items():
+        out = io.StringIO()
+        out.writelines(f"# {key}: {value}\n" for key, value in about.items())
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(columns(sheet))
+        for own, item in items(facts, steps(sheet.place)):
+            cells = [(key, *((True, item) if key == SELF else look(item, key)))
+                     for key in sheet.columns.split()]  # fmt: skip
+            writer.writerow([*own, *(encoded(*cell) for cell in cells)])
+        texts[path] = out.getvalue()
+    return texts
+
+
+def read_kept(name: str, folder: Path) -> dict:
+    """A result's object, with `command` and `version`; InputError names file and column or line."""
+    value: dict = {}
+    for path, sheet in files(name, folder).items():
+        try:
+            lines = path.read_text().splitlines()
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror or error}") from None
+        head = dict(line[2:].partition(": ")[::2] for line in lines if line.startswith("# "))
+        for key in (*ORIGIN, *TABLES[name].lines.split()):
+            if key not in head:
+                raise InputError(f"{path}: has no line '# {key}: …'")
+            cell = head[key]
+            put(value, key.split("."), cell if key in ORIGIN else _value(path, key, key, cell))
+        _rows(path, sheet, lines[len(head) :], len(head), value)
+    return listed(value)
+
+
+def _rows(path: Path, sheet: Sheet, lines: list[str], above: int, value: dict):
+    """Put a table's rows into the object."""
+    heading, *rows = csv.reader(lines) if lines else [[]]
+    wanted, place = columns(sheet), steps(sheet.place)
+    for column in wanted:
+        if column not in heading:
+            raise InputError(f"{path}: column '{column}' is missing")
+    for column in heading:
+        if column not in wanted or heading.count(column) > 1:
+            raise InputError(f"{path}: column '{column}' is unknown or there twice")
+    put(value, place[0].key.split("."), look(value, place[0].key)[1] or {})
+    for number, row in enumerate(rows):
+        where = f"line {above + 2 + number}"
+        if len(row) != len(heading):
+            raise InputError(f"{path}: {where}: has {len(row)} cells, not {len(heading)}")
+        cells = dict(zip(heading, row, strict=True))
+        keys, item = [], {}
+        for step in place:
+            at = cells[step.column] if step.column else number
+            keys += filter(None, step.key.split("."))
+            keys.append(_value(path, where, SELF, str(at))[0] if step.bracket == "[" else at)
+        for key in sheet.columns.split():
+            cell = cells["splats" if key == SELF else key]
+            if key == SELF:
+                item = _value(path, where, key, cell)
+            elif cell != "":
+                put(item, key.split("."), _value(path, f"{where}: {key}", key, cell))
+        put(value, keys, item)
+
+
+def _value(path: Path, where: str, key: str, cell: str) -> object:
+    try:
+        return decoded(key, cell)
+    except ValueError:
+        raise InputError(f"{path}: {where}: '{cell}' is no value") from None

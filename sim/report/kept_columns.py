@@ -1,0 +1,141 @@
+"""What is kept of each result, by the keys that docs/json.md has for them."""
+
+from typing import NamedTuple
+
+from splatcore.spec.stages import NAMES
+
+
+class Sheet(NamedTuple):
+    """A table. place: of its rows in the result's object, see `kept.steps`; columns: dotted keys of
+    a row, after the columns that the place itself has."""
+
+    place: str
+    columns: str
+
+
+class Kept(NamedTuple):
+    """What is kept of a result. lines: dotted keys outside of the tables; sheets: by the end of the
+    file's name, NAME.csv or NAME-END.csv; pictures: files beside it."""
+
+    lines: str
+    sheets: dict[str, Sheet]
+    pictures: tuple[str, ...] = ()
+
+
+AGAINST = ("psnr_db", "ssim", "max_error")
+
+
+def errors(*truths: str) -> str:
+    return " ".join(f"{metric}_{truth}" for truth in truths for metric in AGAINST)
+
+
+def cycles(key: str, *more: str) -> str:
+    return " ".join(f"{key}.{name}" for name in (*more, "preprocessing", "rendering", "frame"))
+
+
+VIEW = "scene camera"
+
+TRAFFIC = (
+    "read_model read_positions read_attributes write_features read_features write_lists read_lists "
+    "write_groups read_groups read_long_lists write_buckets write_pixels"
+)
+
+MODEL = "gaussians sh_degree bytes ratio psnr_db psnr_db_min ssim max_error"
+
+CASES = Kept(
+    "preset engine",
+    {"": Sheet("cases{case}", "about bound psnr_db_machine max_error_machine passed")},
+)
+
+DEVICE = Kept(
+    "preset device failed",
+    {"": Sheet("parts{part}", "luts flip_flops multipliers block_rams fmax_mhz begin end")},
+)
+
+PROGRAMS = Kept(
+    "preset",
+    {"": Sheet(
+        "programs{program}",
+        "operations multiply add divide_or_root choose pes cycles_an_item latency pes_busy",
+    )},
+)  # fmt: skip
+
+TABLES = {
+    "scenes": Kept("", {"": Sheet(
+        "rows[]",
+        f"{VIEW} quality bytes_per_gaussian size preset timing.name identical ended "
+        f"{errors('machine', 'scene')} {cycles('cycles')} cycles.fps_at_800mhz "
+        f"{cycles('model_cycles', *NAMES)} "
+        + " ".join(f"traffic_bytes.{cause}" for cause in TRAFFIC.split()),
+    )}),
+    "quality": Kept("preset size failed", {"": Sheet(
+        "rows[]",
+        f"{VIEW} asked gaussians sh_degree bytes bytes_per_gaussian model_bytes "
+        f"{errors('scene', 'packing', 'machine')} {cycles('cycles', *NAMES)}",
+    )}),
+    "budget": Kept("preset size", {
+        "": Sheet(
+            "rows[]",
+            f"{VIEW} quality bytes_per_gaussian {errors('packing', 'machine', 'scene')}",
+        ),
+        "parts": Sheet("rows[row].parts[]", "of part psnr_db max_error share"),
+    }),
+    "sweep": Kept("size failed", {
+        "points": Sheet(
+            "points{point}",
+            "knob value nand2 memory_kb views frame_cycles_max frame_cycles_mean fps_min "
+            "psnr_db_machine_min psnr_db_machine_mean max_error_machine_max front rtl.scene "
+            "rtl.camera rtl.size rtl.cycles rtl.model_cycles rtl.identical",
+        ),
+        "rows": Sheet(
+            "rows[]", f"point {VIEW} cycles.frame fps_at_800mhz {errors('machine', 'scene')}",
+        ),
+    }),
+    "programs": PROGRAMS,
+    "programs-paper": PROGRAMS,
+    "synth": Kept("preset top.nand2 top.speed_nand2", {"": Sheet(
+        "top.parts{part}", "stage count nand2 depth speed_nand2 speed_depth flip_flops",
+    )}),
+    "memories": Kept("preset kilobytes", {"": Sheet("stages{stage}[]", "words bits count")}),
+    "ablation": Kept("preset size failed", {
+        "steps": Sheet("steps[]", "name paper_fps"),
+        "rows": Sheet(
+            "rows[]", f"{VIEW} step cycles.frame fps_at_800mhz rtl_cycles rtl_identical"
+        ),
+    }),
+    "work": Kept("preset size failed", {
+        "": Sheet(
+            "rows[]",
+            f"{VIEW} gaussians projected splats tile_pairs near_rate culling_rate "
+            "early_termination_rate pe_utilisation",
+        ),
+        "density": Sheet("density{view}[]", "."),
+    }),
+    "power": Kept(
+        "preset scene camera size fps power_w dram_w pixels_per_j paper",
+        {
+            "": Sheet("stages{stage}", "nand2 flip_flops activity switching clock leakage"),
+            "memories": Sheet("stage_memories{stage}", "kilobits reads writes access leakage"),
+        },
+    ),
+    "hard": CASES._replace(pictures=("hard-cases.png",)),
+    "hard-rtl": CASES,
+    "hard-paper": CASES,
+    "fpga-tiny": DEVICE,
+    "fpga": DEVICE,
+    "compression": Kept("preset size degree quality failed", {
+        "steps": Sheet(
+            "scenes{scene}.steps.rows[]",
+            f"step kind {MODEL} seconds work.tile_pairs work.pairs work.fps_at_800mhz",
+        ),
+        "curve": Sheet("scenes{scene}.curve.points[]", f"target_ratio {MODEL} note"),
+    }),
+}  # fmt: skip
+"""By the names of `results.SOURCES`."""
+
+TEXTS = {
+    "scene", "camera", "quality", "size", "preset", "name", "ended", "asked", "of", "part", "knob",
+    "value", "point", "step", "stage", "engine", "about", "bound", "device", "begin", "end", "kind",
+    "note",
+}  # fmt: skip
+"""Keys of texts, at the end of a dotted one; all others are of numbers, yes or no, or JSON."""

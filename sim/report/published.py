@@ -1,0 +1,55 @@
+"""The report's section of published accelerators, with this machine above them."""
+
+from collections.abc import Iterator
+
+from splatcore.sim.common.published import PUBLISHED
+from splatcore.sim.report.page import THOUSAND, Column, Item, Table
+from splatcore.sim.report.quality import PACKINGS, fps
+from splatcore.sim.report.results import Results
+from splatcore.spec.config import CLOCK_HZ
+from splatcore.spec.error import InputError
+
+OPEN = "open"  # in place of what a source does not say
+
+
+def own(results: Results) -> list:
+    """This machine's line; a result that is missing leaves its cell open and is a trouble."""
+    gates = memory = speed = size = None
+    for facts in results.each(("synth",)):
+        gates = facts["top"]["nand2"] / THOUSAND
+    for facts in results.each(("memories",)):
+        memory = facts["kilobytes"]
+    try:
+        facts, rows = results.rows("quality")
+        found = [fps(row) for row in rows if row["asked"] == PACKINGS[0]]
+        size = facts["size"].replace("x", "×")
+        speed = f"{min(found):.0f} to {max(found):,.0f} (views of this report, cycle model)"
+    except (InputError, ValueError) as error:
+        results.troubles.append(str(error))
+    return [
+        "Splatcore", "Verilog, synthesis to NAND2", "–", CLOCK_HZ / 1e6, gates, memory, None, None,
+        size, speed, "this report",
+    ]  # fmt: skip
+
+
+def published(results: Results) -> Iterator[Item]:
+    """All machines."""
+    yield Table(
+        "published",
+        "Published accelerators with their own figures and where they stand; open: the source that "
+        "was read does not say. Frame rates are of different scenes, models and resolutions: they "
+        "tell what was built, not which is better. The same frames on two machines: "
+        "docs/performance.md.",
+        [
+            Column("machine"), Column("kind"), Column("process", none=OPEN),
+            Column("clock", "MHz", 0, OPEN), Column("gates", "k NAND2", 1, OPEN),
+            Column("memory", "KB", 1, OPEN), Column("area", "mm²", 2, OPEN),
+            Column("power", "W", 3, OPEN), Column("resolution", none=OPEN),
+            Column("FPS", none=OPEN), Column("source", wide=True),
+        ],
+        [own(results), *map(list, PUBLISHED)],
+        ("synth", "memories", "quality"), frozenset({0}),
+    )  # fmt: skip
+
+
+PUBLISHED_SECTION = (published,)

@@ -1,0 +1,97 @@
+"""Cameras of the page and of this project, and where the picture lies in the page.
+
+Both have OpenCV axes. A page's camera is given from camera to world, its axis goes through the
+page's middle, its field of view is that of the page's height. A picture of another shape than the
+page is as large as the page allows, in its middle.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatcore.model.cameras.orbit import upright
+from splatcore.spec.camera import Camera
+
+Size = tuple[int, int]
+"""Width and height in pixels."""
+
+BORDER = 24  # level of the page beside a picture of another shape
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A page's camera.
+
+    rotation [3, 3]: camera to world; position [3]; fov: radians from the page's upper edge to its
+    lower one; page: its size.
+    """
+
+    rotation: np.ndarray
+    position: np.ndarray
+    fov: float
+    page: Size
+
+    def same(self, other: "Pose | None") -> bool:
+        """True if nobody sees a difference."""
+        if other is None or self.page != other.page:
+            return False
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return all(np.allclose(one, two, rtol=1e-6, atol=1e-9) for one, two in pairs)
+
+
+def magnification(size: Size, page: Size) -> float:
+    """Sides of the page's pixels in a side of a picture's pixel."""
+    return min(page[0] / size[0], page[1] / size[1])
+
+
+def camera_of(pose: Pose, like: Camera, size: Size, name: str = "") -> Camera:
+    """What a page shows, as a camera of pictures of a size.
+
+    like: fx / fy and the principal point are its own; a page knows neither.
+    """
+    whole = like.resized(*size)
+    focal = pose.page[1] / (2 * np.tan(pose.fov / 2) * magnification(size, pose.page))
+    rotation = pose.rotation.T
+    return replace(
+        whole, fx=whole.fx * focal / whole.fy, fy=focal, rotation=rotation,
+        translation=-rotation @ pose.position, name=name,
+    )  # fmt: skip
+
+
+def pose_of(camera: Camera, page: Size) -> Pose:
+    """The page's camera whose picture a camera takes."""
+    size = camera.width, camera.height
+    fov = 2 * np.arctan(page[1] / (2 * camera.fy * magnification(size, page)))
+    return Pose(camera.rotation.T, camera.position, float(fov), page)
+
+
+def up_of(cameras: list[Camera]) -> np.ndarray:
+    """Up [3] of a scene with these cameras: what the page's camera turns about."""
+    return upright(cameras)
+
+
+def level_up(camera: Camera, up: np.ndarray) -> np.ndarray:
+    """The direction [3] nearest to `up` [3] that stands upright in a camera's picture.
+
+    A page's camera knows where it looks and an up, not how it is tilted about its axis.
+    """
+    right, own = camera.rotation[0], -camera.rotation[1]
+    found = up - (up @ right) * right
+    return found / np.linalg.norm(found) if found @ own > 0.05 else own
+
+
+def framed(pixels: np.ndarray, page: Size) -> np.ndarray:
+    """A picture [H, W, 3] between borders that give it the shape of a page, which stretches it."""
+    height, width = pixels.shape[:2]
+    scale = magnification((width, height), page)
+    wide, high = round(page[0] / scale), round(page[1] / scale)
+    whole = np.full((max(high, height), max(wide, width), 3), BORDER, np.uint8)
+    top, left = (whole.shape[0] - height) // 2, (whole.shape[1] - width) // 2
+    whole[top : top + height, left : left + width] = pixels
+    return whole
+
+
+def within(size: Size, most: Size) -> Size:
+    """A size of the same shape, no larger than `most`."""
+    scale = min(1, most[0] / size[0], most[1] / size[1])
+    return max(1, int(size[0] * scale + 1e-9)), max(1, int(size[1] * scale + 1e-9))

@@ -1,0 +1,187 @@
+"""Pictures of a scene by requests: the golden machine's, the reference's, maps, numbers."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatcore.golden import pipeline, reference
+from splatcore.model.pack.pack import pack, packable
+from splatcore.sim.common.metric import against, difference
+from splatcore.sim.common.picture import error_picture
+from splatcore.sim.common.source import Source, check_fits
+from splatcore.sim.view import layers
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import CLOCK_HZ, Config
+from splatcore.spec.packed import PackedModel
+
+Tell = Callable[[str, float | None], None]
+"""Called with what begins or goes on, and how much of it is done (0 … 1, None: nobody knows). What
+it raises ends the work."""
+
+GOLDEN = "rendering by the golden model"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a page wants. quality: how a scene is packed; None: as small as is good enough for the
+    first view that asks. layer: of `layers.LAYERS`, or `layers.RTL`."""
+
+    camera: Camera
+    config: Config
+    quality: str | None = None
+    layer: str = layers.MACHINE
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What has come of a request so far. pixels [H, W, 3]: the layer, None before it is there;
+    facts: what `text.told` tells; done: nothing more comes."""
+
+    pixels: np.ndarray | None
+    facts: dict = field(default_factory=dict)
+    done: bool = False
+
+
+class Studio:
+    """A source with its models, by machine and quality, and all of the last camera's pictures."""
+
+    def __init__(self, source: Source):
+        self.source = source
+        self._models: dict[tuple, tuple[PackedModel, str | None]] = {}
+        self._kept: dict[tuple, object] = {}
+        self._camera: tuple = ()
+
+    def steps(self, request: Request, tell: Tell) -> Iterator[Shown]:
+        """What comes of a request, each time that there is more to show: the picture, its error
+        against the model, its error against the scene. InputError for what the machine does not
+        render."""
+        camera, config = request.camera, request.config
+        check_fits(config, camera.width, camera.height)
+        self._begin(camera)
+        if request.layer == layers.RTL:
+            yield self._simulated(request, tell)
+            return
+        _, quality, frame = self._rendered(request, tell)
+        facts = {"preset": config.name, "quality": quality, "size": (camera.width, camera.height)}
+        facts |= {"cycles": self._cycles(config, quality, frame), "layer": request.layer}
+        pictures = {layers.MACHINE: frame.pixels}
+        for layer, make in MAPS.items():
+            if request.layer == layer:
+                pictures[layer], facts["scale"] = make(config, frame)
+        yield Shown(pictures.get(request.layer), facts)
+        for truth, (layer, error) in TRUTHS.items():
+            drawn = self._drawn(truth, request, tell)
+            if drawn is None:
+                continue
+            key = "difference", truth, config, quality
+            found = self._once(key, lambda: difference(frame.pixels, drawn))  # noqa: B023
+            facts = facts | against({truth: found})
+            pictures |= {layer: drawn, error: error_picture(frame.pixels, drawn)}
+            yield Shown(pictures.get(request.layer), facts)
+        if self.source.scene is None:  # all that is known of the scene is the model
+            for other, layer in zip(TRUTHS["scene"], TRUTHS["machine"], strict=True):
+                pictures[other] = pictures[layer]
+        yield Shown(pictures.get(request.layer), facts, done=True)
+
+    def _begin(self, camera: Camera):
+        """Forget the last camera's pictures if this is another."""
+        key = tuple(np.asarray(value).tobytes() for value in list(vars(camera).values())[:-1])
+        if key != self._camera:
+            self._camera = key
+            self._kept.clear()
+
+    def _once(self, key: tuple, make: Callable):
+        """What was made under a key, made now if it was not."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+    def _model(self, request: Request, tell: Tell) -> tuple[PackedModel, str | None]:
+        """The model and its quality (None: it came packed); a scene is packed once for each."""
+        if self.source.scene is None:
+            return self.source.model, None
+        key = packable(request.config), request.quality
+        if key not in self._models:
+            quality = request.quality
+            if quality is None:
+                from splatcore.sim.packing.choose import quality_of
+
+                tell("choosing a quality", None)
+                quality = quality_of(self.source, request.config, [request.camera])
+            tell(f"packing: {quality}", None)
+            made = pack(self.source.scene, request.config, quality=quality)[0], quality
+            self._models[key] = self._models[key[0], quality] = made
+        return self._models[key]
+
+    def _rendered(
+        self, request: Request, tell: Tell
+    ) -> tuple[PackedModel, str | None, pipeline.Frame]:
+        """Model, quality and the golden model's frame, background black."""
+        model, quality = self._model(request, tell)
+
+        def step(name: str):
+            tell(f"{GOLDEN}: {name}", pipeline.STEPS.index(name) / len(pipeline.STEPS))
+
+        def make():
+            return pipeline.render(request.config, model, request.camera, tell=step)
+
+        return model, quality, self._once(("golden", request.config, quality), make)
+
+    def _cycles(self, config: Config, quality: str | None, frame: pipeline.Frame) -> dict:
+        """Cycles by stage, frames a second, the half and the stage that bind."""
+        from splatcore.sim.cycles.frame import frame_cycles
+
+        found = self._once(("cycles", config, quality), lambda: frame_cycles(config, frame))
+        half, stage = found.binding
+        fps = round(CLOCK_HZ / found.frame, 1)
+        return found.by_name | {"fps": fps, "half": half, "stage": stage}
+
+    def _drawn(self, truth: str, request: Request, tell: Tell) -> np.ndarray | None:
+        """The reference's picture of "machine", the model, or of "scene"; None if there is none."""
+        model, quality = self._model(request, tell)
+        if truth == "scene" and self.source.scene is None:
+            return None
+        key = ("machine", request.config, quality) if truth == "machine" else ("scene",)
+
+        def make():
+            shown = model.gaussians() if truth == "machine" else self.source.gaussians
+            label = f"rendering the {'model' if truth == 'machine' else truth} by the reference"
+            tell(label, 0.0)
+            return reference.render(
+                shown, request.camera, progress=lambda done, total: tell(label, done / total)
+            ).pixels
+
+        return self._once(key, make)
+
+    def _simulated(self, request: Request, tell: Tell) -> Shown:
+        """The picture of the simulated hardware, and whether it is the golden model's."""
+        from splatcore.sim.machine.diagnosis import diagnose
+        from splatcore.sim.machine.machine import Job, Machine
+        from splatcore.sim.machine.script import LPDDR4
+
+        config = request.config
+        model, quality, frame = self._rendered(request, tell)
+        tell(f"building the machine {config.name}, which takes minutes when it is new", None)
+        machine = Machine(config)
+
+        def advance(cycles: int, written: int, total: int):
+            tell(f"simulating: {cycles:,} cycles", written / total)
+
+        advance(0, 0, 1)
+        run = machine.run([Job(model, request.camera)], LPDDR4, advance)
+        if not run.done:
+            return Shown(None, {"rtl": f"the machine failed: {run.why}"}, done=True)
+        found = diagnose(config, run, 0, frame)
+        cycles = max(run.preprocessing_cycles[0], run.rendering_cycles[0])
+        facts = {"rtl": found or "identical to the golden model", "rtl_cycles": cycles}
+        return Shown(run.frames[0].pixels, facts | {"quality": quality}, done=True)
+
+
+MAPS = {layers.TILES: layers.tile_picture, layers.GROUPS: layers.group_picture}
+
+TRUTHS = {
+    "machine": (layers.MODEL, layers.ERROR_MODEL),
+    "scene": (layers.SCENE, layers.ERROR_SCENE),
+}
+"""What the machine's picture is compared with; its own layer, the error map's."""

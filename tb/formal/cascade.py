@@ -1,0 +1,243 @@
+"""Properties of a merge of a cascade, as a component to prove, and why they hold by induction.
+
+One pair of runs is followed, any. What is proved of a merge with any runs at its input holds for
+all merges of a cascade: its entries are what comes in one after the other, runs of one; each merge
+gives the next one its runs.
+"""
+
+from dataclasses import replace
+from unittest.mock import patch
+
+from amaranth.hdl import Array, Assert, Cat, Cover, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
+
+from splatcore.hdl.lib.stream import Queue, passes
+from splatcore.hdl.sorting.cascade import Pair
+from splatcore.spec.config import TINY
+from tb.formal.axi_rules import kept, within
+
+MERGES = {"1": (1, False), "2": (2, False), "4": (4, False), "2 in memory": (2, True)}
+"""Entries of runs that are merged, and whether these wait in memories, as those from 8 on do."""
+
+SMALL = replace(TINY, sub_sorter_entries=8, sort_digits=(1,) * 8)
+
+
+class Seen(Queue):
+    """A queue with its items to look at, the first one first; those beyond `level` are any."""
+
+    def __init__(self, shape, depth: int, *, memory: bool = False):
+        super().__init__(shape, depth, memory=memory)
+        self.items = [Signal(shape, name=f"item{k}") for k in range(depth)]
+
+    def elaborate(self, platform) -> Module:
+        m = super().elaborate(platform)
+        ports = [m.submodules.storage.read_port(domain="comb") for _ in range(self.rows)]
+        m.d.comb += [port.addr.eq(row) for row, port in enumerate(ports)]
+        rows = Array(Value.cast(port.data) for port in ports)
+        head = self.o.valid if self.memory else 0  # it has left its row
+        for k, item in enumerate(self.items):
+            row = Signal(range(2 * self.depth + 1), name=f"row{k}")
+            m.d.comb += row.eq(self.read + k - head)
+            found = rows[Mux(row < self.depth, row, row - self.depth)]
+            m.d.comb += Value.cast(item).eq(Mux(head, Value.cast(self.o.payload), found))
+            if k:
+                m.d.comb += Value.cast(item).eq(found)
+        end = self.read + self.level - head
+        m.d.comb += [
+            Assert((self.read < self.depth) & (self.write < self.depth)),
+            Assert(self.write == Mux(end < self.depth, end, end - self.depth)),
+            Assert((self.level <= self.depth) & (self.level >= self.o.valid)),
+        ]
+        return m
+
+
+def pair(size: int, memory: bool) -> Pair:
+    """A merge of runs of so many entries, with queues to look at."""
+    part = "splatcore.hdl.sorting.cascade"
+    from_ = size if memory else size + 1
+    with patch(f"{part}.Queue", Seen), patch(f"{part}.MEMORY_FROM", from_):
+        return Pair(SMALL, size)
+
+
+class Merged(wiring.Component):
+    """A merge, and a pair of runs whose entries are known.
+
+    Asserted: the pair leaves after those before it, and whole, a run with as many entries as both
+    have; each entry is the next one of its run, with its key and, behind the run's bit, its index;
+    the other run has no smaller one, nor the first run an equal one. So if both are in order, as
+    a stable sort has it, what leaves is, too. The last one is the batch's if the pair was that.
+    An offer is kept. While nothing is offered entries are taken, so the pair comes to its end; once
+    its heads are inside there is an offer, at most `latency` cycles later.
+
+    Nothing is assumed; reset comes whenever it likes.
+    """
+
+    def __init__(self, part: Pair):
+        self.part, self.size = part, part.size
+        self.latency = 1 if part.runs[0].memory else 0
+        entry = part.i.payload.shape()
+        super().__init__({"entry": In(entry)} | dict.fromkeys(("valid", "ready", "pick"), In(1)))
+        counts = range(part.size + 1)
+        self.followed, self.alone = Signal(), Signal()  # a pair is; it has no second run
+        self.pairs = Signal(4)  # before it
+        # Of its runs: entries ahead in their queue; those that came, all came; those that left.
+        self.ahead = [Signal(range(part.runs[0].depth + 1), name=f"ahead{k}") for k in range(2)]
+        self.came, self.left = (
+            [Signal(counts, name=f"{n}{k}") for k in "01"] for n in ("in", "out")
+        )
+        self.whole = [Signal(name=f"whole{k}") for k in range(2)]
+        self.entries = [
+            [Signal(entry, name=f"entry{k}_{j}") for j in range(part.size)] for k in range(2)
+        ]
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.part
+        m.d.comb += [
+            part.i.valid.eq(self.valid),
+            part.i.payload.eq(self.entry),
+            part.o.ready.eq(self.ready),
+        ]
+        self._follow(m)
+        self._check(m)
+        self._why(m)
+        self._why_followed(m)
+        return m
+
+    def _follow(self, m: Module):
+        """The pair's entries, from where they come on."""
+        part, last = self.part, self.entry.last
+        put = passes(part.i)
+        picked = put & ~part.turn & (part.count == 0) & self.pick & ~self.followed
+        first = picked | (put & self.followed & ~self.whole[0])
+        second = put & self.followed & self.whole[0] & ~self.alone & ~self.whole[1]
+        over = passes(part.alone.o) & (self.pairs == 0)
+        m.d.sync += self.followed.eq(picked | (self.followed & ~over))
+        pops = passes(part.alone.o)
+        m.d.sync += self.pairs.eq(Mux(picked, part.alone.level, self.pairs) - (pops & ~over))
+        with m.If(picked):
+            m.d.sync += self.pairs.eq(part.alone.level - pops)
+            m.d.sync += self.alone.eq(0)
+        for k, comes in enumerate((first, second)):
+            pop, came = passes(part.runs[k].o), Mux(picked, 0, self.came[k])
+            ends = last | (came == self.size - 1)
+            mine = self.ahead[k] == 0
+            m.d.sync += self.came[k].eq(came + comes)
+            m.d.sync += self.whole[k].eq(Mux(comes, ends, self.whole[k] & ~picked))
+            m.d.sync += self.ahead[k].eq(self.ahead[k] - (pop & ~mine))
+            m.d.sync += self.left[k].eq(self.left[k] + (pop & mine))
+            with m.If(picked):
+                m.d.sync += [self.ahead[k].eq(part.runs[k].level - pop), self.left[k].eq(0)]
+            for j, entry in enumerate(self.entries[k]):
+                with m.If(comes & (came == j)):
+                    m.d.sync += entry.eq(self.entry)
+        with m.If(first):
+            m.d.sync += self.alone.eq(last)
+
+    def _check(self, m: Module):
+        part, o, size = self.part, self.part.o, self.size
+        key, index = len(o.payload.key), len(o.payload.index) - 1
+        chosen, front = o.payload.index[index], self.followed & (self.pairs == 0)
+        mine, ends = o.valid & front, []
+        heads = [Array(map(Value.cast, self.entries[k]))[self.left[k]] for k in range(2)]
+        inside = [self.left[k] < self.came[k] for k in range(2)]  # the head has come
+        rest = [~self.whole[0] | inside[0], ~self.alone & (~self.whole[1] | inside[1])]
+        first, second = (head[:key] for head in heads)
+        for k, smaller in enumerate((first <= second, second < first)):
+            my = mine & (chosen == k)
+            found = Cat(o.payload.key, o.payload.index[:index])
+            m.d.comb += Assert(~my | (inside[k] & (found == heads[k][: key + index])))
+            m.d.comb += Assert(~my | ~rest[1 - k] | (inside[1 - k] & smaller))
+            ends.append(self.whole[k] & (self.left[k] + 1 == self.came[k]) & ~rest[1 - k])
+        end = Mux(chosen, *reversed(ends))
+        batch = self.alone | Array(entry.last for entry in self.entries[1])[self.came[1] - 1]
+        empty = (part.alone.level == 0) & (part.runs[0].level == 0)
+        m.d.comb += [
+            Assert(~mine | self.whole[0]),
+            Assert(~mine | (o.payload.last == (end & batch))),
+            Assert(~front | (passes(part.alone.o) == (mine & o.ready & end))),
+            Assert(~front | o.valid | part.i.ready | (self.latency & (inside[0] | inside[1]))),
+            Assert(~empty | part.i.ready),
+        ]
+        heads = (inside[0] | ~rest[0]) & (inside[1] | ~rest[1])
+        within(m, front & self.whole[0] & heads & ~o.valid, self.latency)
+        kept(m, o.valid, o.ready, o.payload)
+        full = (self.came[0] == size) & (self.came[1] == size) & (first == second)
+        m.d.comb += Cover(mine & o.ready & end & full & chosen)
+        m.d.comb += Cover(mine & o.ready & end & self.alone & (self.came[0] == size))
+
+    def _why(self, m: Module):
+        """All runs inside belong to pairs: for each there is an end in the first queue, too."""
+        part, alone = self.part, self.part.alone
+        lasts = [
+            sum((k < q.level) & item.last for k, item in enumerate(q.items)) for q in part.runs
+        ]
+        seconds = sum((k < alone.level) & ~item for k, item in enumerate(alone.items))
+        coming = ~part.turn & (part.count != 0)
+        newest = Array(alone.items)[alone.level - 1]
+        first, second = part.runs
+        m.d.comb += [
+            Assert(part.count < self.size),
+            Assert(alone.level == lasts[0] + part.over[0]),
+            Assert(seconds == lasts[1] + part.over[1] + part.turn),
+            Assert(~part.over.any() | ((alone.level != 0) & ~alone.items[0])),
+            Assert(~part.over.all()),
+            Assert(~part.turn | ((alone.level != 0) & ~newest)),
+            Assert(part.turn | (first.level >= part.count)),
+        ]
+        for queue, open_ in ((first, coming), (second, part.turn & (part.count != 0))):
+            end = Array(item.last for item in queue.items)[queue.level - 1]
+            m.d.comb += Assert((queue.level == 0) | (end == ~open_))
+        # A run that is coming has its entries behind the last end.
+        for k, item in enumerate(first.items):
+            m.d.comb += Assert(
+                ~coming | (k >= first.level) | (k + part.count < first.level) | ~item.last
+            )
+
+    def _why_followed(self, m: Module):
+        """Where the followed pair's entries are."""
+        part, alone, followed = self.part, self.part.alone, self.followed
+        came, whole, left, ahead = self.came, self.whole, self.left, self.ahead
+        coming = followed & (~whole[0] | (~self.alone & ~whole[1]))
+        turn, none = whole[0] & ~self.alone, self.pairs == 0
+        m.d.comb += [
+            Assert(~coming | (part.turn == whole[0])),
+            Assert(~coming | (part.count == Mux(whole[0], came[1], came[0]))),
+            Assert(~coming | (alone.level == self.pairs + whole[0])),
+            Assert(~followed | (alone.level >= self.pairs + whole[0])),
+            Assert(~followed | ~whole[0] | (Array(alone.items)[self.pairs] == self.alone)),
+            Assert(~followed | (came[0] != 0)),
+            Assert(~followed | turn | ((came[1] == 0) & ~whole[1])),
+            Assert(~followed | whole[0] | ~self.alone),
+        ]
+        for k, queue in enumerate(part.runs):
+            inside = ahead[k] + came[k] - left[k]
+            ends = sum((j < ahead[k]) & item.last for j, item in enumerate(queue.items))
+            pairs = self.pairs
+            if k:
+                pairs = sum((j < self.pairs) & ~item for j, item in enumerate(alone.items))
+            over = whole[k] & (left[k] == came[k])
+            before = Array(item.last for item in queue.items)[ahead[k] - 1]
+            m.d.comb += [
+                Assert(~followed | (left[k] <= came[k])),
+                Assert(~followed | (came[k] <= self.size)),
+                Assert(~followed | ~whole[k] | (came[k] != 0)),
+                Assert(~followed | whole[k] | (came[k] < self.size)),
+                Assert(~coming | (queue.level == inside)),
+                Assert(~followed | (queue.level >= inside)),
+                Assert(~followed | none | (ends + part.over[k] == pairs)),
+                Assert(~followed | ~none | ((ahead[k] == 0) & (part.over[k] == over))),
+                Assert(~followed | none | (left[k] == 0)),
+                Assert(~followed | (ahead[k] == 0) | before),
+            ]
+            for j, item in enumerate(queue.items):
+                mine = followed & (j >= ahead[k]) & (j < inside)
+                place = (j - ahead[k] + left[k])[: len(came[k])]
+                entry = Array(map(Value.cast, self.entries[k]))[place]
+                end = whole[k] & (place == came[k] - 1)
+                m.d.comb += Assert(~mine | (Value.cast(item.entry) == entry))
+                m.d.comb += Assert(~mine | (item.last == end))
+        last = Array(entry.last for entry in self.entries[1])[came[1] - 1]
+        gone = followed & none & part.over[1]
+        m.d.comb += Assert(~gone | (part.last == last))

@@ -1,0 +1,163 @@
+"""Properties of credits, and of what is pushed on their word, as components to prove."""
+
+from amaranth.hdl import Assert, Assume, Cat, Const, Cover, Module, Mux, Signal, Value
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from splatcore.hdl.lib.credit import Credit
+from splatcore.hdl.lib.holds import never_waits
+from splatcore.hdl.lib.stream import passes
+from splatcore.hdl.memory.fetch import Fetch
+from splatcore.spec.config import TINY
+from tb.formal.axi_rules import within
+from tb.formal.stream import WIDTH, Followed, WatchedQueue, in_rows
+from tb.helpers.parts import forward
+
+
+class Given(wiring.Component):
+    """A credit, and of the `most` that it can give each by itself: given out or not.
+
+    Asserted: `count` is how many are out, so what was given out has come back or is out; `room`
+    and `any` say whether one is left and whether one is out; and what the credit asserts itself.
+
+    Assumed: nobody takes one that is out, or more than `step`; what goes is out, or taken in this
+    cycle. Which are taken is free, and which one goes; it may be taken again at once.
+    """
+
+    def __init__(self, part: Credit):
+        super().__init__({"takes": In(part.most), "back": In(part.most)})
+        self.part = part
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.part
+        takes, back, out = self.takes, self.back, Signal(part.most)
+        m.d.comb += [
+            part.comes.eq(sum(takes)),
+            part.goes.eq(back.any()),
+            Assume((sum(takes) <= part.step) & (sum(back) <= 1)),
+            Assume((takes & out & ~back) == 0),
+            Assume((back & ~out & ~takes) == 0),
+        ]
+        m.d.sync += out.eq(((out & ~back) | takes) & ~(back & ~out))
+        m.d.comb += [
+            Assert(part.count == sum(out)),
+            Assert(part.room == ~out.all()),
+            Assert(part.any == out.any()),
+        ]
+        full = Signal()
+        m.d.sync += full.eq(full | out.all())
+        m.d.comb += [Cover(full & ~out.any()), Cover(out.all() & takes.any() & back.any())]
+        return m
+
+
+class Credited(wiring.Component):
+    """A datapath that never stalls and a queue behind it, as project and rows are built.
+
+    Members
+        i, o: streams of `WIDTH` bits; an item enters while there is room in the queue for it
+            besides what is there or on its way.
+        credit, queue, valid, data: for proofs.
+
+    **Timing**: latency of the datapath, and 1 of the queue, 2 in memory.
+    """
+
+    def __init__(self, depth: int, latency: int, memory: bool = False):
+        super().__init__({"i": In(stream.Signature(WIDTH)), "o": Out(stream.Signature(WIDTH))})
+        self.credit = Credit(depth, "items in the queue or on their way to it")
+        self.queue = WatchedQueue(depth, memory)
+        self.valid = Signal(latency)
+        self.data = [Signal(WIDTH, name=f"data{k}", reset_less=True) for k in range(latency)]
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.credit, m.submodules.queue = credit, queue = self.credit, self.queue
+        connect(m, queue.o, flipped(self.o))
+        m.d.comb += [
+            self.i.ready.eq(credit.room),
+            credit.comes.eq(passes(self.i)),
+            credit.goes.eq(passes(self.o)),
+            queue.i.valid.eq(self.valid[-1]),
+            queue.i.payload.eq(self.data[-1]),
+        ]
+        never_waits(m, "queue", queue.i, "an item that has entered")
+        m.d.sync += self.valid.eq(Cat(passes(self.i), self.valid))
+        for before, after in zip([self.i.payload, *self.data], self.data, strict=False):
+            m.d.sync += after.eq(before)
+        return m
+
+
+def credited(depth: int, latency: int, memory: bool = False) -> Followed:
+    """That no item is lost or waits for ever: what `Followed` asserts, and that the queue has room
+    whenever something is pushed."""
+    part = Credited(depth, latency, memory)
+    return Followed(part, in_credited, latency + 1 + memory, capacity=depth)
+
+
+def in_credited(proof: Followed, m: Module, picked: Value) -> None:
+    """Why: all that is inside is in a stage or in the queue, and so is the followed item."""
+    part, queue = proof.part, proof.part.queue
+    stages = Signal(part.valid.shape())  # one bit set, that of the followed item's stage
+    m.d.sync += stages.eq(Cat(picked, stages))
+    content = in_rows(m, queue, proof.ahead)
+    waits = proof.followed & ~stages.any() & ~(queue.memory & queue.o.valid & (proof.ahead == 0))
+    m.d.comb += [
+        Assert(proof.inside == part.credit.count),
+        Assert(proof.inside == queue.level + sum(part.valid)),
+        Assert(proof.followed | ~stages.any()),
+        Assert((stages & (stages - 1)) == 0),
+        Assert(~proof.followed | stages.any() | (proof.ahead < queue.level)),
+        Assert(~waits | (content == proof.value)),
+    ]
+    for k, data in enumerate(part.data):
+        ahead = queue.level + sum(part.valid[k + 1 :], Const(0))
+        here = part.valid[k] & (data == proof.value) & (proof.ahead == ahead)
+        m.d.comb += Assert(~stages[k] | here)
+    for k in range(proof.latency):
+        # Without an offer for k cycles the first item has come k stages at least.
+        come = queue.o.valid | (proof.inside == 0)
+        if k <= len(part.data):
+            come |= queue.level.any() | part.valid[k:].any()
+        m.d.comb += Assert((proof.idle != k) | come)
+
+
+class Fetching(wiring.Component):
+    """A reader of ranges before a memory that answers in its own time.
+
+    Asserted: a beat that comes finds room in the queue, though several are asked for at a time and
+    none waits; what room is reserved for is on its way or in the queue. There is no deadlock: a
+    burst waits for room only while another one's beats are on their way or, but for a cycle,
+    offered, and each of them that is taken makes room.
+
+    Assumed: a beat comes only if it was asked for; a range has a beat at least.
+    """
+
+    DEPTH, BURST, COUNT_BITS = 8, 4, 4  # beats; those of a burst; bits of a range's number of them
+
+    def __init__(self):
+        self.inner = Fetch(TINY, self.DEPTH, self.COUNT_BITS, self.BURST)
+        super().__init__({"part": Out(self.inner.signature)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.inner
+        forward(m, self.part, part)
+        i, reads, data, used = part.i, part.reads, part.data, part.used
+        asked = Mux(passes(reads), reads.payload.length + 1, 0)
+        coming = Signal(range(2 * self.DEPTH))  # beats that were asked for and have not come
+        m.d.sync += coming.eq(coming + asked - data.valid)
+        m.d.comb += [
+            Assume(~i.valid | (i.payload.count != 0)),
+            Assume(~data.valid | (coming != 0)),
+            Assert(used.count == coming + part.queue.level),
+            Assert(~part.sized | reads.valid | used.any),
+            # Why: a burst has one beat at least and `BURST` at most, as many as are counted.
+            Assert(i.ready | (part.rest.count != 0)),
+            Assert(~part.sized | ((part.size != 0) & (part.size <= self.BURST))),
+            Assert(~part.sized | (part.size == reads.payload.length + 1)),
+        ]
+        m.d.comb += Assert(part.queue.level >= part.o.valid)
+        within(m, used.any & (coming == 0) & ~part.o.valid, 1)
+        waits = part.sized & ~reads.valid
+        m.d.comb += [Cover(waits & (coming == 0)), Cover(waits & (coming == self.DEPTH))]
+        return m

@@ -1,0 +1,242 @@
+"""Properties of the writer of lists, as a component to prove.
+
+One slot of one page is followed, any: what is to stand there, whether it was written.
+"""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from unittest.mock import patch
+
+from amaranth.hdl import Array, Assert, Assume, Cat, Cover, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
+from amaranth.utils import exact_log2
+
+from splatcore.hdl.binning.list_writer import ListWriter, State
+from splatcore.spec.config import TINY, Config
+from tb.formal.axi_rules import kept, within
+from tb.formal.list_writer_why import why
+
+GROUPS = 3  # no power of two; 2 to look for planted faults
+PAGE_BITS = 3  # so that all pages that can be numbered are few
+COUNT_BITS = 4
+SPLAT_BITS = 1
+
+SHAPES = {"page4_burst2": (4, 2), "page8_burst2": (8, 2), "page4_burst4": (4, 4)}
+"""Entries of pages and of bursts: two, four bursts a page, and one."""
+
+
+def small(shape: str, groups: int = GROUPS) -> Config:
+    """A machine of that many groups of a tile in a row."""
+    page, burst = SHAPES[shape]
+    digits = (1,) * 8
+    sizes = {"page": page, "burst": burst, "sort_digits": digits}
+    return replace(TINY, width_max=16 * groups, height_max=16, group=1, **sizes)
+
+
+@contextmanager
+def narrow() -> Iterator[None]:
+    """Pages' numbers, counts and entries of few bits, as long as it lasts."""
+    with ExitStack() as stack:
+        for name, bits in (
+            ("spec.binning.PAGE_BITS", PAGE_BITS),
+            ("spec.binning.COUNT_BITS", COUNT_BITS),
+            ("hdl.binning.list_writer.COUNT_BITS", COUNT_BITS),
+            ("spec.group.SPLAT_BITS", SPLAT_BITS),
+        ):
+            stack.enter_context(patch(f"splatcore.{name}", bits))
+        yield
+
+
+class Watched(ListWriter):
+    """A writer with its memories to look at.
+
+    rows: the table. buffers: slots k of all groups. found_row, found_slots: of the group that is
+    handled, as it takes them. noise: what a row is read as in the cycle in which it is written.
+    """
+
+    def __init__(self, config: Config):
+        with narrow():
+            super().__init__(config)
+        self.page_bits = PAGE_BITS
+        self.rows = [Signal(self.row, name=f"row{g}") for g in range(self.count)]
+        self.noise, self.found_row = Signal(self.row), Signal(self.row)
+        self.clash = Signal()
+        width, slots = len(Value.cast(self.held.entry)), range(self.burst - 1)
+        self.found_slots = [Signal(width, name=f"found{k}") for k in slots]
+        self.buffers = [
+            [Signal(width, name=f"slot{k}_{g}") for g in range(self.count)] for k in slots
+        ]
+
+    def elaborate(self, platform) -> Module:
+        with narrow():
+            return super().elaborate(platform)
+
+    def _memories(self, m: Module, asked: Value, ask: Value, group: Value):
+        row, slots, write_row, write_entry = super()._memories(m, asked, ask, group)
+        with m.If(ask):
+            m.d.sync += self.clash.eq(write_row.en & (write_row.addr == asked))
+        for g, watched in enumerate(self.rows):
+            port = m.submodules.table.read_port(domain="comb")
+            m.d.comb += [port.addr.eq(g), watched.eq(port.data)]
+        for k, buffer in enumerate(self.buffers):
+            for g, watched in enumerate(buffer):
+                port = m.submodules[f"buffer{k}"].read_port(domain="comb")
+                m.d.comb += [port.addr.eq(g), watched.eq(port.data)]
+        found = Signal(self.row)
+        m.d.comb += found.eq(Mux(self.clash, self.noise, row))
+        return found, slots, write_row, write_entry
+
+    def _present(self, m: Module, *args):
+        row, slots = super()._present(m, *args)
+        m.d.comb += self.found_row.eq(row)
+        m.d.comb += [found.eq(slot) for found, slot in zip(self.found_slots, slots, strict=True)]
+        return row, slots
+
+
+class Written(wiring.Component):
+    """A writer, the layout of the lists of a frame by its definition, and one slot in memory.
+
+    By definition each group's entries take the slots of its page one after the other; one that
+    finds no slot but the page's last takes the first slot of the next page that no group has had,
+    and the last slot is the number of that one.
+
+    Asserted: bursts lie in pages that there are. The burst of the followed slot is written once at
+    most, with what is to stand there, 0 if nothing; once done, it is written if something is.
+    Groups come in order, each once, with first page and count. Pages needed are those taken, as far
+    as they can be counted, and exceeded says whether they are more than there are. An offer is kept
+    until it is taken; an entry is taken whenever a burst would be; a group comes 2 cycles after the
+    one before.
+
+    Assumed: an entry's group is one of the image; no group has more entries than can be counted;
+    the image and the pages stay as they are in a frame. Reset comes whenever it likes, and so does
+    `finish`.
+    """
+
+    def __init__(self, part: Watched):
+        self.part, self.page_bits = part, part.page_bits
+        self.burst_bits = exact_log2(part.burst)
+        bits = dict.fromkeys(("valid", "ready", "take", "finish"), In(1))
+        numbers = {"groups_count": In(range(part.count + 1)), "group": In(range(part.count))}
+        pages = dict.fromkeys(("pages", "page"), In(part.page_bits))
+        words = {"entry": In(len(Value.cast(part.held.entry))), "noise": In(part.row.size)}
+        super().__init__(bits | numbers | pages | words | {"slot": In(part.position_bits)})
+        # By definition: for each group what the table is to hold, pages taken, one more than can be
+        # numbered at most.
+        self.lists = [Signal(part.row, name=f"list{g}") for g in range(part.count)]
+        self.taken = Signal(part.page_bits + 1)
+        # The same before the entry that is held.
+        self.row_before, self.taken_before = Signal(part.row), Signal(part.page_bits + 1)
+        # Of the followed slot: it has a value, from the last entry that came, of a group; its burst
+        # was written.
+        self.seen, self.latest, self.written = Signal(), Signal(), Signal()
+        self.value, self.owner = Signal(words["entry"].shape), Signal(range(part.count))
+        self.given = Signal(range(part.count + 1))  # groups
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.part
+        m.d.comb += [
+            part.i.valid.eq(self.valid),
+            part.i.payload.group.eq(self.group),
+            part.i.payload.entry.eq(self.entry),
+            part.bursts.ready.eq(self.ready),
+            part.groups.ready.eq(self.take),
+            part.finish.eq(self.finish),
+            part.groups_count.eq(self.groups_count),
+            part.pages.eq(self.pages),
+            part.noise.eq(self.noise),
+        ]
+        self._assume(m)
+        self._lay_out(m)
+        self._check_bursts(m)
+        self._check_groups(m)
+        why(self, m)
+        for reset in (self.seen, self.written, self.given, self.taken, *self.lists):
+            with m.If(part.done & ~self.finish):
+                m.d.sync += reset.eq(0)
+        return m
+
+    def _assume(self, m: Module):
+        part = self.part
+        frame, slot = Cat(self.groups_count, self.pages), Cat(self.page, self.slot)
+        same, begun, between = Signal(len(frame)), Signal(), Signal()
+        same_slot = Signal(len(slot))
+        m.d.sync += [same.eq(frame), same_slot.eq(slot), begun.eq(1)]
+        m.d.sync += between.eq(part.done & ~self.finish)
+        m.d.comb += [
+            Assume(~begun | (slot == same_slot)),
+            Assume(~begun | between | (frame == same)),
+            Assume((self.groups_count != 0) & (self.groups_count <= part.count)),
+            Assume(~self.valid | (self.group < self.groups_count)),
+            Assume(self.page < self.pages),
+        ]
+
+    def _lay_out(self, m: Module):
+        """An entry takes its slot."""
+        part, most = self.part, (1 << self.page_bits) - 1
+        put, row, new = part.i.valid & part.i.ready, Signal(part.row), Signal(part.row)
+        number, fresh = Mux(self.taken > most, most, self.taken), row.count == 0
+        turn, link = fresh | row.position.all(), ~fresh & row.position.all()
+        fills, links = Signal(), Signal()
+        m.d.comb += [
+            row.eq(Array(Value.cast(one) for one in self.lists)[self.group]),
+            new.page.eq(Mux(turn, number, row.page)),
+            new.position.eq(Mux(turn, 1, row.position + 1)),
+            new.first.eq(Mux(fresh, number, row.first)),
+            new.count.eq(row.count + 1),
+            links.eq(link & (row.page == self.page) & self.slot.all()),
+            fills.eq((new.page == self.page) & (new.position - 1 == self.slot) & ~links),
+            Assume(~put | ~row.count.all()),
+            Assert(~(put & (fills | links)) | (~self.seen & ~self.written)),
+        ]
+        with m.If(put):
+            m.d.sync += [self.row_before.eq(row), self.taken_before.eq(self.taken)]
+            m.d.sync += self.taken.eq(self.taken + (turn & (self.taken <= most)))
+            m.d.sync += self.latest.eq(fills | links)
+            with m.If(fills | links):
+                m.d.sync += [self.seen.eq(1), self.owner.eq(self.group)]
+                m.d.sync += self.value.eq(Mux(links, number, self.entry))
+        for g, one in enumerate(self.lists):
+            with m.If(put & (self.group == g)):
+                m.d.sync += one.eq(new)
+
+    def _check_bursts(self, m: Module):
+        part, bursts = self.part, self.part.bursts
+        place = Cat(self.slot[self.burst_bits :], self.page)
+        page = bursts.payload.address[len(place) - self.page_bits :]
+        hit = bursts.valid & (bursts.payload.address == place)
+        slots = Array(bursts.payload.slots[k] for k in range(part.burst))
+        m.d.comb += [
+            Assert(~bursts.valid | (page < self.pages)),
+            Assert(~hit | ~self.written),
+            Assert(~hit | (slots[self.slot[: self.burst_bits]] == Mux(self.seen, self.value, 0))),
+            Assert(~part.done | ~self.seen | self.written),
+            Assert(~part.taking | ~self.ready | part.i.ready),
+        ]
+        with m.If(hit & self.ready):
+            m.d.sync += self.written.eq(1)
+        kept(m, bursts.valid, bursts.ready, bursts.payload)
+
+    def _check_groups(self, m: Module):
+        part, groups, most = self.part, self.part.groups, (1 << self.page_bits) - 1
+        row, passes = Signal(part.row), groups.valid & groups.ready
+        held = part.full & part.taking  # the last entry is not through
+        m.d.sync += self.given.eq(self.given + passes)
+        m.d.comb += [
+            row.eq(Array(Value.cast(one) for one in self.lists)[self.given]),
+            Assert(~groups.valid | (self.given < self.groups_count)),
+            Assert(~groups.valid | (groups.payload.count == row.count)),
+            Assert(~groups.valid | (groups.payload.page == row.first)),
+            Assert(~part.done | (self.given == self.groups_count)),
+            Assert(held | (part.needed == Mux(self.taken > most, most, self.taken))),
+            Assert(held | (part.exceeded == (self.taken > self.pages))),
+            Assert(~part.done | ~part.full),
+        ]
+        kept(m, groups.valid, groups.ready, groups.payload)
+        flushing = part.state == State.FLUSH
+        within(m, flushing & self.ready & self.take & ~passes, 2)
+        full = self.written & self.slot.all()  # the followed slot is a link
+        m.d.comb += Cover(part.done & full & (self.groups_count == part.count) & part.exceeded)
+        m.d.comb += Cover(part.done & full & ~part.exceeded & (part.needed == self.pages))

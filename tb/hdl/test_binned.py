@@ -1,0 +1,84 @@
+"""The work area as it is written: each at its place, and `empty` only where nothing waits."""
+
+import numpy as np
+import pytest
+
+from splatcore.hdl.binning.binned import WRITING, Binned
+from splatcore.spec.axi import BEAT, port_bytes, write_record
+from splatcore.spec.binning import burst_record, group_record, groups_max
+from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.feature import feature_record
+from splatcore.spec.record import Record
+from splatcore.spec.work import FEATURE, SLOT
+from tb.helpers.runs import compiled
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.parametrize("config", [DEFAULT, TINY], ids=lambda config: config.name),
+]
+
+SPLATS, BURSTS, GROUPS = 301, 150, 45  # lines that are not full at the end
+FEATURES_AT, LISTS_AT, GROUPS_AT = 0x1000, 0x40000, 0x8000  # beats
+END = 4000  # cycles after which nothing more comes
+
+SAMPLES = ("empty", *(f"writes__{n}__valid" for n in range(len(WRITING))))
+
+
+def noise(rng: np.random.Generator, record: Record, count: int) -> np.ndarray:
+    """Rows of a record, uint8 [count, size], of any bits."""
+    rows = rng.integers(0, 256, (count, record.size), np.uint8)
+    rows[:, -1] &= 255 >> 8 * record.size - record.width
+    return rows
+
+
+def written(config: Config, rows: np.ndarray) -> dict[int, int]:
+    """Bytes of memory that a writer's rows leave behind, by address."""
+    codes, size = write_record(config).unpack(rows), port_bytes(config)
+    memory, place = {}, 0
+    for k in range(len(rows)):
+        start = BEAT * int(codes["beat"][k]) // size * size + size * place
+        for byte in range(size):
+            if int(codes["strobe"][k]) >> byte & 1:
+                word = int(codes[f"data{byte // 8}"][k])
+                memory[start + byte] = word >> 8 * (byte % 8) & 255
+        place = 0 if place == int(codes["length"][k]) else place + 1
+    return memory
+
+
+def placed(beat: int, rows: np.ndarray, size: int) -> dict[int, int]:
+    """Bytes by address of rows that lie in steps of `size` from a beat on, zeros behind each."""
+    padded = np.pad(rows, ((0, 0), (0, size - rows.shape[1])))
+    return {BEAT * beat + n: int(value) for n, value in enumerate(padded.ravel())}
+
+
+@pytest.mark.parametrize("stall", [0, 0.5, 0.9])
+def test_work_area(config, stall):
+    """Every byte of features, pages and the table of groups; there is room for a feature less than
+    come."""
+    rng = np.random.default_rng(int(10 * stall))
+    features = noise(rng, feature_record(config), SPLATS)
+    groups = noise(rng, group_record(), min(GROUPS, groups_max(config)))
+    record = burst_record(config)
+    codes = record.unpack(noise(rng, record, BURSTS)) | {"address": rng.permutation(BURSTS)}
+    result = compiled(Binned, config, samples=SAMPLES).run(
+        {"features": features, "bursts": record.pack(codes), "groups": groups},
+        constants={
+            "features_at": FEATURES_AT, "lists_at": LISTS_AT, "groups_at": GROUPS_AT, "clear": 0,
+            "features_max": SPLATS - 1,
+            "finish": np.append(np.zeros(END, np.uint64), np.uint64(1)),
+        },
+        stall=stall, seed=int(10 * stall), idle_max=END,
+    )  # fmt: skip
+    assert result.finished, result.stopped
+    empty, *waiting = (result.samples[name].astype(bool) for name in SAMPLES)
+    assert not empty[:END].all() and empty[-1] and result.ports["exceeded"] == 1
+    for name in ("features", "groups"):
+        assert not (empty & waiting[WRITING.index(name)]).any(), name
+    pages = codes["slots"][np.argsort(codes["address"])].reshape(-1, 1).astype("<u8").view(np.uint8)
+    expected = {
+        "features": placed(FEATURES_AT, features[:-1], FEATURE),
+        "lists": placed(LISTS_AT, pages[:, :SLOT], SLOT),
+        "groups": placed(GROUPS_AT, groups, SLOT),
+    }
+    for n, name in enumerate(WRITING):
+        assert written(config, result.outputs[f"writes__{n}"]) == expected[name], name

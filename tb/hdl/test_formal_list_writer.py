@@ -1,0 +1,48 @@
+"""Proof of the writer of lists: pages and links, each entry in its place, once."""
+
+import pytest
+
+from splatcore.hdl.binning.list_writer import ListWriter
+from splatcore.sim.rtl.formal import ProofError, cover, prove, search
+from tb.formal.list_writer import SHAPES, Watched, Written, small
+from tb.planted.fault import each, plant
+
+pytestmark = pytest.mark.slow
+
+COVER_DEPTH = 16  # cycles in which a list of two pages can be written, and a page be missing
+FAULT_DEPTH = 12  # cycles in which every fault below shows
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_writer_is_proved(shape):
+    prove(Written(Watched(small(shape))))
+
+
+def test_lists_come_to_their_ends():
+    cover(Written(Watched(small("page4_burst2"))), COVER_DEPTH)
+
+
+FAULTS = {
+    "two lists have a page": ("_handle", "~flushing & turn)", "~flushing & fresh)"),
+    "a page beyond the last": ("_handle", "row.page < self.pages", "row.page <= self.pages"),
+    "the last page is not used": ("_handle", "(row.page <", "(row.page + 1 <"),
+    "a page missing is not told": ("_handle", "needed >= self.pages", "needed > self.pages"),
+    "a link to its own page": ("_handle", "page_full, self.needed", "page_full, row.page"),
+    "a link takes an entry's slot": ("_handle", "(turn, 1,", "(turn, 2,"),
+    "a first entry beside its slot": ("_handle", "Mux(turn, 0, offset)", "offset"),
+    "a burst twice": ("_handle", "written & ~had_burst", "written"),
+    "a list twice": ("_handle", "flushing & ~had_group", "flushing"),
+    "an entry behind a list": ("_handle", "Mux(flushing, 0, final)", "final"),
+    "a row of the frame before": ("_handle", "Mux(self.taking, Val", "Mux(1, Val"),
+    "a row as it was": ("_present", "take & through & (held", "0 & (held"),
+    "an entry as it was": ("_present", "same & (slot == k)", "0"),
+    "a row of before the reset": ("elaborate", "self.count - 1", "self.count - 2"),
+    "flushed with an entry inside": ("elaborate", "free & ~self.i.valid", "free"),
+}
+
+
+@pytest.mark.parametrize("fault", each(FAULTS))
+def test_fault_is_found(fault, monkeypatch):
+    plant(monkeypatch, ListWriter, *FAULTS[fault])
+    with pytest.raises(ProofError, match="fails in step"):
+        search(Written(Watched(small("page4_burst2", groups=2))), FAULT_DEPTH)

@@ -1,0 +1,139 @@
+"""A small library of cells for tests, with delays that a test can add up; and users' libraries."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+VARIABLE = "SPLATCORE_LIBERTY"
+"""Environment variable that names a folder of liberty files."""
+
+SIZES = (1.0, 4.0)
+
+GATES = {
+    "INV": ("!A", 1.0, 2.0), "BUF": ("A", 1.0, 3.0), "NAND2": ("!(A*B)", 1.2, 3.0),
+    "NOR2": ("!(A+B)", 1.4, 3.0), "AOI21": ("!((A*B)+C)", 1.6, 4.0), "XOR2": ("A^B", 2.0, 6.0),
+}  # fmt: skip
+"""Function, how much harder an input is to drive than an inverter's, um² of the smallest size."""
+
+INPUT = 0.002  # pF of an inverter's input of size 1
+AREA_FF = 16.0
+DATA, SETUP = 0.003, 0.05  # pF, ns
+LAUNCH = 0.15  # ns of a flip-flop without load
+
+SLEWS, LOADS = (0.01, 0.1, 1.0), (0.001, 0.01, 0.1)
+
+
+def delay(slew: float, load: float, effort: float = 1.0, size: float = 1.0, first: float = 0.02):
+    """ns of a rising or falling output."""
+    return first * effort + 0.1 * slew + 5.0 * load / size
+
+
+def transition(load: float, size: float = 1.0) -> float:
+    """ns of an output's slew."""
+    return 0.01 + 4.0 * load / size
+
+
+class Writer:
+    """Writes the library's text. scale: of times, by their unit. swapped: tables by load first."""
+
+    def __init__(self, scale: float, swapped: bool):
+        self.scale, self.swapped = scale, swapped
+
+    def table(self, kind: str, value) -> str:
+        """A table of value(slew, load)."""
+        values = [[value(slew, load) * self.scale for load in LOADS] for slew in SLEWS]
+        if self.swapped:
+            values = [list(column) for column in zip(*values, strict=True)]
+        text = ", ".join('"' + ", ".join(f"{each:.9g}" for each in row) + '"' for row in values)
+        return f"        {kind} (by_slew_and_load) {{ values ({text}); }}\n"
+
+    def timing(self, begin: str, kind: str, sense: str, value, steep) -> str:
+        """Delays and slews from a pin, both edges alike."""
+        text = f'      timing () {{\n        related_pin : "{begin}";\n'
+        text += f"        timing_type : {kind};\n        timing_sense : {sense};\n"
+        for edge in ("rise", "fall"):
+            text += self.table(f"cell_{edge}", value) + self.table(f"{edge}_transition", steep)
+        return text + "      }\n"
+
+    def head(self, time: str) -> str:
+        """Units, the corner, thresholds, the axes of tables."""
+        text = "library (small) {\n  delay_model : table_lookup;\n"
+        text += f'  capacitive_load_unit (1, pf);\n  time_unit : "{time}";\n'
+        text += "  nom_process : 1;\n  nom_voltage : 0.9;\n  nom_temperature : 125;\n"
+        for edge in ("rise", "fall"):
+            text += "".join(f"  {side}put_threshold_pct_{edge} : 50;\n" for side in ("in", "out"))
+            for end, percent in (("lower", 20), ("upper", 80)):
+                text += f"  slew_{end}_threshold_pct_{edge} : {percent};\n"
+        axes = [
+            ("input_net_transition", [slew * self.scale for slew in SLEWS]),
+            ("total_output_net_capacitance", LOADS),
+        ]
+        text += "  lu_table_template (by_slew_and_load) {\n"
+        for number, (variable, axis) in enumerate(axes[:: -1 if self.swapped else 1], 1):
+            index = ", ".join(f"{each:g}" for each in axis)
+            text += f'    variable_{number} : {variable};\n    index_{number} ("{index}");\n'
+        return text + "  }\n"
+
+    def gate(self, name: str, size: float) -> str:
+        function, effort, area = GATES[name]
+        pins = [pin for pin in "ABC" if pin in function]
+        sense = {"XOR2": "non_unate", "BUF": "positive_unate"}.get(name, "negative_unate")
+        text = f"  cell ({name}_{size:g}) {{\n    area : {area * size};\n"
+        for pin in pins:
+            capacitance = f"{INPUT * effort * size:g}"
+            text += f"    pin ({pin}) {{ direction : input; capacitance : {capacitance}; }}\n"
+        text += f'    pin (Y) {{\n      direction : output;\n      function : "{function}";\n'
+        for pin in pins:
+            text += self.timing(
+                pin, "combinational", sense, lambda slew, load: delay(slew, load, effort, size),
+                lambda _, load: transition(load, size),
+            )  # fmt: skip
+        return text + "    }\n  }\n"
+
+    def flip_flop(self) -> str:
+        text = f"  cell (DFF_1) {{\n    area : {AREA_FF};\n"
+        text += '    ff (IQ, IQN) { clocked_on : "CK"; next_state : "D"; }\n'
+        text += "    pin (CK) { direction : input; clock : true; capacitance : 0.001; }\n"
+        text += f"    pin (D) {{\n      direction : input;\n      capacitance : {DATA};\n"
+        text += '      timing () {\n        related_pin : "CK";\n'
+        text += "        timing_type : setup_rising;\n"
+        for edge in ("rise", "fall"):
+            text += f'        {edge}_constraint (scalar) {{ values ("{SETUP * self.scale:g}"); }}\n'
+        text += "      }\n    }\n"
+        text += '    pin (Q) {\n      direction : output;\n      function : "IQ";\n'
+        text += self.timing(
+            "CK", "rising_edge", "non_unate", lambda slew, load: delay(slew, load, first=LAUNCH),
+            lambda _, load: transition(load),
+        )  # fmt: skip
+        return text + "    }\n  }\n"
+
+
+def small_library(time: str = "1ns", swapped: bool = False, leave_out: tuple[str, ...] = ()) -> str:
+    """Text of the library. time: its unit, 1ns or 1ps. swapped: its tables by load and slew.
+    leave_out: beginnings of names of cells that it lacks."""
+    writer = Writer({"1ns": 1.0, "1ps": 1000.0}[time], swapped)
+    cells = [writer.gate(name, size) for name in GATES for size in SIZES]
+    text = "".join([writer.head(time), *cells, writer.flip_flop(), "}\n"])
+    return without_cells(text, leave_out)
+
+
+def without_cells(text: str, names: tuple[str, ...]) -> str:
+    """A library's text without cells whose names begin like one of these."""
+    head, *cells = text.removesuffix("}\n").split("  cell (")
+    return (
+        head
+        + "".join(f"  cell ({c}" for c in cells if not names or not c.startswith(names))
+        + "}\n"
+    )
+
+
+def liberty_files() -> list[Path]:
+    """Libraries of the folder that `VARIABLE` names."""
+    folder = os.environ.get(VARIABLE)
+    return sorted(path for path in Path(folder).iterdir() if ".lib" in path.name) if folder else []
+
+
+needs_libraries = pytest.mark.skipif(
+    not liberty_files(), reason=f"needs standard-cell libraries: set {VARIABLE}"
+)

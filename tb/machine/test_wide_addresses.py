@@ -1,0 +1,50 @@
+"""Addresses of 64 bits: each area in a window of 4 GiB of its own, two frames in flight."""
+
+import pytest
+
+from splatcore.sim.machine.areas import place_areas
+from splatcore.sim.machine.machine import Job, frame_values
+from splatcore.sim.machine.script import LPDDR4, Timing
+from splatcore.sim.soak.machines import machine
+from splatcore.spec.axi import ADDRESS_BITS
+from splatcore.spec.config import TINY
+from splatcore.spec.registers import high_registers
+from tb.helpers.machines import check, garden, view
+from tb.helpers.ports import wide_addresses
+
+pytestmark = pytest.mark.slow
+
+WIDE = wide_addresses(TINY)
+
+ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
+
+FRAMES = 4
+
+
+def jobs() -> list[Job]:
+    """Neighbouring frames of two models, with lists that are dealt."""
+    return [Job(garden(WIDE, 400 - 50 * (k % 2)), view(step=0.1 * k)) for k in range(FRAMES)]
+
+
+@pytest.mark.parametrize("timing", [LPDDR4, ROUGH], ids=lambda timing: timing.name)
+def test_each_area_in_a_window_of_its_own(timing):
+    """Memory elsewhere answers by errors, and no two areas have the same address in a window."""
+    given = jobs()
+    run = machine(WIDE).run(given, timing)
+    check(WIDE, run, *given)
+    assert run.frames[-1].counters["rendering_write_buckets"]
+    regions = run.areas.regions
+    assert len({region.begin >> ADDRESS_BITS for region in regions}) == len(regions)
+    assert len({region.begin % (1 << ADDRESS_BITS) for region in regions}) == len(regions)
+    assert all(region.begin >> ADDRESS_BITS for region in regions)
+    overlap = [b.started < a.finished for a, b in zip(run.frames, run.frames[1:], strict=False)]
+    assert all(overlap)  # two frames in flight
+
+
+def test_frames_in_flight_differ_in_every_window():
+    """But in that of scratch memory, which only one of them uses at a time."""
+    models = [job.model for job in jobs()[:2]]
+    areas = place_areas(WIDE, models, [(64, 48)])
+    first, second = (frame_values(WIDE, job, k, areas, k) for k, job in enumerate(jobs()[:2]))
+    names = [register.name for register in high_registers(WIDE)]
+    assert [name for name in names if first[name] == second[name]] == ["SCRATCH_HIGH"]

@@ -1,0 +1,18 @@
+"""The small library of cells, as a file and read."""
+
+import pytest
+
+from splatcore.sim.eda.liberty_file import read_liberty
+from tb.helpers.liberty import small_library
+
+
+@pytest.fixture(scope="module")
+def liberty_path(tmp_path_factory):
+    file = tmp_path_factory.mktemp("liberty") / "small.lib"
+    file.write_text(small_library())
+    return file
+
+
+@pytest.fixture(scope="module")
+def library(liberty_path):
+    return read_liberty(liberty_path)

@@ -1,0 +1,59 @@
+"""Verilog of components: the same values in every kind of simulator, from time 0 on."""
+
+import gc
+import subprocess
+
+import pytest
+from amaranth.hdl import Const, Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.sim.rtl.convert import converted
+from tb.helpers.runs import needs_icarus
+
+BENCH = """
+module bench;
+  reg clk = 0, rst = 0;
+  wire [7:0] chosen, part;
+  top top (.clk(clk), .rst(rst), .turn(1'b0), .chosen(chosen), .part(part));
+  initial #1 $display("%b %b", chosen, part);
+endmodule
+"""
+
+
+class Still(wiring.Component):
+    """Logic behind a register that keeps its initial value, and a signal that is set in parts."""
+
+    turn: In(1)
+    chosen: Out(8)
+    part: Out(8)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        at_time_0 = Signal(init=1)  # as the converted text names a register of its own
+        m.d.sync += at_time_0.eq(at_time_0 ^ self.turn)
+        m.d.comb += self.chosen.eq(0x0F)
+        with m.If(at_time_0):
+            m.d.comb += self.chosen.eq(0x5A)
+        m.d.comb += [self.part[:2].eq(Const(0)), self.part[2:7].eq(self.chosen), self.part[7].eq(1)]
+        return m
+
+
+@needs_icarus
+@pytest.mark.parametrize("standard", ["-g2005", "-g2012"])
+def test_every_block_runs_before_the_first_edge(standard, tmp_path):
+    """Though nothing of what it reads ever changes. As SystemVerilog, initial values are there
+    before any block begins to wait."""
+    (tmp_path / "bench.v").write_text(converted(Still()) + BENCH)
+    subprocess.run(["iverilog", standard, "-s", "bench", "-o", "bench", "bench.v"],
+                   cwd=tmp_path, check=True)  # fmt: skip
+    told = subprocess.run(
+        ["vvp", "bench"], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
+    assert told.stdout.split() == ["01011010", "11101000"]
+
+
+def test_garbage_is_collected_as_before():
+    before = gc.get_threshold()
+    converted(Still())
+    assert gc.get_threshold() == before

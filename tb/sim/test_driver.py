@@ -1,0 +1,262 @@
+"""The example driver in C, on a register file of its own, against `spec.registers`."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatcore.sim.eda.register_files import write_register_files
+from splatcore.spec import registers
+from splatcore.spec.axi import ADDRESS_BITS
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.frame import frame_constants
+from splatcore.spec.memory import HEADER
+from splatcore.spec.record import Array
+from splatcore.spec.registers import START, ErrorCode, addresses, register_map
+from splatcore.spec.work import scratch_bytes, stride, work
+from tb.helpers.ports import MAPS
+
+COMPILE = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+
+NO_DEVICE, NO_FRAME, TIMEOUT = -1, -2, -3
+
+PLACES = ("MODEL", "GROUPS", "SCRATCH", "PIXELS")
+
+MAIN = """\
+#include <stdio.h>
+#include "splatcore_camera.h"
+struct machine { uint32_t id, version, ready_after, frame_after, need, error, started; };
+void splatcore_write(void *device, uint32_t address, uint32_t value)
+{
+    struct machine *machine = device;
+    printf("%u %u\\n", address, value);
+    if (address == SPLATCORE_CONTROL && value == SPLATCORE_CONTROL_START) machine->started = 1;
+}
+uint32_t splatcore_read(void *device, uint32_t address)
+{
+    struct machine *machine = device;
+    switch (address) {
+    case SPLATCORE_ID: return machine->id;
+    case SPLATCORE_VERSION: return machine->version;
+    case SPLATCORE_SIZE_MAX: return SPLATCORE_SIZE_MAX_VALUE;
+    case SPLATCORE_STATUS: return machine->ready_after ? 0 : SPLATCORE_STATUS_READY;
+    case SPLATCORE_INTERRUPT:
+        if (!machine->started || machine->frame_after) return 0;
+        if (machine->need || machine->error) return SPLATCORE_INTERRUPT_ERROR;
+        return SPLATCORE_INTERRUPT_FRAME;
+    case SPLATCORE_ERROR: return machine->need ? SPLATCORE_ERROR_PAGES : machine->error;
+    case SPLATCORE_NEEDED: { uint32_t found = machine->need; machine->need = 0; return found; }
+    }
+    return 0;
+}
+void splatcore_pause(void *device)
+{
+    struct machine *machine = device;
+    if (machine->ready_after) machine->ready_after--;
+    else if (machine->started && machine->frame_after) machine->frame_after--;
+}
+int main(void)
+{
+    const uint8_t model[] = {@MODEL@};
+    const struct splatcore_camera camera = {@CAMERA@};
+    const double background[3] = {0, 0.5, 1};
+    struct splatcore_memory memory = {@MEMORY@, 7, 100};
+    struct machine machine = {@MACHINE@};
+    struct splatcore_view view;
+    int32_t failed = splatcore_open(&machine);
+    if (!failed) {
+        splatcore_look(&view, &camera, model, background);
+        failed = splatcore_frame(&machine, &memory, &view, 20, 5);
+    }
+    printf("%d\\n", (int)failed);
+    return 0;
+}
+"""
+
+
+@pytest.fixture(params=MAPS, ids=lambda config: config.name)
+def files(request, tmp_path):
+    """A machine, and the folder of its files."""
+    write_register_files(request.param, tmp_path)
+    return request.param, tmp_path
+
+
+def run(folder: Path, name: str, main: str) -> list[tuple[int, ...]]:
+    """Lines of whole numbers that a C program with the driver prints."""
+    (folder / f"{name}.c").write_text(main)
+    sources = [folder / f for f in (f"{name}.c", "splatcore_driver.c", "splatcore_camera.c")]
+    if "splatcore_open" not in main:
+        sources = [sources[0]]
+    subprocess.run([*COMPILE, f"-I{folder}", *sources, "-lm", "-o", folder / name], check=True)
+    done = subprocess.run([folder / name], capture_output=True, text=True, check=True)
+    return [tuple(map(int, line.split())) for line in done.stdout.splitlines()]
+
+
+def camera(seed: int) -> Camera:
+    """Somewhere, turned somehow."""
+    random = np.random.default_rng(seed)
+    rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    focal, centre = random.uniform(40, 2000, 2), random.uniform(10, 60, 2)
+    return Camera(64, 48, *focal, *centre, rotation, random.normal(0, 30, 3))
+
+
+def example(config, view: Camera, exponents: tuple[int, int] = (-8, 0), **machine: int) -> str:
+    """A host with the driver, which prints what is written to registers, and the result.
+
+    machine: fields of the stand-in for the machine that are not as in a frame that succeeds.
+    """
+    values = {"position_exponent": exponents[0], "factor_exponent": exponents[1]}
+    codes = {
+        name: np.zeros((1, format.length) if isinstance(format, Array) else 1, np.uint64)
+        for name, format in HEADER.fields
+    } | {name: HEADER[name].encode(np.array([value])) for name, value in values.items()}
+    numbers = [view.width, view.height, view.fx, view.fy, view.cx, view.cy]
+    rows = [*view.rotation, view.translation]
+    braces = ["{" + ", ".join(float(v).hex() for v in row) + "}" for row in rows]
+    text = ", ".join(str(v) if isinstance(v, int) else float(v).hex() for v in numbers)
+    text += f", {{{', '.join(braces[:3])}}}, {braces[3]}"
+    given = {"id": "SPLATCORE_ID_VALUE", "version": "SPLATCORE_VERSION_VALUE", "ready_after": 2}
+    given |= {"frame_after": 5, "need": 0, "error": 0} | machine
+    image = ", ".join(map(str, HEADER.pack(codes)[0]))
+    main = MAIN.replace("@MACHINE@", ", ".join([*map(str, given.values()), "0"]))
+    main = main.replace("@MEMORY@", ", ".join(map(hex, places(config).values())))
+    return main.replace("@MODEL@", image).replace("@CAMERA@", text)
+
+
+def places(config) -> dict[str, int]:
+    """Addresses of model, work areas, scratch memory and image, each in a window of its own.
+
+    Where addresses have 64 bits the work areas lie before and behind the end of a window."""
+    places = dict(zip(PLACES, range(0x1000000, 0x5000000, 0x1000000), strict=True))
+    if config.address_bits == 32:
+        return places
+    places |= {name: at + (at * 0xABCD << 8) for name, at in places.items()}
+    end = -(-places["GROUPS"] // (1 << ADDRESS_BITS)) << ADDRESS_BITS
+    return places | {"GROUPS": end - work(config, 7, 100).lists}
+
+
+def test_driver_writes_what_the_spec_says(files):
+    """All registers of a frame, START after them, and the camera's numbers to the last bit."""
+    config, folder = files
+    frame = [at for at, register in register_map(config).items() if register.access == "frame"]
+    names = {at: register.name for at, register in register_map(config).items()}
+    for seed in range(4):
+        view, exponents = camera(seed), (-8 - seed, seed)
+        *lines, (failed,) = run(folder, f"frame{seed}", example(config, view, exponents))
+        assert failed == 0
+        order = [address for address, _ in lines]
+        start = order.index(addresses(config)["CONTROL"])
+        assert set(frame) <= set(order[:start])
+        got = {names[at]: value for at, value in lines}
+        expected = registers.camera_values(config, frame_constants(config, view, *exponents))
+        assert {name: got[name] for name in expected} == expected
+        area, placed = work(config, 7, 100), places(config)
+        placed |= {"LISTS": placed["GROUPS"] + area.lists}
+        placed |= {"FEATURES": placed["GROUPS"] + area.features}
+        for name, place in placed.items():
+            values = registers.address_values(config, name, place)
+            assert {register: got[register] for register in values} == values
+        assert got["WORK_AREA"] == area.size
+        assert got["STRIDE"] == stride(64) and got["CONTROL"] == START
+        background = [got[f"BACKGROUND_{name}"] for name in ("RED", "GREEN", "BLUE")]
+        white = (256 << config.colour_fraction) / 255
+        assert background == [0, round(white / 2), round(white)]
+    text = (folder / "splatcore.h").read_text()
+    assert f"SPLATCORE_SCRATCH_BYTES {scratch_bytes(config)}u" in text
+
+
+@pytest.mark.parametrize(("need", "pages", "failed"), [(12, [7, 12], 0), (21, [7], 8)])
+def test_driver_takes_as_many_pages_as_are_needed(tmp_path, need, pages, failed):
+    write_register_files(TINY, tmp_path)
+    *lines, (result,) = run(tmp_path, "pages", example(TINY, camera(0), need=need))
+    at = addresses(TINY)["LISTS_PAGES"]
+    assert [value for address, value in lines if address == at] == pages
+    assert result == failed and ErrorCode.PAGES == 8
+
+
+WRONG = {
+    "another_id": ({"id": 1}, NO_DEVICE, False),
+    "another_version": ({"version": 99}, NO_DEVICE, False),
+    "never_ready": ({"ready_after": 6}, TIMEOUT, True),
+    "never_a_frame": ({"frame_after": 6}, TIMEOUT, True),
+    "an_error": ({"error": 0x2060A}, 0x2060A, False),
+}
+"""What the machine does, what the driver returns then, and whether it gives up frames by ABORT."""
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_goes_wrong_is_told(name, tmp_path):
+    machine, expected, abort = WRONG[name]
+    write_register_files(TINY, tmp_path)
+    *lines, (failed,) = run(tmp_path, name, example(TINY, camera(0), **machine))
+    assert failed == expected
+    control = [value for address, value in lines if address == addresses(TINY)["CONTROL"]]
+    assert (control[-1:] == [registers.ABORT]) == abort
+    assert lines if expected != NO_DEVICE else not lines
+    if expected > 0:
+        assert (addresses(TINY)["ERROR"], expected) in lines
+
+
+@pytest.mark.parametrize("side", ["width", "height"])
+def test_an_image_that_is_too_large_is_refused(side, tmp_path):
+    write_register_files(TINY, tmp_path)
+    view = {"width": 64, "height": 48} | {side: 65}
+    of = camera(0)
+    large = Camera(*view.values(), of.fx, of.fy, of.cx, of.cy, of.rotation, of.translation)
+    *lines, (failed,) = run(tmp_path, side, example(TINY, large))
+    assert failed == NO_FRAME
+    assert addresses(TINY)["CONTROL"] not in [address for address, _ in lines]
+
+
+def test_the_kernel_part_stands_alone(files):
+    """Without a C library, and without floating point."""
+    _, folder = files
+    kernel = [
+        *COMPILE,
+        "-ffreestanding",
+        "-nostdinc",
+        "-isystem",
+        include(),
+        folder / "splatcore_driver.c",
+    ]
+    subprocess.run([*kernel, "-c", "-o", folder / "driver.o"], check=True)
+    text = subprocess.run([*kernel, "-E"], capture_output=True, text=True, check=True).stdout
+    assert "splatcore_frame" in text and not re.search(r"\b(double|float)\b|math\.h", text)
+    user = "".join((folder / f"splatcore_camera.{end}").read_text() for end in "ch")
+    assert "double" in user
+
+
+def include() -> str:
+    """The compiler's own headers, which a freestanding program has."""
+    command = ["gcc", "-print-file-name=include"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.mark.parametrize("config", (DEFAULT, PAPER), ids=lambda config: config.name)
+def test_numbers(config, tmp_path):
+    """Ties, ends and what is too small or too large."""
+    write_register_files(config, tmp_path)
+    format, random = config.arithmetic, np.random.default_rng(0)
+    codes = random.integers(1, 1 << format.width - 1, 300)
+    codes = codes[np.isfinite(format.decode(codes)) & np.isfinite(format.decode(codes + 1))]
+    near = format.decode(codes)
+    values = np.concatenate([near, (near + format.decode(codes + 1)) / 2, -near])
+    ends = [format.max, format.min_normal, format.min_subnormal]
+    ends = np.array([end * k for end in ends for k in (0.25, 0.5, 0.50001, 0.75, 1, 1.00001, 2)])
+    values = np.concatenate([values, ends, -ends, [0.0, -0.0, 1e300, -np.inf, np.inf, 1e-300]])
+    text = ", ".join(str(v).replace("inf", "HUGE_VAL") if np.isinf(v) else v.hex()
+                     for v in values.tolist())  # fmt: skip
+    main = f"""#include <stdio.h>
+#include "splatcore_camera.h"
+int main(void)
+{{
+    const double values[] = {{{text}}};
+    for (unsigned k = 0; k < {len(values)}; k++) printf("%u\\n", splatcore_number(values[k]));
+    return 0;
+}}
+"""
+    got = [code for (code,) in run(tmp_path, "numbers", main)]
+    assert got == format.encode(values).tolist()

@@ -1,0 +1,257 @@
+"""`import splatcore`: documented names, arrays as promised, the commands' own results."""
+
+import inspect
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import splatcore
+from splatcore import InputError
+from splatcore.sim.common.picture import read_png
+from tb.helpers.clouds import cloud
+from tb.helpers.command import ROOT, load, run
+
+PAGE = ROOT / "docs" / "python.md"
+
+ROOMS = {"spec", "model", "golden", "hdl", "sim"}
+
+SIZE = 64, 48
+
+
+def arrays(count: int = 40) -> dict[str, np.ndarray]:
+    """A scene's arrays, of float32 as a training has them."""
+    scene = cloud(3, count)
+    names = ("position", "scale", "quaternion", "opacity", "sh")
+    return {name: getattr(scene, name).astype(np.float32) for name in names}
+
+
+@pytest.fixture(scope="module")
+def camera() -> splatcore.Camera:
+    return splatcore.look_at([0.3, -0.4, -3], [0, 0, 0], *SIZE)
+
+
+@pytest.fixture(scope="module")
+def model(camera):
+    return splatcore.pack(splatcore.make_scene(**arrays()), "faithful")[0]
+
+
+def row(name: str) -> str:
+    """A name's line in the page's table: how it is called, and the first line of its docstring."""
+    found = getattr(splatcore, name)
+    call = ""
+    if inspect.isfunction(found):
+        parameters = inspect.signature(found).parameters.values()
+        call = f"({', '.join(str(p.replace(annotation=p.empty)) for p in parameters)})"
+        call = call.replace(str(splatcore.Config()), "DEFAULT")
+    return f"| `{name}{call}` | {inspect.getdoc(found).splitlines()[0]} |"
+
+
+def test_page_lists_all_names():
+    """Every public name has a docstring, whose first line the page has."""
+    lines = [line for line in PAGE.read_text().splitlines() if line.startswith("| `")]
+    assert lines == [row(name) for name in splatcore.__all__]
+
+
+def test_documented():
+    """Each function says more than a line, and what it raises; no name is that of a room."""
+    assert not ROOMS & set(splatcore.__all__)
+    for name in splatcore.__all__:
+        text = inspect.getdoc(getattr(splatcore, name))
+        if inspect.isfunction(getattr(splatcore, name)):
+            assert len(text.splitlines()) > 3 and ("InputError" in text or "Errors" in text), name
+    assert set(splatcore.__all__) <= set(dir(splatcore))
+    with pytest.raises(AttributeError, match="'nothing'"):
+        _ = splatcore.nothing
+
+
+def test_import_loads_nothing():
+    """`import splatcore` leaves numpy alone; help of the commands leaves the golden model alone."""
+    for code, absent in (
+        ("import splatcore", ("numpy", "splatcore.spec", "splatcore.sim")),
+        ("import splatcore.sim.cli.main", ("numba", "amaranth", "splatcore.golden")),
+    ):
+        text = f"import sys; {code}; print(sorted(set({absent}) & set(sys.modules)))"
+        done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+        assert done.stdout == "[]\n", done
+
+
+def test_shapes(model, camera):
+    exact = splatcore.render_reference(model, camera, (0.25, 0, 1))
+    picture = splatcore.render_golden(model, camera, background=(0.25, 0, 1))
+    assert exact.dtype == np.float64 and picture.dtype == np.uint8
+    assert exact.shape == picture.shape == (48, 64, 3)
+    found = splatcore.compare(picture, exact)
+    assert found.psnr_db > 50 and 0 < found.max_error < 0.05 and found.ssim > 0.99
+    assert splatcore.compare(picture, picture).identical
+    assert splatcore.compare(picture, picture / 255).identical
+    assert splatcore.compare(exact + 2, np.ones_like(exact)).psnr_db is None
+    assert splatcore.compare(picture, exact[..., ::-1]).psnr_db < 40
+
+
+def test_one_gaussian():
+    """Colour, place and size of a picture are as the arrays say."""
+    turned = [np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)]  # x axis to y axis
+    scene = splatcore.make_scene(
+        [[0, 0, 0]], [[0.5, 0.05, 0.05]], [turned], [1], colour=[[0.3, 0.4, 0.5]]
+    )
+    seen = splatcore.look_at([0, 0, -3], [0, 0, 0], 65, 49, fov=2 * np.degrees(np.arctan(0.5)))
+    assert seen.fx == seen.fy == pytest.approx(65) and seen.cx == 32.5
+    picture = splatcore.render_reference(scene, seen)
+    np.testing.assert_allclose(picture[24, 32], 0.99 * np.array([0.3, 0.4, 0.5]), rtol=1e-9)
+    assert picture[12, 32].max() > 0.1 and picture[24, 20].max() == 0
+    assert splatcore.look_at([0, 0, -3], [0, -1, -3 + 1], 64, 48).rotation[2][1] < 0
+
+
+def test_arrays_are_copied(camera):
+    given = {name: array.astype(np.float64) for name, array in arrays().items()}
+    kept = {name: array.copy() for name, array in given.items()}
+    scene = splatcore.make_scene(**given)
+    before = splatcore.render_reference(scene, camera)
+    model, report = splatcore.pack(scene, cameras=[camera])
+    splatcore.render_golden(model, camera)
+    splatcore.cycles(model, camera)
+    for name, array in kept.items():
+        assert np.array_equal(given[name], array), name
+    given["position"][:] = 9
+    assert np.array_equal(splatcore.render_reference(scene, camera), before)
+    assert report.gaussians == 40 and len(model) + report.transparent == 40
+
+
+def test_no_hidden_state(model, camera):
+    """Calls between do not change what a call returns."""
+    first = splatcore.render_golden(model, camera), splatcore.cycles(model, camera)
+    slower = splatcore.cycles(model, camera, splatcore.preset(rasterizers=1))
+    splatcore.render_golden(model, camera, background=(1, 1, 1))
+    again = splatcore.render_golden(model, camera), splatcore.cycles(model, camera)
+    assert np.array_equal(first[0], again[0]) and first[1] == again[1]
+    assert slower["raster"] > first[1]["raster"] and slower["sort"] == first[1]["sort"]
+
+
+BAD = {
+    "position": [("nan", "position: of 120 values are NaN or infinite: 1"),
+                 (np.zeros((3, 2)), r"position: has shape \(3, 2\), not \(N, 3\)"),
+                 ("text", "position: is no array")],
+    "scale": [("nan", "scale: "), (np.zeros((7, 3)), r"not \(40, 3\)"),
+              (np.full((40, 3), -1), "scale: -1 is not in 0")],
+    "quaternion": [("nan", "quaternion: "), (np.ones((40, 3)), r"not \(40, 4\)")],
+    "opacity": [("nan", "opacity: "), (np.ones((40, 1)), r"not \(40\)"),
+                (np.full(40, 1.5), "opacity: 1.5 is not in 0 … 1")],
+    "sh": [("nan", "sh: "), (np.ones((40, 3)), r"not \(40, N, 3\)"),
+           (np.ones((40, 5, 3)), "sh: has 5 harmonics"), (None, "sh and colour: one of them")],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("field", BAD)
+def test_bad_arrays(field):
+    for value, message in BAD[field]:
+        given = arrays()
+        if isinstance(value, str) and value == "nan":
+            given[field].flat[3] = np.nan
+        else:
+            given[field] = value
+        with pytest.raises(InputError, match=message):
+            splatcore.make_scene(**given)
+
+
+def test_other_bad_input(model, camera, tmp_path):
+    scene = splatcore.make_scene(**arrays())
+    mirrored = splatcore.Camera(*SIZE, 60.0, 60.0, 32, 24, np.diag([1, 1, -1]), np.zeros(3))
+    half = splatcore.Camera(64.5, 48, 60.0, 60.0, 32, 24, np.eye(3), np.zeros(3))
+    large = splatcore.look_at([0, 0, -3], [0, 0, 0], 2000, 48)
+    with_array = splatcore.pack(scene, "compact", config="PAPER")[0]
+    for call, message in (
+        (lambda: splatcore.render_golden(scene, camera), "model: is a Scene; splatcore.pack"),
+        (lambda: splatcore.render_golden(model, mirrored), "rotation is no rotation matrix"),
+        (lambda: splatcore.render_reference(scene, half), "camera: width: is of type float"),
+        (lambda: splatcore.render_golden(model, large), "2000x48: preset DEFAULT renders up to"),
+        (lambda: splatcore.cycles(with_array, camera), "preset DEFAULT 'chunk'"),
+        (lambda: splatcore.cycles(model, camera, "nope"), "preset 'nope': unknown"),
+        (lambda: splatcore.render_golden(model, camera, background=(0, 2, 0)), "background: 2 is"),
+        (lambda: splatcore.pack(scene, "best"), "quality: 'best' is not one of compact"),
+        (lambda: splatcore.pack(model), "scene: is of type PackedModel"),
+        (lambda: splatcore.look_at([0, 0, 0], [0, 0, 0]), "target: is the camera's position"),
+        (lambda: splatcore.look_at([0, 0, 0], [0, 2, 0]), "down: is along"),
+        (lambda: splatcore.look_at([0, 0, 0], [0, 0, 1], 0), "width: 0 is not in 1"),
+        (lambda: splatcore.open_scene("nope.ply"), "nope.ply: "),
+        (lambda: splatcore.open_cameras("nope.json"), "nope.json: "),
+        (lambda: splatcore.open_cameras(scene, 64), "one without the other"),
+        (lambda: splatcore.compare(np.zeros((4, 4)), np.zeros((4, 4))), "image: has shape"),
+        (lambda: splatcore.compare(np.zeros((4, 4, 3)), np.zeros((4, 5, 3))), "image: .*, truth"),
+        (lambda: splatcore.compare(np.zeros((4, 4, 3), int), np.zeros((4, 4, 3))), "type int64"),
+        (lambda: splatcore.preset(rasteriser=2), "did you mean 'rasterizers'"),
+        (lambda: splatcore.preset(pes="9"), "pes: '9' is no integer"),
+        (lambda: splatcore.preset(pes=99), "pes 99 is not in 1 … 12"),
+        (lambda: splatcore.preset(burst=16, page=8), "burst 16 is above 8"),
+        (lambda: splatcore.write(tmp_path / "a.jpg", np.zeros((4, 4, 3))), "end with .png"),
+        (lambda: splatcore.write(tmp_path / "no" / "a.png", np.zeros((4, 4, 3))), "no folder"),
+        (lambda: splatcore.write(tmp_path / "a.png", [1]), "thing: is of type list"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=message) as error:
+            call()
+        assert "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_preset():
+    own = splatcore.preset("tiny", rasterizers=np.int64(4), sort_digits=(3, 4, 4, 4), faint=[])
+    assert (own.rasterizers, own.sort_digits, own.faint) == (4, (3, 4, 4, 4), ())
+    assert own.width_max == 64 and own.name == "own"
+    assert splatcore.preset() == splatcore.Config()
+    assert splatcore.preset("PAPER").arithmetic == splatcore.preset("PAPER", pes=6).arithmetic
+
+
+def test_files(model, camera, tmp_path):
+    """What is written is read back; a file is not replaced by what comes from it."""
+    scene = splatcore.make_scene(**arrays())
+    splatcore.write(tmp_path / "s.ply", scene)
+    splatcore.write(tmp_path / "m.splatcore", model)
+    picture = splatcore.render_golden(model, camera)
+    splatcore.write(tmp_path / "p.png", picture)
+    again = splatcore.open_scene(tmp_path / "s.ply")
+    np.testing.assert_allclose(again.position, scene.position, rtol=1e-6)
+    back = splatcore.open_scene(tmp_path / "m.splatcore")
+    assert np.array_equal(back.image, model.image)
+    assert np.array_equal(read_png(tmp_path / "p.png"), picture)
+    with pytest.raises(InputError, match=r"s\.ply: write would overwrite"):
+        splatcore.write(tmp_path / "s.ply", again)
+    with pytest.raises(InputError, match=r"m\.splatcore: write would overwrite"):
+        splatcore.write(tmp_path / "m.splatcore", back)
+
+
+def test_cameras(tmp_path):
+    """Those beside a file, a generated scene's own, or a sensible view."""
+    scene = splatcore.make_scene(**arrays())
+    splatcore.write(tmp_path / "scene.ply", scene)
+    for given in (scene, tmp_path / "scene.ply", str(tmp_path / "scene.ply")):
+        [view] = splatcore.open_cameras(given)
+        assert (view.width, view.height) == (1920, 1080)
+    assert run("scene", "garden", "--count", 100, "-o", tmp_path / "g.ply",
+               "--cameras", tmp_path / "g.cameras.json") == 0  # fmt: skip
+    [beside] = splatcore.open_cameras(tmp_path / "g.ply", 32, 18)
+    [named] = splatcore.open_cameras("garden", 32, 18)
+    [of_file] = splatcore.open_cameras(tmp_path / "g.cameras.json", 32, 18)
+    for other in (named, of_file):
+        assert (beside.width, beside.height) == (other.width, other.height) == (32, 18)
+        np.testing.assert_allclose(beside.position, other.position, atol=1e-6)
+
+
+def test_as_the_commands(tmp_path):
+    """The picture of `render --engine golden`, the keys and cycles of `cycles --json`."""
+    scene = splatcore.open_scene("needles")
+    [camera] = splatcore.open_cameras("needles", 128, 72)
+    model, _ = splatcore.pack(scene, cameras=[camera])
+    assert run("render", "needles", "--engine", "golden", "--size", "128x72", "--no-compare",
+               "--background", "0.5,0,1", "-o", tmp_path / "a.png") == 0  # fmt: skip
+    picture = splatcore.render_golden(model, camera, background=(0.5, 0, 1))
+    assert np.array_equal(read_png(tmp_path / "a.png"), picture)
+    file = tmp_path / "a.json"
+    assert run("cycles", "needles", "--size", "128x72", "--json", file) == 0
+    told = load(file)["scenes"]["needles"]
+    found = splatcore.cycles(model, camera)
+    assert found == {key: told[key] for key in found}
+    assert told["packing"]["bytes_per_gaussian"] == model.bytes_per_gaussian
+    exact = splatcore.render_reference(scene, camera)
+    against = splatcore.compare(splatcore.render_golden(model, camera), exact)
+    assert against.psnr_db == pytest.approx(told["psnr_db_scene"])

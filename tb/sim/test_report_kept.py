@@ -1,0 +1,266 @@
+"""Results kept as tables: the page made of them alone, and what is refused of them."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+from splatcore.sim.common import version
+from splatcore.sim.common.output import write_json
+from splatcore.sim.report.kept import FOLDER, files, read_kept, tables
+from splatcore.sim.report.kept_columns import TABLES
+from splatcore.sim.report.results import SOURCES
+from splatcore.spec.config import CLOCK_HZ
+from tb.helpers.command import ROOT, make, run
+from tb.helpers.report_page import Page, Report
+from tb.helpers.report_samples import VERSION, everything, write
+
+README = (ROOT / "README.md").read_text()
+
+KEPT_BYTES = 300_000  # of a kept file, at most
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory) -> Path:
+    """A folder with all sample results, and what is kept of them."""
+    folder = tmp_path_factory.mktemp("kept")
+    everything(folder / "results")
+    words = ["-o", str(folder / "measured"), "--results", str(folder / "results")]
+    assert run("report", *words, "--keep", str(folder / "kept")) == 0
+    return folder
+
+
+@pytest.fixture
+def kept(samples, tmp_path, monkeypatch) -> Path:
+    """A copy of what is kept, which the command takes for the repository's."""
+    place = tmp_path / "kept"
+    shutil.copytree(samples / "kept", place)
+    monkeypatch.setattr("splatcore.sim.report.kept.FOLDER", place)
+    return place
+
+
+def page(folder: Path, capsys, *words: str) -> Report:
+    """The report of kept results."""
+    status = run("report", "-o", str(folder / "out"), *words)
+    return Report(folder / "out", status, capsys.readouterr().err)
+
+
+def content(sections: dict) -> dict:
+    """Tables and figures of a report without the commands, which name other folders."""
+    return {
+        name: {
+            key: {k: v for k, v in item.items() if k not in ("commands", "versions")}
+            for kind in ("tables", "figures")
+            for key, item in section[kind].items()
+        }
+        for name, section in sections.items()
+        if name != "fit"  # is kept by its user
+    }
+
+
+def test_the_same_page_from_what_is_kept(samples, kept, tmp_path, capsys):
+    found = page(tmp_path, capsys)
+    assert found.status == 0, found.said
+    measured = Report(samples / "measured", 0, "")
+    assert content(found.sections) == content(measured.sections)
+    assert sum(map(len, content(found.sections).values())) > 25
+    drawn, before = ([f.tags for f in Page(r.text).figures] for r in (found, measured))
+    assert len(drawn) == len(before) - 2  # fit's
+
+
+def test_the_repository_s_own_page(tmp_path):
+    """In a clone, without any scene and without running anything: nothing is refused."""
+    done = subprocess.run(
+        [sys.executable, "-m", "splatcore", "report", "-o", str(tmp_path / "out")],
+        cwd=tmp_path, env={"PATH": "", "SPLATCORE_SCENES": str(tmp_path / "nowhere")},
+        capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
+    found = Report(tmp_path / "out", done.returncode, done.stderr)
+    kept = {name for name in TABLES if all(path.exists() for path in files(name, FOLDER))}
+    assert {"quality", "hard", "programs", "memories"} <= kept
+    lines = done.stderr.splitlines()
+    missing = set(SOURCES) - kept
+    assert done.returncode == bool(lines), done.stderr
+    assert all("; made by: make " in line for line in lines), done.stderr
+    for name in missing:
+        assert any(SOURCES[name][0] in line for line in lines), name
+    for section, key in (("quality", "quality"), ("published", "published")):
+        assert len(found.table(section, key)) > 3, key
+    assert {row["machine"] for row in found.table("published", "published")} > {"GSCore", "Neo"}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_repository_s_tables(name):
+    """What is kept is whole, small, and without a folder of anybody's."""
+    present = [path for path in files(name, FOLDER) if path.exists()]
+    if not present:
+        return
+    facts = read_kept(name, FOLDER)
+    assert facts["command"].startswith("make ") and SOURCES[name][0] in facts["command"]
+    assert "commit " in facts["version"] and "dirty" not in facts["version"]
+    for path in present:
+        assert path.stat().st_size < KEPT_BYTES
+        assert not re.search(r"""(^|[\s=,'"])/\w""", path.read_text()), "a path of somebody's"
+    texts = tables(name, facts, facts["command"], FOLDER)
+    assert {path: path.read_text() for path in present} == texts
+
+
+def test_command_and_version_are_shown(kept, tmp_path, capsys):
+    found = page(tmp_path, capsys, "--section", "quality")
+    table = found.sections["quality"]["tables"]["quality"]
+    command = "make 'SCENES=vase.ply hall.spz' SIZE=64x48 out/report/results/quality/quality.json"
+    assert table["commands"] == [command] and table["versions"] == [VERSION]
+    assert f"measured with {VERSION}" in found.text
+    assert any(command in figure.command for figure in Page(found.text).figures)
+
+
+def test_the_command_that_is_kept_makes_the_result(tmp_path):
+    """Scene files by their names are those of the folder of scenes."""
+    (tmp_path / "vase.ply").write_text("")
+    words = ["SCENES=vase.ply garden", "SIZE=64x48", f"{tmp_path}/quality/quality.json"]
+    made = make("-n", *words, RESULTS=str(tmp_path), SPLATCORE_SCENES=str(tmp_path))
+    assert made.returncode == 0, made.stderr
+    assert (
+        f"bench quality --psnr , --out {tmp_path}/quality {tmp_path}/vase.ply garden --size 64"
+        in (made.stdout)
+    )
+
+
+def test_views_that_were_not_simulated_are_named(kept, tmp_path, capsys):
+    path = kept / "scenes.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line for line in lines if not line.startswith("vase.ply")) + "\n")
+    found = page(tmp_path, capsys, "--section", "scenes")
+    assert found.status == 1
+    assert "scenes: not simulated in RTL: vase 0; made by: make RESULTS=" in found.said
+    assert len(found.table("scenes", "scenes")) == 2
+
+
+def test_make_report_measures_nothing():
+    """But shows what is in its folder of results, and with RESULTS nothing besides."""
+    for words, more in (((), ""), (("RESULTS=there",), " --results there")):
+        made = make("-n", "report", *words, SPLATCORE="splatcore")
+        assert made.stdout.splitlines()[-1].strip() == f"splatcore report -o out/report{more}"
+
+
+def test_a_new_result_stands_for_the_kept_one(samples, kept, tmp_path, capsys):
+    facts = json.loads((samples / "results" / "memories.json").read_text())
+    write(tmp_path / "out/results/memories.json", facts | {"kilobytes": 7.0, "version": "new"})
+    found = page(tmp_path, capsys, "--section", "paper")
+    assert found.status == 0, found.said
+    memories = found.sections["paper"]["tables"]["memories"]
+    assert memories["rows"][1][2] == 7.0 and memories["versions"] == ["new"]
+    assert "out/results/memories.json" in memories["commands"][0]
+    assert found.table("paper", "gates")
+
+
+def renamed(text: str) -> str:
+    return text.replace("psnr_db_scene", "psnr_scene", 1)
+
+
+def dropped(text: str) -> str:
+    """Without the last column."""
+    return "\n".join(
+        line if line.startswith("#") else line.rpartition(",")[0] for line in text.splitlines()
+    )
+
+
+BROKEN = {
+    "renamed": (renamed, "column 'psnr_db_scene' is missing"),
+    "dropped": (dropped, "column 'cycles.frame' is missing"),
+    "added": (lambda text: text.replace(",asked,", ",asked,seen,", 1), "column 'seen' is unknown"),
+    "short": (lambda text: text.rpartition(",")[0], "line 15: has 26 cells, not 27"),
+    "no number": (lambda text: text.replace("21.75", "many", 1),
+                  "line 7: bytes_per_gaussian: 'many' is no value"),
+    "no version": (lambda text: text.replace("# version", "# made by", 1),
+                   "has no line '# version: …'"),
+    "empty": (lambda text: "", "has no line '# command: …'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how, named", BROKEN.values(), ids=list(BROKEN))
+def test_what_is_changed_is_refused(kept, tmp_path, capsys, how, named):
+    path = kept / "quality.csv"
+    path.write_text(how(path.read_text()))
+    found = page(tmp_path, capsys, "--section", "quality", "--section", "work")
+    assert found.status == 1 and f"quality: {path}: {named}" in found.said.replace("\n", " ")
+    assert found.said.count("\n") == 1 and named in unescape(found.text)
+    assert found.table("work", "work") and not found.sections["quality"]["tables"]
+
+
+def test_without_what_is_kept(tmp_path, monkeypatch, capsys):
+    """An installed package that lacks it says so, and nothing is written."""
+    monkeypatch.setattr("splatcore.sim.report.kept.FOLDER", tmp_path / "nowhere")
+    assert run("report", "-o", str(tmp_path / "out")) == 2
+    assert "nowhere: the kept results are not there" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_say_their_version(tmp_path, monkeypatch):
+    """In a checkout with the commit, elsewhere the package's; what says it already keeps it."""
+    found = version.version()
+    assert re.fullmatch(r"[\d.]+(, commit [0-9a-f]{10,}(-dirty)?)?", found), found
+    for value, said in (({}, found), ({"version": "old"}, "old")):
+        write_json(tmp_path / "a.json", value)
+        assert json.loads((tmp_path / "a.json").read_text()) == {"version": said}
+        assert "version" not in value or value["version"] == "old"
+    monkeypatch.setattr(version, "CHECKOUT", tmp_path)
+    version.version.cache_clear()
+    assert re.fullmatch(r"[\d.]+", version.version())
+    version.version.cache_clear()
+
+
+def test_sources_are_said():
+    """Of each published machine, and what stands in the paper's own comparison is its."""
+    from splatcore.sim.common.paper import FPS, GATES_ALL, MEMORIES, POWER
+    from splatcore.sim.common.published import PUBLISHED
+
+    own = PUBLISHED[0]
+    assert all(machine.source for machine in PUBLISHED)
+    assert own.gates == GATES_ALL / 1e3 and own.memory == sum(MEMORIES.values())
+    assert own.power == pytest.approx(POWER, abs=5e-4) and str(FPS) in own.fps
+    assert (ROOT / "docs/performance.md").exists()
+
+
+def headline() -> list[str]:
+    """The values of the README's first table, of what is kept."""
+    quality, scenes = (read_kept(name, FOLDER)["rows"] for name in ("quality", "scenes"))
+    by_packing = {
+        asked: [row for row in quality if row["asked"] == asked]
+        for asked in ("compact", "balanced", "faithful")
+    }
+    fps = sorted(CLOCK_HZ / row["cycles"]["frame"] for row in by_packing["compact"])
+    rtl = sorted(row["cycles"]["fps_at_800mhz"] for row in scenes)
+    against_scene = [
+        f"{min(row['psnr_db_scene'] for row in rows):.1f} dB with at most "
+        f"{max(row['bytes_per_gaussian'] for row in rows):.2f} bytes"
+        for rows in by_packing.values()
+    ]
+    cases = read_kept("hard", FOLDER)["cases"].values()
+    assert all(row["identical"] for row in scenes)
+    gates = [
+        f"{read_kept('synth', folder)['top']['nand2'] / 1e3:,.0f} k NAND2"
+        for folder in (FOLDER,)
+        if (folder / "synth.csv").exists()
+    ]
+    return [
+        f"{fps[0]:.0f} to {fps[-1]:,.0f}, {len(fps)} views",
+        f"{rtl[0]:,.0f} to {rtl[-1]:,.0f}, {len(rtl)} views",
+        f"{min(row['psnr_db_machine'] for row in quality):.1f} dB",
+        *against_scene,
+        *gates,
+        f"{read_kept('memories', FOLDER)['kilobytes']:.1f} KB",
+        f"{sum(case['passed'] for case in cases)} of {len(cases)}",
+    ]
+
+
+def test_the_headline_figures():
+    """Each stands in the README's table as kept results have it, with a command that there is."""
+    rows = re.findall(r"^\| .* \| (.*) \| `make (?:.* )?out/report/results/(.*)` \|$", README, re.M)
+    assert [value for value, _ in rows] == headline()
+    assert {file for _, file in rows} <= {file for file, _ in SOURCES.values()}

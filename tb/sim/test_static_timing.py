@@ -1,0 +1,158 @@
+"""Static timing: times of a few cells that can be added up by hand; slow paths by parts."""
+
+import re
+
+import pytest
+
+from splatcore.sim.eda.cell_netlist import CONSTANTS, put_together
+from splatcore.sim.eda.delays import fo4
+from splatcore.sim.eda.liberty_file import read_liberty
+from splatcore.sim.eda.mapping import Mapped
+from splatcore.sim.eda.silicon import (
+    LONG_FO4,
+    Silicon,
+    long_paths,
+    part_around,
+)
+from splatcore.sim.eda.static_timing import (
+    MEMORY_ACCESS_FO4,
+    MEMORY_SETUP_FO4,
+    WIRE_INVERTERS,
+    Assumed,
+    Timing,
+)
+from tb.helpers.liberty import (
+    AREA_FF,
+    DATA,
+    GATES,
+    INPUT,
+    LAUNCH,
+    SETUP,
+    delay,
+    small_library,
+    transition,
+)
+
+MEMORY = "splatcore_memory_4x1"
+
+
+def by_hand(memory: bool = False) -> Mapped:
+    """A flip-flop (net 2), or a memory, a NAND2 with a port, an inverter, two flip-flops."""
+    cells = [
+        ("NAND2_1", "n", [2, 3, 4]), ("INV_1", "i", [4, 5]),
+        ("DFF_1", "b", [9, 5, 6]), ("DFF_1", "c", [9, 4, 7]),
+    ]  # fmt: skip
+    blocks = []
+    if memory:
+        blocks = [(MEMORY, "m", [[9], [6], [6, 7], [5], [6], [6, 7], [2]])]
+    else:
+        cells.append(("DFF_1", "a", [9, 6, 2]))
+    ports = [("clk", "input", [9]), ("i", "input", [3]), ("o", "output", [7])]
+    return Mapped(cells, blocks, ports, {"2": "a", "6": "b", "7": "c"})
+
+
+def through_two_gates(begin: float, slew: float, wire: float) -> float:
+    """ns from a net with that arrival and slew through `by_hand`'s gates to its register."""
+    middle, end = INPUT + DATA + 2 * wire, DATA + wire
+    time = begin + delay(slew, middle, 1.2)
+    return time + delay(transition(middle), end) + SETUP
+
+
+@pytest.mark.parametrize("wires", [False, True])
+def test_times_by_hand(library, wires):
+    """Clock to output, gates by load and slew, setup."""
+    netlist = put_together(library, {"": by_hand()})
+    assumed = Assumed.of(library, wires)
+    wire = WIRE_INVERTERS * INPUT * wires
+    load = 1.2 * INPUT + wire
+    time = through_two_gates(delay(0, load, first=LAUNCH), transition(load), wire)
+    found = Timing(netlist, assumed, registers_only=True).longest
+    assert found.time == pytest.approx(time)
+    assert (found.begin, found.end) == (("register", "a"), ("register", "b"))
+    assert [step[0] for step in found.steps] == ["", "NAND2_1", "INV_1"]
+    assert [step[3] for step in found.steps] == [1, 2, 1]
+    assert netlist.area == GATES["NAND2"][2] + GATES["INV"][2] + 3 * AREA_FF
+
+    begin = delay(0, 4 * INPUT, first=LAUNCH)  # of a port: a flip-flop with four inverters
+    time = through_two_gates(begin, transition(4 * INPUT), wire)
+    longest = Timing(netlist, assumed).longest
+    assert longest.time == pytest.approx(time) and longest.begin == ("port", "i")
+
+
+def test_times_of_memories_by_hand(library):
+    """Their access time is the path's beginning, their setup its end."""
+    netlist = put_together(library, {"": by_hand(memory=True)})
+    unit = fo4(library)
+    timing = Timing(netlist, Assumed.of(library))
+    ends = {name: time for time, _, name, *_ in reversed(list(timing.worst()))}
+    access, setup = MEMORY_ACCESS_FO4 * unit, MEMORY_SETUP_FO4 * unit
+    assert unit > 0 and access > 5 * LAUNCH / 3
+    load = INPUT + DATA
+    stage = through_two_gates(access, unit, 0) - SETUP  # the inverter has a memory's input more
+    assert ends["b"] == pytest.approx(stage + 5 * DATA + SETUP)
+    assert ends["m"] == pytest.approx(stage + 5 * DATA + setup)
+    assert timing.longest.begin == ("memory", "m") and load
+
+
+def test_pieces_are_timed_as_one(library):
+    """A path through a block, and through it into the next one, as in one piece."""
+    flat = by_hand()
+    inner = Mapped(
+        [flat.cells[1]], [], [("a", "input", [4]), ("y", "output", [5])], {"5": "inverted"}
+    )
+    around = ("block", "part$3", [[4], [5]])
+    outer = Mapped([flat.cells[0], *flat.cells[2:]], [around], flat.ports, flat.names)
+    whole = put_together(library, {"": flat})
+    parts = put_together(library, {"": outer, "part": inner})
+    assert parts.area == whole.area and len(parts.kinds) == len(whole.kinds)
+    times = [Timing(netlist, Assumed.of(library)).longest.time for netlist in (whole, parts)]
+    assert times[0] == pytest.approx(times[1])
+    assert "part.inverted" in parts.names.values()
+
+
+def test_a_register_that_is_read_inverted(tmp_path):
+    """Its name is that of the output that has one."""
+    text = small_library()
+    output = re.search(r"    pin \(Q\) \{.*?\n    \}\n", text, re.S)[0]
+    inverted = output.replace("(Q)", "(QN)").replace('"IQ"', '"IQN"')
+    (tmp_path / "a.lib").write_text(text.replace(output, output + inverted))
+    library = read_liberty(tmp_path / "a.lib")
+    cells = [("DFF_1", "x", [9, 4, 2, 3]), ("INV_1", "y", [3, 4])]
+    netlist = Mapped(cells, [], [("clk", "input", [9])], {"2": "count[3]"})
+    longest = Timing(put_together(library, {"": netlist}), Assumed.of(library)).longest
+    assert longest.begin == longest.end == ("register", "count[3]")
+
+
+def test_a_loop_is_told(library):
+    loop = Mapped([("INV_1", "x", [2, 3]), ("INV_1", "y", [3, 2])], [], [], {})
+    with pytest.raises(ValueError, match="2 nets are in combinational loops"):
+        Timing(put_together(library, {"": loop}), Assumed.of(library))
+
+
+def test_constants_and_what_is_open(library):
+    """A constant starts no path; a port that is one, and a pin that is open, are no fault."""
+    cells = [("NAND2_1", "n", ["1", 2, 3]), ("INV_1", "i", ["x", 4])]
+    ports = [("i", "input", [2]), ("o", "output", [3, "1"])]
+    netlist = put_together(library, {"": Mapped(cells, [], ports, {})})
+    assert Timing(netlist, Assumed.of(library)).longest.begin == ("port", "i")
+    assert CONSTANTS["1"] == 1 and netlist.pins[0, 0] == 1
+
+
+def test_parts_around():
+    names = {
+        ("register", "render.raster.rasterizer3.blend.sums[3]"): "blend",
+        ("memory", "render.sort.runs.sorter0.part.first"): "sub_sorter",
+        ("register", "frame.x"): "frame",
+        ("register", "count"): "top, the rest",
+        ("port", "m_axi__arvalid"): "port",
+    }
+    assert {end: part_around(end) for end in names} == names
+
+
+def test_long_paths(library):
+    """Ends beyond so many FO4, by parts: how many, and the longest."""
+    found = Silicon.of(put_together(library, {"": by_hand(memory=True)}))
+    assert long_paths(found.timing, LONG_FO4) == []
+    (row,) = long_paths(found.timing, 10)
+    assert row["from"] == "memory m" and row["ends"] == 3
+    assert row["fo4"] == pytest.approx(found.facts["longest"]["fo4"], abs=0.06)

@@ -1,0 +1,1 @@
+"""Tests of `sim/view`: the page, its pictures, its camera."""

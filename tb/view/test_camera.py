@@ -1,0 +1,97 @@
+"""Cameras of the page and of the project: there and back."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from splatcore.sim.view.camera import (
+    BORDER,
+    camera_of,
+    framed,
+    level_up,
+    pose_of,
+    up_of,
+    within,
+)
+from splatcore.sim.view.page import alike
+from splatcore.spec.camera import Camera, look_at
+from tb.helpers.page_client import PageCamera
+
+PAGES = [(640, 360), (1000, 360), (500, 700), (1, 1)]
+
+
+def some(seed: int) -> Camera:
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(rng=rng).as_matrix()
+    return Camera(640, 360, 411, 407, 325, 176, rotation, rng.normal(size=3), "some")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_there_and_back(page):
+    for seed in range(20):
+        camera = some(seed)
+        found = camera_of(pose_of(camera, page), camera, (640, 360), "some")
+        for name, value in vars(camera).items():
+            if name != "name":
+                np.testing.assert_allclose(getattr(found, name), value, rtol=1e-12, atol=1e-12)
+
+
+def test_the_page_s_upper_edge():
+    """A point on the page's upper edge, by its field of view, lies on the picture's, or above it by
+    what the page is higher."""
+    camera = look_at((0.0, 0, 0), (0.0, 0, 1), 640, 360, 400.0)
+    for page, row in ((640, 360), 0), ((1280, 720), 0), ((900, 360), 0), ((640, 720), -180):
+        pose = pose_of(camera, page)
+        up = pose.rotation @ (0, -np.tan(pose.fov / 2), 1) + pose.position
+        x, y, z = camera.rotation @ up + camera.translation
+        assert camera.fy * y / z + camera.cy == pytest.approx(row)
+        assert camera.fx * x / z + camera.cx == pytest.approx(320)
+
+
+def test_another_size():
+    camera = some(1)
+    found = camera_of(pose_of(camera, (800, 600)), camera, (1920, 1080))
+    assert not alike(found, camera) and alike(found, found)
+    for name in ("fx", "fy", "cx", "cy"):
+        assert getattr(found, name) == pytest.approx(3 * getattr(camera, name))
+
+
+def test_a_page_that_knows_where_it_looks_and_an_up():
+    """The page's camera, made of what it is sent, is the camera: its tilt, too."""
+    for seed in range(20):
+        camera, up = some(seed), np.array([0.0, -1, 0])
+        page = PageCamera(64, 48)
+        page.position, page.up_direction = camera.position, level_up(camera, up)
+        page.look_at = camera.position + 3 * camera.rotation[2]
+        turned = Rotation.from_quat(page.wxyz, scalar_first=True).as_matrix()
+        np.testing.assert_allclose(turned, camera.rotation.T, atol=1e-9)
+
+
+def test_up():
+    """Photographers hold cameras level: up is across all their rows, and against their columns."""
+    turn = Rotation.from_euler("xyz", (0.4, -1, 2)).as_matrix()
+    cameras = []
+    for angle in np.arange(5.0):
+        eye = np.array([np.cos(angle), -0.3 * angle, np.sin(angle)])
+        cameras.append(look_at(turn @ eye, np.zeros(3), 64, 48, 50.0, down=turn @ (0, 1, 0)))
+    np.testing.assert_allclose(up_of(cameras), turn @ (0, -1, 0), atol=1e-3)
+    assert level_up(cameras[2], up_of(cameras)) @ -cameras[2].rotation[1] > 0.05
+
+
+BORDERS = [((64, 48), 0, 0), ((64, 96), 24, 0), ((256, 48), 0, 96), ((128, 96), 0, 0)]
+
+
+@pytest.mark.parametrize(("page", "top", "left"), BORDERS)
+def test_borders(page, top, left):
+    pixels = np.random.default_rng(0).integers(100, 256, (48, 64, 3), np.uint8)
+    whole = framed(pixels, page)
+    height, width = whole.shape[:2]
+    assert width * page[1] == height * page[0]
+    np.testing.assert_array_equal(whole[top : top + 48, left : left + 64], pixels)
+    assert (whole == BORDER).sum() == whole.size - pixels.size
+
+
+def test_within():
+    assert within((1920, 1080), (960, 540)) == (960, 540)
+    assert within((640, 360), (64, 64)) == (64, 36) and within((60, 20), (64, 64)) == (60, 20)
+    assert within((8000, 10), (64, 64)) == (64, 1)
