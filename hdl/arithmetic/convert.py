@@ -55,8 +55,6 @@ class Convert(wiring.Component):
 class FromFixed(wiring.Component):
     """o = i as a float, times a power of two if there is a range of them, rounded once.
 
-    `FromFixed.scales` says which range covers all that differ.
-
     Members
         i: code of `fixed`.
         scale: one of the range `scale`: o = i · 2^scale. Without a range there is no such port.
@@ -81,15 +79,6 @@ class FromFixed(wiring.Component):
             self.exponents = range(self.exponent + scale[0], highest + 1)
             ports["scale"] = In(Shape.cast(range(min(scale[0], -1), scale[-1] + 1)))
         super().__init__(ports)
-
-    @staticmethod
-    def scales(fixed: Fixed, format: Float) -> range:
-        """Any scale beyond an end of this range gives what that end gives."""
-        # Codes are 1 … 2^width steps of 2^−fraction: at the lowest scale the largest of them is
-        # below half of `format`'s smallest value, at the highest one step is beyond its largest.
-        smallest = 1 - format.bias - format.subnormal * format.fraction
-        lowest = smallest - 1 - fixed.width + fixed.fraction
-        return range(lowest, (1 << format.exponent) - format.bias + fixed.fraction + 1)
 
     def elaborate(self, platform) -> Module:
         m = Module()

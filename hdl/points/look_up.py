@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from splatcore.hdl.arithmetic.convert import FromFixed
 from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.codebook import INDEX_BITS, Codebook, sum_of
-from splatcore.spec.colour import DEGREES
+from splatcore.spec.colour import DEGREES, EXPONENT_MAX, EXPONENT_MIN
 from splatcore.spec.config import Config
 from splatcore.spec.memory import COMPONENT, SLOPE
 from splatcore.spec.point import EXPONENT
@@ -86,13 +86,9 @@ class LookUp(wiring.Component):
         if self.shaded:
             formats.append(sum_of(SLOPE, len(self.codebook.sh_stages)))
         fixed = max(formats, key=lambda format: format.width)
-        scales = FromFixed.scales(fixed, self.config.arithmetic)
+        scales = range(EXPONENT_MIN, EXPONENT_MAX + 1)  # a model beyond these is refused
         scale = Signal(Shape.cast(scales), reset_less=True)
         m.d.sync += scale.eq(exponent)
-        with m.If(exponent < scales[0]):
-            m.d.sync += scale.eq(scales[0])
-        with m.Elif(exponent > scales[-1]):
-            m.d.sync += scale.eq(scales[-1])
         floats = []
         for name, number in zip(COLOURS, numbers, strict=True):
             converter = FromFixed(fixed, self.config.arithmetic, CONVERT, scales)

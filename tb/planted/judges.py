@@ -47,6 +47,7 @@ QUICK = {
     "points/codebook": "tb/hdl/test_codebook.py -k equals",
     "points/colour": "tb/hdl/test_colour.py",
     "points/load": "tb/hdl/test_model_reader.py",
+    "points/look_up": "tb/hdl/test_codebook.py",
     "points/model_reader": "tb/hdl/test_model_reader.py",
     "points/position": STAGE.format("cull"),
     "points/preprocess": "",
