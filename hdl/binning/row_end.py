@@ -98,12 +98,13 @@ class RowEnd(wiring.Component):
         rest, root = Const(0, 1), Const(0, 0)
         for k in reversed(range(HALF_BITS)):
             # (root·2 + 1)² − (root·2)² = root·4 + 1, two more bits of the radicand come in.
+            # Before them the rest is at most root·2, so the difference has no more bits than it.
             rest = Cat(radicand[2 * k : 2 * k + 2], rest)
             trial = Cat(Const(1, 2), root)
-            difference = Signal(signed(len(rest) + 1), name=f"difference_{k}")
+            difference = Signal(signed(len(rest)), name=f"difference_{k}")
             m.d.comb += difference.eq(rest - trial)
             grows = ~difference[-1]
-            rest = Mux(grows, difference[:-1], rest)[: HALF_BITS - k + 1]
+            rest = Mux(grows, difference, rest)[: HALF_BITS - k + 1]
             root = Cat(grows, root)
             if k % ROOT_BITS == 0:
                 rest, root = self._register(m, f"root_{k}", rest, root)
