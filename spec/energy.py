@@ -10,6 +10,8 @@ from math import inf, sqrt
 
 from splatcore.spec.error import InputError
 
+PROCESS_NM = 28
+
 
 @dataclass(frozen=True)
 class Energy:
@@ -87,6 +89,11 @@ class Energy:
         """fJ for a row of a memory to be read, or to be written."""
         size = bits / self.memory_bits * sqrt(words / self.memory_words)
         return 1000 * self.memory_access * self.memory_scale * size
+
+    def scale(self, process: float, voltage: float) -> float:
+        """What an energy becomes from a process of so many nm at a voltage to this one. ASSUMED:
+        capacitances are as lengths, and an energy is C·V²."""
+        return PROCESS_NM / process * (self.supply / voltage) ** 2
 
     @property
     def dram_byte(self) -> float:

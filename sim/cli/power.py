@@ -11,13 +11,23 @@ from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
 from splatcore.sim.common.source import check_fits, open_camera, open_source
 from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.eda.liberty import Library
+from splatcore.sim.eda.liberty_file import read_liberty
 from splatcore.sim.eda.machine_gates import netlist, sizes
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.packing.choose import packed_model
 from splatcore.sim.power.activity import SAMPLE_LENGTH, Counts, counts_of
-from splatcore.sim.power.estimate import FEMTO, Estimate, Logic, estimate, gates_of, sum_of
-from splatcore.spec.config import CLOCK_HZ
-from splatcore.spec.energy import Energy
+from splatcore.sim.power.estimate import (
+    FEMTO,
+    Estimate,
+    Gates,
+    Logic,
+    estimate,
+    gates_of,
+    sum_of,
+)
+from splatcore.spec.config import CLOCK_HZ, Config
+from splatcore.spec.energy import PROCESS_NM, Energy
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -36,6 +46,12 @@ SampleOption = option(
     f"Count in one of N windows of {SAMPLE_LENGTH} cycles; 1: in all. Default: about 32 windows.",
     "--sample",
 )
+LibertyOption = option(
+    str | None, "FILE", "Standard cells (.lib, .lib.gz): gates' energies by these, with --process."
+)
+ProcessOption = option(
+    float | None, "NM", f"The library's process, to scale energies to {PROCESS_NM} nm.", min=1.0
+)
 
 
 @options.app.command("power")
@@ -46,6 +62,8 @@ def power_command(
     preset: options.PresetOption = "DEFAULT",
     fps: FpsOption = None,
     sample: SampleOption = None,
+    liberty: LibertyOption = None,
+    process: ProcessOption = None,
     json: options.JsonOption = None,
 ):  # fmt: skip
     """ESTIMATE the power of a frame, first order, by stage, beside the paper's.
@@ -56,6 +74,9 @@ def power_command(
     constants are in spec/energy.py, 28 nm at 0.9 V, with their sources; --json writes them, too. A
     factor of two either way is within what this is good for.
 
+    With --liberty each gate and flip-flop takes what the library says, by its slew and load, wires
+    included, scaled from --process and the library's voltage; memories, DRAM and leakage as before.
+
     The first time it compiles and simulates the machine and synthesises its parts, half an hour
     for DEFAULT; what it finds is kept (see
     `splatcore cache`).
@@ -64,6 +85,7 @@ def power_command(
     for name, value in (("fps", fps), ("sample", sample)):
         if value is not None and not value > 0:
             raise InputError(f"--{name} {value:g}: is not above 0")
+    library = _library(liberty, process)
     with progress_bar(f"packing {scene}"):
         source = open_source(scene)
         view = open_camera(camera, size, source)
@@ -73,8 +95,7 @@ def power_command(
     if fps is not None and fps > CLOCK_HZ / counts.cycles:
         most = CLOCK_HZ / counts.cycles
         raise InputError(f"--fps {fps:g}: is more than {most:.1f}, what 800 MHz are good for")
-    with progress_bar("synthesising the machine") as advance:
-        gates = gates_of(sizes(netlist(config), advance))
+    gates = _gates(config, library, process)
     found = estimate(counts, gates, config.energy)
     fps = found.fps_max if fps is None else fps
     what = f"{Path(source.name).name} {view.width}x{view.height}, preset {config.name}"
@@ -85,7 +106,40 @@ def power_command(
         "preset": config.name, "scene": source.name, "camera": camera or view.name,
         "size": [view.width, view.height],
     }  # fmt: skip
+    if library:
+        facts["liberty"] = _cells(library, process, config.energy)
     write_json(json, facts | report(found, counts, config.energy, fps))
+
+
+def _library(liberty: str | None, process: float | None) -> Library | None:
+    """The library of a file, if there is one; InputError without its process."""
+    if (liberty is None) != (process is None):
+        given, other = ("--process", "--liberty")[:: -1 if process is None else 1]
+        raise InputError(f"{given} {process or liberty}: goes with {other} only")
+    return liberty and read_liberty(liberty)
+
+
+def _gates(config: Config, library: Library | None, process: float | None) -> dict[str, Gates]:
+    """What the machine's parts take: in cells of a library, or in plain gates."""
+    with progress_bar("synthesising the machine") as advance:
+        if library is None:
+            return gates_of(sizes(netlist(config), advance), config.energy)
+        from splatcore.sim.eda.silicon import machine_silicon
+        from splatcore.sim.power.cells import gates_in_cells
+
+        _, silicon = machine_silicon(netlist(config), library, advance)
+        return gates_in_cells(silicon.wired, process, config.energy)
+
+
+def _cells(library: Library, process: float, energy: Energy) -> dict:
+    """Say in which cells it is; the same for a JSON file."""
+    volts = library.voltage
+    text = f"In cells of {library.name}, scaled from {process:g} nm, {volts:g} V."
+    console.print(text, soft_wrap=True)
+    return {
+        "library": library.name, "corner": library.corner, "voltage": volts,
+        "process_nm": process, "scale": energy.scale(process, volts),
+    }  # fmt: skip
 
 
 def table(found: Estimate, fps: float, title: str) -> Table:

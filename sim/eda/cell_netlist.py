@@ -36,13 +36,16 @@ class CellNetlist:
 
     kinds: of each cell its place in `library`'s cells. pins: of each cell the nets of its inputs
     and outputs, in the library's order, 0 behind them. Nets 0 and 1 are constants. cells: the
-    names of all. memories: path, module and ports of each.
+    names of all. paths: of the pieces that it is of. places: of each cell its piece. memories:
+    path, module and ports of each.
     """
 
     library: Library
     kinds: np.ndarray
     pins: np.ndarray
     cells: list[str]
+    paths: list[str]
+    places: np.ndarray
     ports: list[Port]
     memories: list[tuple[str, str, list[Port]]]
     names: dict[int, str]
@@ -136,12 +139,16 @@ def put_together(library: Library, pieces: Mapping[str, Mapped]) -> CellNetlist:
                     for port, bits in zip(MEMORY_PORTS, ports, strict=True)
                 ]
                 memories.append((dot + plain(name), module, found_ports))
+    counts = [len(piece.cells) for piece in pieces.values()]
+    places = np.repeat(np.arange(len(counts)), counts)
     ports = [
         Port(name, direction == "input", net_of[nets("", bits)])
         for name, direction, bits in pieces[""].ports
     ]
     count = int(net_of.max()) + 1
-    return CellNetlist(library, found, pins, cells, ports, memories, names, count)
+    return CellNetlist(
+        library, found, pins, cells, list(pieces), places, ports, memories, names, count
+    )
 
 
 def plain(name: str) -> str:

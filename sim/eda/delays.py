@@ -175,3 +175,18 @@ def fo4(library: Library) -> float:
         time, slew = arcs.delay(arc, k % 2, slew, 4 * loads[k % 2])
         times.append(time)
     return sum(times[-2:]) / 2
+
+
+def looked_up(table: Table, slew: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """A table's values at slews and loads [N]."""
+    tables = Tables()
+    tables.number(table)
+    return _values(tables.arrays(), slew, load)
+
+
+@njit(cache=True)
+def _values(tables, slew, load):
+    found = np.empty(len(slew))
+    for k in range(len(slew)):
+        found[k] = lookup(tables, 0, slew[k], load[k])
+    return found

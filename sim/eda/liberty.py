@@ -1,7 +1,8 @@
-"""A standard-cell library: cells, their areas, functions, delays.
+"""A standard-cell library: cells, their areas, functions, delays, energies.
 
 What static timing needs of them: capacitance of pins, delays and slews as tables of slew and load
-(NLDM), setup times. `sim.eda.liberty_file` reads the files.
+(NLDM), setup times; and for power what a change takes inside of a cell, and leakage.
+`sim.eda.liberty_file` reads the files.
 """
 
 import re
@@ -17,7 +18,7 @@ EDGES = ("rise", "fall")
 @dataclass(frozen=True)
 class Table:
     """Values by slew in ns (rows) and by load in pF (columns); of setup times by the clock's slew
-    and the data's. Values in ns."""
+    and the data's. Values in ns, of energies in pJ."""
 
     slews: np.ndarray
     loads: np.ndarray
@@ -39,9 +40,21 @@ class Arc:
 
 
 @dataclass(frozen=True)
+class Inside:
+    """What a change at a pin takes inside of its cell, but for the load's. begin: the input that
+    makes an output change; "" for an input's own. energies: of its edges, rise and fall. condition:
+    the state in which it is so, "" if in any."""
+
+    begin: str
+    pin: str
+    energies: tuple[Table | None, Table | None]
+    condition: str
+
+
+@dataclass(frozen=True)
 class Cell:
     """A cell. inputs: pF of each pin, rising and falling. functions: of each output. state: what
-    its flip-flop says, attributes by name. special: not for synthesis to choose."""
+    its flip-flop says, attributes by name. special: not for synthesis to choose. leakage: W."""
 
     name: str
     area: float
@@ -50,6 +63,8 @@ class Cell:
     state: dict[str, str]
     arcs: tuple[Arc, ...]
     special: bool
+    inside: tuple[Inside, ...]
+    leakage: float
 
     def computes(self, *truth: int) -> bool:
         """Whether it has one output, of that truth table."""
@@ -74,6 +89,25 @@ class Cell:
         """A flip-flop's pin."""
         return self.state["next_state"].strip("() ")
 
+    def rests_in(self, condition: str) -> bool:
+        """Whether a flip-flop may be in a state while its clock does not change it; True of one
+        that is told by what is no pin."""
+        pins = [*self.inputs, *self.functions]
+        forced = [self.state[name] for name in ("clear", "preset") if name in self.state]
+        tables = [evaluated(text, pins) for text in (condition or "1", *forced)]
+        if not all(tables):
+            return True
+        for row, levels in enumerate(product((0, 1), repeat=len(pins))):
+            held, *never = (table[row] for table in tables)
+            level = dict(zip(pins, levels, strict=True))
+            shown = (
+                level[pin] == level[self.data] ^ (function != self.state["variable"])
+                for pin, function in self.functions.items()
+            )
+            if held and not any(never) and all(shown):
+                return True
+        return False
+
 
 def evaluated(function: str, pins: list[str]) -> list[int]:
     """The truth table of a liberty function, its first pin counting slowest; empty if it has
@@ -81,22 +115,25 @@ def evaluated(function: str, pins: list[str]) -> list[int]:
     text = re.sub(r"(\w+|\([^()]*\))\s*'", r"~\1", function).replace("!", "~")
     text = re.sub(r"(?<=[\w)])\s+(?=[\w(~])", "&", text.strip())
     text = text.replace("*", "&").replace("+", "|")
-    if not re.fullmatch(r"[\w~&|^() ]+", text) or set(re.findall(r"\w+", text)) - set(pins):
+    known = {*pins, "0", "1"}
+    if not re.fullmatch(r"[\w~&|^() ]+", text) or set(re.findall(r"\w+", text)) - known:
         return []
-    code = compile(re.sub(r"\w+", lambda name: f"v{pins.index(name[0])}", text), "", "eval")
+    variable = {pin: f"v{k}" for k, pin in enumerate(pins)}
+    code = compile(re.sub(r"\w+", lambda name: variable.get(name[0], name[0]), text), "", "eval")
     rows = product((0, 1), repeat=len(pins))
-    names = [f"v{k}" for k in range(len(pins))]
-    return [eval(code, {"__builtins__": {}}, dict(zip(names, r, strict=True))) & 1 for r in rows]
+    values = (dict(zip(variable.values(), row, strict=True)) for row in rows)
+    return [eval(code, {"__builtins__": {}}, each) & 1 for each in values]
 
 
 @dataclass(frozen=True)
 class Library:
     """A library of cells. text: the file's. corner: what it says of process, voltage and
-    temperature."""
+    temperature. voltage: V."""
 
     name: str
     text: str
     corner: str
+    voltage: float
     cells: dict[str, Cell]
 
     def smallest(self, *truth: int) -> Cell | None:

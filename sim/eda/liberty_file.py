@@ -1,6 +1,6 @@
 """Liberty files (.lib, .lib.gz): groups and attributes of the text, and the library they describe.
 
-Power, noise, current-source models and hold times are skipped.
+Noise, current-source models and hold times are skipped.
 """
 
 import gzip
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatcore.sim.eda.liberty import EDGES, Arc, Cell, Library, Table
+from splatcore.sim.eda.liberty import EDGES, Arc, Cell, Inside, Library, Table
 from splatcore.spec.error import InputError
 
 COMMENT = re.compile(r"/\*.*?\*/|\\\r?\n", re.S)
@@ -27,6 +27,8 @@ WORD = re.compile(r'"([^"]*)"|([^\s,"]+)')
 
 TIMES = {"fs": 1e-6, "ps": 1e-3, "ns": 1.0, "us": 1e3}
 CAPACITANCES = {"ff": 1e-3, "pf": 1.0}
+VOLTAGES = {"mv": 1e-3, "v": 1.0}
+POWERS = {"pw": 1e-12, "nw": 1e-9, "uw": 1e-6, "mw": 1e-3}
 
 SPECIAL = ("dont_use", "is_isolation_cell", "is_level_shifter", "always_on", "pad_cell")
 """Attributes of cells that synthesis leaves alone."""
@@ -84,17 +86,23 @@ class Reader:
 
     def __init__(self, library: Group):
         self.group = library
-        self.templates = {each.names[0]: each for each in library.of_kind("lu_table_template")}
+        kinds = "lu_table_template", "power_lut_template"
+        self.templates = {each.names[0]: each for each in library.of_kind(*kinds)}
         self.time = _unit(library.lines.get("time_unit", "1ns"), TIMES)
         factor, unit = library.lines.get("capacitive_load_unit", ["1", "pf"])
         self.capacitance = _unit(factor + unit, CAPACITANCES)
+        # There is no unit of energy: it is a unit of capacitance times a unit of voltage, squared.
+        volts = _unit(library.lines.get("voltage_unit", "1V"), VOLTAGES)
+        self.energy = self.capacitance * volts**2
+        self.leakage = _unit(library.lines.get("leakage_power_unit", "1nW"), POWERS)
         if library.lines.get("delay_model", "table_lookup") != "table_lookup":
             raise ValueError(f"delay_model {library.lines['delay_model']} is not table_lookup")
 
     def library(self, text: str) -> Library:
         """All of it; text: the file's."""
         cells = {group.names[0]: self.cell(group) for group in self.group.of_kind("cell")}
-        return Library(self.group.names[0], text, self.corner(), cells)
+        voltage = self.group.number("nom_voltage")
+        return Library(self.group.names[0], text, self.corner(), voltage, cells)
 
     def corner(self) -> str:
         """Process, voltage and temperature by the default operating conditions."""
@@ -109,7 +117,7 @@ class Reader:
         return ", ".join([name, *values] if name else values) or "not said"
 
     def cell(self, group: Group) -> Cell:
-        inputs, functions, arcs = {}, {}, []
+        inputs, functions, arcs, inside = {}, {}, [], []
         for pin in group.of_kind("pin"):
             name = pin.names[0]
             if pin.lines.get("direction") == "input":
@@ -117,6 +125,8 @@ class Reader:
             elif pin.lines.get("direction") == "output":
                 functions[name] = pin.lines.get("function", "")
             arcs += [arc for timing in pin.of_kind("timing") for arc in self.arcs(name, timing)]
+            for power in pin.of_kind("internal_power"):
+                inside += self.inside(name, power)
         flip_flop = next(group.of_kind("ff"), Group("", []))
         other = next(group.of_kind("latch", "statetable", "ff_bank", "latch_bank"), None)
         special = any(group.lines.get(name) == "true" for name in SPECIAL)
@@ -124,8 +134,10 @@ class Reader:
         return Cell(
             group.names[0], group.number("area"), inputs, functions,
             {name: str(value) for name, value in sorted(flip_flop.lines.items())}
+            | ({"variable": flip_flop.names[0]} if flip_flop.names else {})
             | ({"other": other.kind} if other else {}),
-            tuple(arcs), special or three_state or "" in functions.values(),
+            tuple(arcs), special or three_state or "" in functions.values(), tuple(inside),
+            self.leakage * group.number("cell_leakage_power"),
         )  # fmt: skip
 
     def capacitances(self, pin: Group) -> tuple[float, float]:
@@ -144,12 +156,20 @@ class Reader:
         for begin in timing.lines.get("related_pin", "").split():
             yield Arc(begin, end, kind, sense, tables[0], tables[-1])
 
-    def table(self, timing: Group, name: str) -> Table | None:
-        """A table in ns by ns and pF; one without an axis is constant along it."""
+    def inside(self, pin: str, power: Group) -> Iterator[Inside]:
+        """What changes at a pin take, by each pin that a group of power names."""
+        energies = tuple(self.table(power, f"{edge}_power", self.energy) for edge in EDGES)
+        if not any(energies):
+            energies = (self.table(power, "power", self.energy),) * 2
+        for begin in power.lines.get("related_pin", "").split() or [""]:
+            yield Inside(begin, pin, energies, power.lines.get("when", ""))
+
+    def table(self, timing: Group, name: str, unit: float | None = None) -> Table | None:
+        """A table by ns and pF, in ns or in a unit; one without an axis is constant along it."""
         group = next(timing.of_kind(name), None)
         if group is None:
             return None
-        values = group.numbers("values") * self.time
+        values = group.numbers("values") * (self.time if unit is None else unit)
         template = self.templates.get(group.names[0], group)
         axes = {"slew": np.array([0.0]), "load": np.array([0.0])}
         order = []

@@ -1,11 +1,12 @@
 """Power, first order, an ESTIMATE: what a frame switches, times the energies of `spec.energy`.
 
-A part's gates take activity × NAND2-equivalents × energy of a switching NAND2 for each cycle. Its
-activity is that of its nets in RTL, changes for each bit and cycle, which stand for the nets of
-gates that synthesis makes of them. Both are rough: RTL has nets that synthesis takes out (constants
-and names of the same wire, which count more than once), gates have more nets than RTL, and hazards
-are left out. Flip-flops are clocked in each cycle of a frame, as there are no clock gates;
-memories take energy when they are read or written only.
+A part's gates take activity × what they take if all change once, for each cycle: its
+NAND2-equivalents × energy of a switching NAND2, or what a library says of its cells
+(`sim.power.cells`). Its activity is that of its nets in RTL, changes for each bit and cycle, which
+stand for the nets of gates that synthesis makes of them. Both are rough: RTL has nets that
+synthesis takes out (constants and names of the same wire, which count more than once), gates have
+more nets than RTL, and hazards are left out. Flip-flops are clocked in each cycle of a frame, as
+there are no clock gates; memories take energy when they are read or written only.
 """
 
 from collections.abc import Iterable
@@ -25,10 +26,13 @@ STAGES = tuple(dict.fromkeys(STAGE_OF.values()))
 
 
 class Gates(NamedTuple):
-    """Size of a part."""
+    """A part. change: J if all its nets change once; clock: J of a cycle; leakage: W."""
 
     nand2: float
     flip_flops: int
+    change: float
+    clock: float
+    leakage: float
 
 
 @dataclass(frozen=True)
@@ -120,9 +124,15 @@ def by_stage(found: Iterable[tuple[str, Any]]) -> dict[str, list]:
     return {stage: items for stage, items in stages.items() if items}
 
 
-def gates_of(sizes: Iterable[Size]) -> dict[str, Gates]:
-    """Parts' sizes as synthesis has found them, mapped for area."""
-    return {size.part.name: Gates(size.nand2, size.flip_flops) for size in sizes}
+def gates_of(sizes: Iterable[Size], energy: Energy) -> dict[str, Gates]:
+    """Parts as synthesis has found them, mapped for area."""
+    return {
+        size.part.name: Gates(
+            size.nand2, size.flip_flops, size.nand2 * energy.switching * FEMTO,
+            size.flip_flops * energy.clock * FEMTO, size.nand2 * energy.gate_leakage * NANO,
+        )
+        for size in sizes
+    }  # fmt: skip
 
 
 def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimate:
@@ -130,14 +140,12 @@ def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimat
     if set(gates) != set(counts.parts):
         raise ValueError(f"sizes and counts of other parts: {set(gates) ^ set(counts.parts)}")
     logic = {}
-    for name, (nand2, flip_flops) in gates.items():
+    for name, part in gates.items():
         found = counts.parts[name]
         changes = found.changes / found.bits
         logic[name] = Logic(
-            nand2, flip_flops, changes / counts.cycles,
-            switching=changes * nand2 * energy.switching * FEMTO,
-            clock=counts.cycles * flip_flops * energy.clock * FEMTO,
-            leakage=nand2 * energy.gate_leakage * NANO,
+            part.nand2, part.flip_flops, changes / counts.cycles,
+            changes * part.change, counts.cycles * part.clock, part.leakage,
         )  # fmt: skip
     memories = {}
     for found in counts.memories:

@@ -20,6 +20,10 @@ INPUT = 0.002  # pF of an inverter's input of size 1
 AREA_FF = 16.0
 DATA, SETUP = 0.003, 0.05  # pF, ns
 LAUNCH = 0.15  # ns of a flip-flop without load
+VOLTS = 0.9
+CLOCK = 0.001  # pF of a flip-flop's clock
+RISE, FALL = 0.002, 0.004  # pJ of a flip-flop's clock, whose value stays
+LEAKAGE = 3.0  # nW of an um²
 
 SLEWS, LOADS = (0.01, 0.1, 1.0), (0.001, 0.01, 0.1)
 
@@ -32,6 +36,11 @@ def delay(slew: float, load: float, effort: float = 1.0, size: float = 1.0, firs
 def transition(load: float, size: float = 1.0) -> float:
     """ns of an output's slew."""
     return 0.01 + 4.0 * load / size
+
+
+def inside(slew: float, load: float, effort: float = 1.0) -> float:
+    """pJ that a changing output takes inside of its cell."""
+    return 0.001 * effort + 0.002 * slew + 0.003 * load
 
 
 class Writer:
@@ -56,11 +65,27 @@ class Writer:
             text += self.table(f"cell_{edge}", value) + self.table(f"{edge}_transition", steep)
         return text + "      }\n"
 
+    def inside(self, begin: str, effort: float = 1.0) -> str:
+        """Energies of an output that a pin changes, both edges alike."""
+        text = f'      internal_power () {{\n        related_pin : "{begin}";\n'
+        for edge in ("rise", "fall"):  # no unit of time is in them
+            text += self.table(f"{edge}_power", lambda *at: inside(*at, effort) / self.scale)
+        return text + "      }\n"
+
+    def clock(self, condition: str, rise: float, fall: float) -> str:
+        """Energies of the clock in a state."""
+        text = "      internal_power () {\n"
+        text += f'        when : "{condition}";\n' * bool(condition)
+        for edge, value in {"rise": rise, "fall": fall}.items():
+            text += f'        {edge}_power (scalar) {{ values ("{value}"); }}\n'
+        return text + "      }\n"
+
     def head(self, time: str) -> str:
         """Units, the corner, thresholds, the axes of tables."""
         text = "library (small) {\n  delay_model : table_lookup;\n"
         text += f'  capacitive_load_unit (1, pf);\n  time_unit : "{time}";\n'
-        text += "  nom_process : 1;\n  nom_voltage : 0.9;\n  nom_temperature : 125;\n"
+        text += f"  nom_process : 1;\n  nom_voltage : {VOLTS};\n  nom_temperature : 125;\n"
+        text += '  leakage_power_unit : "1nW";\n'
         for edge in ("rise", "fall"):
             text += "".join(f"  {side}put_threshold_pct_{edge} : 50;\n" for side in ("in", "out"))
             for end, percent in (("lower", 20), ("upper", 80)):
@@ -80,6 +105,7 @@ class Writer:
         pins = [pin for pin in "ABC" if pin in function]
         sense = {"XOR2": "non_unate", "BUF": "positive_unate"}.get(name, "negative_unate")
         text = f"  cell ({name}_{size:g}) {{\n    area : {area * size};\n"
+        text += f"    cell_leakage_power : {LEAKAGE * area * size};\n"
         for pin in pins:
             capacitance = f"{INPUT * effort * size:g}"
             text += f"    pin ({pin}) {{ direction : input; capacitance : {capacitance}; }}\n"
@@ -89,12 +115,18 @@ class Writer:
                 pin, "combinational", sense, lambda slew, load: delay(slew, load, effort, size),
                 lambda _, load: transition(load, size),
             )  # fmt: skip
+            text += self.inside(pin, effort)
         return text + "    }\n  }\n"
 
     def flip_flop(self) -> str:
         text = f"  cell (DFF_1) {{\n    area : {AREA_FF};\n"
+        text += f"    cell_leakage_power : {LEAKAGE * AREA_FF};\n"
         text += '    ff (IQ, IQN) { clocked_on : "CK"; next_state : "D"; }\n'
-        text += "    pin (CK) { direction : input; clock : true; capacitance : 0.001; }\n"
+        text += "    pin (CK) {\n      direction : input;\n      clock : true;\n"
+        text += f"      capacitance : {CLOCK};\n" + self.clock("", 8.0, 8.0)
+        for condition in ("D*Q", "!D !Q"):
+            text += self.clock(condition, RISE, FALL)
+        text += self.clock("D*!Q", 9.0, 9.0) + "    }\n"
         text += f"    pin (D) {{\n      direction : input;\n      capacitance : {DATA};\n"
         text += '      timing () {\n        related_pin : "CK";\n'
         text += "        timing_type : setup_rising;\n"
@@ -106,7 +138,7 @@ class Writer:
             "CK", "rising_edge", "non_unate", lambda slew, load: delay(slew, load, first=LAUNCH),
             lambda _, load: transition(load),
         )  # fmt: skip
-        return text + "    }\n  }\n"
+        return text + self.inside("CK") + "    }\n  }\n"
 
 
 def small_library(time: str = "1ns", swapped: bool = False, leave_out: tuple[str, ...] = ()) -> str:
