@@ -17,6 +17,10 @@ FOCAL = 64.0  # pixels. A power of two, so that pixel centres have exact world c
 DEPTH = 4.0  # depth of what has no reason to lie elsewhere, scene units
 TILE_CORNER = 16  # the cases about one tile fill the one whose first pixel is (16, 16)
 
+PSNR_MIN = 52.0
+"""dB of a machine's 8-bit picture against the reference on the same packed model under the
+machine's rule for what is too faint to be seen, at least."""
+
 
 @dataclass(frozen=True, eq=False)
 class HardCase:

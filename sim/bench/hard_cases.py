@@ -7,6 +7,7 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.model.generate.hard import HARD, HardCase
+from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.model.pack.pack import PackReport, pack
 from splatcore.sim.common.metric import LEVELS, Difference, against, difference, psnr
 from splatcore.sim.cycles.frame import frame_cycles
@@ -22,14 +23,6 @@ from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.raster import faint_rule
-
-SEED = 0  # of all cases
-
-PSNR_MIN = 52.0
-"""dB of a machine's 8-bit picture against the reference on the same packed model under the
-machine's rule for what is too faint to be seen, at least."""
-
-SHEET = "hard-cases.png"  # the contact sheet in the folder of pictures
 
 BOUNDS = {
     "reference": "finite; left out: NaN and Inf only",
@@ -109,7 +102,7 @@ def measure(
     timing: Timing,
 ) -> Outcome:
     """Run a hard case through an engine and judge it; `machine` is there for rtl only."""
-    case = HARD[name](SEED)
+    case = HARD[name]()
     camera = camera_of(case, size)
     shape = camera.width, camera.height
     outcome = Outcome(name, case.about, BOUNDS[engine], shape, len(case.scene))

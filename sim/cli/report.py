@@ -10,9 +10,8 @@ from splatcore.sim.cli.options import app, option
 from splatcore.sim.common.output import console, make_folder, messages
 from splatcore.sim.common.source import check_known, parse_size
 from splatcore.sim.report import kept
-from splatcore.sim.report.keep import write_kept, write_pictures
 from splatcore.sim.report.results import Options, Results
-from splatcore.sim.report.sections import SECTIONS, compose, write_report
+from splatcore.sim.report.titles import SECTIONS
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -65,6 +64,8 @@ def report_command(
             read_bytes(text, 1)
     if results is None and not kept.FOLDER.is_dir():
         raise InputError(f"{kept.FOLDER}: the kept results are not there; name --results")
+    from splatcore.sim.report.sections import compose, write_report
+
     make_folder(output)
     options = Options(tuple(scene or ()), size, preset)
     found = Results(
@@ -85,6 +86,8 @@ def report_command(
 
 def _more(found: Results, keep: Path | None, pictures: Path | None) -> list[Path]:
     """What is written besides the page."""
+    from splatcore.sim.report.keep import write_kept, write_pictures
+
     paths: list[Path] = []
     for folder, write in ((keep, write_kept), (pictures, write_pictures)):
         if folder is not None:

@@ -1,11 +1,17 @@
-"""What the machine's parts take in cells of a library, scaled to the process of `spec.energy`."""
+"""What the machine's parts take: in plain gates, or in cells of a library, scaled to 28 nm."""
+
+from collections.abc import Callable
 
 import numpy as np
 
 from splatcore.sim.eda.cell_energy import CellEnergy
+from splatcore.sim.eda.liberty import Library
+from splatcore.sim.eda.machine_gates import netlist, sizes
+from splatcore.sim.eda.silicon import machine_silicon
 from splatcore.sim.eda.static_timing import Timing
 from splatcore.sim.power.activity import part_around
-from splatcore.sim.power.estimate import NANO, Gates
+from splatcore.sim.power.estimate import NANO, Gates, gates_of
+from splatcore.spec.config import Config
 from splatcore.spec.energy import Energy
 
 
@@ -14,13 +20,24 @@ def gates_in_cells(timing: Timing, process: float, energy: Energy) -> dict[str, 
 
     process: the library's nm. Leakage does not scale: it is that of so many NAND2 by `energy`.
     """
-    netlist, found = timing.netlist, CellEnergy.of(timing)
-    around = [part_around(path) for path in netlist.paths]
+    cells, found = timing.netlist, CellEnergy.of(timing)
+    around = [part_around(path) for path in cells.paths]
     names = list(dict.fromkeys(around))
-    number = np.array([names.index(name) for name in around])[netlist.places]
-    factor = energy.scale(process, netlist.library.voltage)
-    nand2 = netlist.areas / netlist.library.nand2.area
+    number = np.array([names.index(name) for name in around])[cells.places]
+    factor = energy.scale(process, cells.library.voltage)
+    nand2 = cells.areas / cells.library.nand2.area
     leakage = nand2 * energy.gate_leakage * NANO
-    each = nand2, netlist.is_flip_flop, factor * found.change, factor * found.clock, leakage
+    each = nand2, cells.is_flip_flop, factor * found.change, factor * found.clock, leakage
     sums = (np.bincount(number, values, len(names)).tolist() for values in each)
     return dict(zip(names, map(Gates._make, zip(*sums, strict=True)), strict=True))
+
+
+def machine_gates(
+    config: Config, library: Library | None, process: float | None, advance: Callable[..., None]
+) -> dict[str, Gates]:
+    """Parts of the machine; in plain gates without a library. advance: told of what is done."""
+    hierarchy = netlist(config)
+    if library is None:
+        return gates_of(sizes(hierarchy, advance), config.energy)
+    _, silicon = machine_silicon(hierarchy, library, advance)
+    return gates_in_cells(silicon.wired, process, config.energy)

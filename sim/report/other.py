@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from PIL import Image, UnidentifiedImageError
 
-from splatcore.sim.bench.hard_cases import SHEET
+from splatcore.sim.bench.hard_pictures import SHEET
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.paper import FPS, MEMORY_POWER
 from splatcore.sim.report.page import MILLION, THOUSAND, Card, Column, Figure, Item, Table, Text

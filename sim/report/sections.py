@@ -18,100 +18,33 @@ from splatcore.sim.report import (
 )
 from splatcore.sim.report.page import Item, Part, facts, html
 from splatcore.sim.report.results import Results
+from splatcore.sim.report.titles import SECTIONS
 from splatcore.spec.error import InputError
 
 Block = Callable[[Results], Iterable[Item]]  # a part of a section that stands or falls as a whole
 
-SECTIONS: dict[str, tuple[str, str, tuple[Block, ...]]] = {
-    "scenes": (
-        "Real scenes in RTL simulation",
-        "The whole machine, from the packed model in memory to the pixels in memory, simulated "
-        "cycle by cycle. Every picture is compared with the golden model's bit for bit, and with "
-        "a float64 renderer's of the same packed model (machine) and of the scene as it is "
-        "(scene), 8-bit pictures of all.",
-        scenes.BLOCKS,
-    ),
-    "quality": (
-        "What bytes buy",
-        "Packed models from few bytes a Gaussian to many, all at once as the machine renders them: "
-        "its picture against the scene as it is, and cycles by the cycle model.",
-        quality.QUALITY,
-    ),
-    "budget": (
-        "Where the error comes from",
-        "The 8-bit picture against the scene as it is, all harmonics, in float64: what packing "
-        "takes, part by part, and what the machine's numbers, its order and its output take.",
-        budget.BUDGET,
-    ),
-    "sweep": (
-        "What each size and each number format buys",
-        "One thing changed at a time, beside DEFAULT and PAPER (the paper's choices to the "
-        "letter, as far as it states them). Cycles by the cycle model, pictures by the golden "
-        "model; points simulated in RTL say so.",
-        sweep.BLOCKS,
-    ),
-    "paper": (
-        "Beside the paper",
-        "Chang and Chang, “A 129FPS Full HD Real-Time Accelerator for 3D Gaussian Splatting” "
-        "(IEEE TVCG): its tables with ours beside them. Where its numbers agree with each other "
-        "and where they cannot: docs/paper.md.",
-        paper_tables.BLOCKS,
-    ),
-    "published": (
-        "Published accelerators",
-        "Other machines for 3D Gaussian Splatting, by what their authors print.",
-        published.PUBLISHED_SECTION,
-    ),
-    "ablation": (
-        "What each idea buys",
-        "The same scenes with the machine's savings switched on one after the other.",
-        campaigns.ABLATION,
-    ),
-    "work": (
-        "How much work a frame is",
-        "Rates of culling and of early termination, how busy the processing elements are, and "
-        "how many splats reach each tile.",
-        campaigns.WORK,
-    ),
-    "compression": (
-        "Compression",
-        "Pruning, distillation and quantisation with fine-tuning between, to models that the "
-        "machine reads as they are: docs/compression.md.",
-        compression.COMPRESSION,
-    ),
-    "power": (
-        "Power: an estimate",
-        "First order: changes of nets in RTL simulation, times gates, times an energy for each. "
-        "Nothing is laid out; a factor of two either way is within what this is good for.",
-        other.POWER,
-    ),
-    "hard": (
-        "Hard cases",
-        "Small scenes on which renderers go wrong, each against the float64 reference on the same "
-        "packed model.",
-        other.HARD,
-    ),
-    "fpga": (
-        "On an FPGA",
-        "Parts placed and routed on a Lattice ECP5, each on its own. The machine is made for "
-        "800 MHz in 28 nm; this shows that its parts can be placed and routed.",
-        other.FPGA,
-    ),
-    "fit": (
-        "Machines made to measure",
-        "The smallest machines that reach a frame rate and a picture quality on given scenes, as "
-        "users have asked for them.",
-        other.FIT,
-    ),
+BLOCKS: dict[str, tuple[Block, ...]] = {
+    "scenes": scenes.BLOCKS,
+    "quality": quality.QUALITY,
+    "budget": budget.BUDGET,
+    "sweep": sweep.BLOCKS,
+    "paper": paper_tables.BLOCKS,
+    "published": published.PUBLISHED_SECTION,
+    "ablation": campaigns.ABLATION,
+    "work": campaigns.WORK,
+    "compression": compression.COMPRESSION,
+    "power": other.POWER,
+    "hard": other.HARD,
+    "fpga": other.FPGA,
+    "fit": other.FIT,
 }
-"""Title, introduction and blocks by name, in the order of the page."""
+"""Of each section, in their order."""
 
 
 def compose(name: str, results: Results) -> Part:
     """A section; a block that cannot be made is a problem of it."""
-    title, about, blocks = SECTIONS[name]
-    part = Part(name, title, about)
-    for block in blocks:
+    part = Part(name, *SECTIONS[name])
+    for block in BLOCKS[name]:
         results.used.clear()
         try:
             part.items += list(block(results))

@@ -273,7 +273,9 @@ finally:
      "fit none.ply --fps 9 -o a.toml", "programs --show none", "verilog --part none -o a",
      "registers -o none/a", "example -o none/a", "train none -o none/a", "bench work none.ply -o a",
      "bench scenes none.ply -o a", "bench sort -o none/a", "soak", "soak frames --help",
-     "soak faults -o a --count 0"],
+     "soak faults -o a --count 0", "hard --help", "hard none", "report --help",
+     "report -o a --section none", "power --help", "power none.ply",
+     "power garden --liberty none.lib --process 130"],
 )  # fmt: skip
 def test_help_and_refusals_import_nothing_heavy(tmp_path, words):
     """What a user waits for before a line of error is what is imported."""

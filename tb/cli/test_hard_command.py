@@ -10,13 +10,14 @@ import pytest
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
 from splatcore.model.generate.hard import HARD
+from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.model.pack.pack import pack
 from splatcore.sim.bench import hard_cases
-from splatcore.sim.bench.hard_cases import PSNR_MIN
 from splatcore.sim.cli import hard as hard_command
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.machine import path
 from splatcore.sim.packing.choose import finest
 from splatcore.spec.config import TINY
 from splatcore.spec.convention import SPLATCORE
@@ -205,7 +206,7 @@ def test_what_cannot_be_packed(tmp_path, monkeypatch, quick):
 
 
 def test_a_machine_that_hangs(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(hard_command, "build", lambda config: SimpleNamespace(config=config))
+    monkeypatch.setattr(path, "build", lambda config: SimpleNamespace(config=config))
     monkeypatch.setattr(
         hard_cases, "simulate", lambda *_: SimpleNamespace(done=False, why="stands still")
     )

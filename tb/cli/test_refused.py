@@ -11,7 +11,7 @@ from splatcore.model.generate.generate import GENERATORS, generate
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.sim.compression import run as compression_run
-from splatcore.sim.report.sections import SECTIONS
+from splatcore.sim.report.titles import SECTIONS
 from tb.helpers.command import check_refused, run, write_scene
 
 

@@ -7,10 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from splatcore.sim.cli import power as power_command
-from splatcore.sim.cli.power import lines, report, table
 from splatcore.sim.common.cache import VARIABLE
-from splatcore.sim.eda import silicon as silicon_module
 from splatcore.sim.eda.machine_gates import PARTS, Size
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, Script, execute
@@ -25,6 +22,7 @@ from splatcore.sim.power.activity import (
 )
 from splatcore.sim.power.estimate import CLOCK_HZ, Gates, estimate, gates_of
 from splatcore.sim.power.saif import Net, duration, nets
+from splatcore.sim.power.tables import lines, report, table
 from splatcore.spec.config import TINY
 from splatcore.spec.energy import Energy
 from splatcore.spec.error import InputError
@@ -217,9 +215,9 @@ def test_counts_stay(monkeypatch, tmp_path):
 
 def test_command(monkeypatch, tmp_path, capsys):
     """The whole command with counts and sizes by hand."""
-    monkeypatch.setattr(power_command, "counts_of", lambda *args: COUNTS)
-    monkeypatch.setattr(power_command, "netlist", lambda config: None)
-    monkeypatch.setattr(power_command, "sizes", lambda *args: SIZES)
+    monkeypatch.setattr(activity, "counts_of", lambda *args: COUNTS)
+    monkeypatch.setattr(cells, "netlist", lambda config: None)
+    monkeypatch.setattr(cells, "sizes", lambda *args: SIZES)
     out, asked = tmp_path / "p.json", ("power", "needles", "--size", "16x16", "--preset", "tiny")
     assert run(*asked, "--fps", "50", "--json", str(out)) == 0
     assert "ESTIMATE, first order: needles 16x16, preset TINY, 50.0" in capsys.readouterr().out
@@ -244,9 +242,9 @@ def test_command(monkeypatch, tmp_path, capsys):
 def test_command_in_cells(monkeypatch, liberty_path, tmp_path, capsys):
     """With the gates' energies of a library."""
     silicon = SimpleNamespace(wired=None)
-    monkeypatch.setattr(power_command, "counts_of", lambda *args: COUNTS)
-    monkeypatch.setattr(power_command, "netlist", lambda config: None)
-    monkeypatch.setattr(silicon_module, "machine_silicon", lambda *args: (None, silicon))
+    monkeypatch.setattr(activity, "counts_of", lambda *args: COUNTS)
+    monkeypatch.setattr(cells, "netlist", lambda config: None)
+    monkeypatch.setattr(cells, "machine_silicon", lambda *args: (None, silicon))
     monkeypatch.setattr(cells, "gates_in_cells", lambda *args: GATES)
     out, asked = tmp_path / "p.json", ("power", "needles", "--size", "16x16", "--preset", "tiny")
     library = "--liberty", str(liberty_path), "--process", "130"

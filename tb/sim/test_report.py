@@ -10,7 +10,7 @@ import pytest
 
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.common.plot import STYLE
-from splatcore.sim.report.sections import SECTIONS
+from splatcore.sim.report.titles import SECTIONS
 from tb.helpers.command import ROOT, run
 from tb.helpers.report_page import Page, Report
 from tb.helpers.report_samples import SIZE, VIEWS, everything

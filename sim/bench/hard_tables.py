@@ -1,0 +1,65 @@
+"""What is told of the hard cases: a line and a row for each."""
+
+from rich.table import Table
+
+from splatcore.sim.bench.hard_cases import Outcome
+from splatcore.sim.common.metric import LEVELS
+from splatcore.sim.common.table import new_table, shown
+
+CAUSES = {
+    "not_finite": "NaN or Inf",
+    "transparent": "transparent",
+    "near_culled": "near",
+    "unseen": "unseen",
+}
+"""Why a Gaussian is left out, in the table's words."""
+
+
+def pass_line(outcome: Outcome) -> str:
+    """A line that says whether a case meets its bound, and all that is wrong with it."""
+    if not outcome.passed:
+        return f"{outcome.name}: FAIL ({outcome.bound}): {'; '.join(outcome.failures)}"
+    found = [outcome.reason or f"{shown(outcome.psnr_db_rule, '.2f', none='∞')} dB"]
+    if outcome.identical:
+        found.append("identical to the golden model's")
+    return f"{outcome.name}: pass ({outcome.bound}): {', '.join(found)}"
+
+
+def table(outcomes: list[Outcome], title: str) -> Table:
+    """A row for each case."""
+    numbers = (
+        "dB, machine", "dB, own rule", "SSIM, machine", "max error, machine", "dB, scene",
+        "dB, packing", "cycles",
+    )  # fmt: skip
+    drawn = new_table("case", numbers, title, ("left out", "bound", ""))
+    for outcome in outcomes:
+        error, scene, packing = outcome.error, outcome.scene, outcome.packing
+        values = outcome.psnr_db, outcome.psnr_db_rule
+        psnrs = (decibels(value, error is not None) for value in values)
+        largest = "–" if error is None else f"{round(error.max_error * LEVELS)} of {LEVELS}"
+        lost = decibels(packing and packing.psnr_db, packing is not None)
+        of_scene = decibels(scene and scene.psnr_db, scene is not None)
+        cells = (
+            *psnrs,
+            shown(error and error.ssim, ".5f"),
+            largest,
+            of_scene,
+            lost,
+            shown(outcome.cycles, ",.0f"),
+            left_out(outcome),
+        )
+        drawn.add_row(outcome.name, *cells, outcome.bound, "pass" if outcome.passed else "FAIL")
+    return drawn
+
+
+def decibels(value: float | None, compared: bool) -> str:
+    """A PSNR; pictures that were compared and have none are identical."""
+    if value is not None:
+        return f"{value:.2f}"
+    return "identical" if compared else "–"
+
+
+def left_out(outcome: Outcome) -> str:
+    """Counts of Gaussians that are left out, by cause, and of all."""
+    parts = [f"{count} {CAUSES[cause]}" for cause, count in outcome.left_out.items() if count]
+    return f"{', '.join(parts)} of {outcome.gaussians}" if parts else "–"
