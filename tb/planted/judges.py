@@ -1,8 +1,8 @@
 """Which tests judge the faults that are planted in a file of hdl/.
 
 A fault meets one set of tests after the other until one catches it: quick ones of the part first,
-then the testbench of its stage, small frames and faults of the whole machine, at last two frames of
-`DEFAULT`.
+then the testbench of its stage, small frames and faults of the whole machine, two frames of
+`DEFAULT`, at last a machine of 64-bit addresses if the file knows of these.
 """
 
 from tb.helpers.stage_cases import STAGES
@@ -12,6 +12,7 @@ MACHINE = (
     "-k 'not long_list and not full_size'"
 )
 DEFAULT = "tb/machine/test_machine_default.py -k garden"
+WIDE = "tb/machine/test_wide_addresses.py"
 STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
@@ -29,6 +30,7 @@ QUICK = {
     "frame": "tb/hdl/test_frame.py",
     "lib/counters": "tb/hdl/test_counters.py",
     "lib/credit": "tb/hdl/test_formal_credit.py -k 'not fault' tb/hdl/test_holds.py",
+    "lib/latency": "tb/hdl/test_scale.py -k one_side",
     "lib/holds": "tb/hdl/test_holds.py",
     "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
     "lib/stream": "tb/hdl/test_stream.py -k verilator",
@@ -111,7 +113,12 @@ LAST = {
     "sorting/runs": "tb/hdl/test_sort.py -k 'cycles and three'",
     "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_sort.py",
 }
-"""What judges a file's or a folder's faults when all others have missed them."""
+"""What judges a file's or a folder's faults before whole machines do."""
+
+ADDRESSES = (
+    "frame", "memory/axi", "memory/window", "points/preprocess", "raster/render", "registers", "top"
+)  # fmt: skip
+"""Files with logic that only a machine of 64-bit addresses has: that one judges last."""
 
 
 def judges(file: str) -> list[str]:
@@ -119,6 +126,7 @@ def judges(file: str) -> list[str]:
     benches = "".join(f" tb/stages/test_stages.py::test_stage[verilator-{name}]"
                       for name in found(BENCHES, file))  # fmt: skip
     order = [found(QUICK, file), benches.strip(), found(LAST, file), MACHINE, DEFAULT]
+    order += [WIDE] * (file in ADDRESSES)
     return list(dict.fromkeys(filter(None, order)))
 
 

@@ -12,7 +12,16 @@ from splatcore.spec.number import Float
 from tb.helpers.parts import Beside
 from tb.planted import mutate
 from tb.planted.fault import KINDS, Fault, draw, faults
-from tb.planted.judges import BENCHES, DEFAULT, LAST, MACHINE, QUICK, judges
+from tb.planted.judges import (
+    ADDRESSES,
+    BENCHES,
+    DEFAULT,
+    LAST,
+    MACHINE,
+    QUICK,
+    WIDE,
+    judges,
+)
 from tb.planted.mutate import HDL, judged, verdict
 
 FORMATS = [Float(4, 3, subnormal=False), Float(3, 4, overflow="infinity")]
@@ -157,9 +166,9 @@ def test_judges():
     cull = judges("points/cull")
     assert cull[0] == QUICK["points/cull"] and "verilator-cull" in cull[1]
     assert cull[2:] == [LAST["points"], MACHINE, DEFAULT]
-    assert judges("top")[-2:] == [MACHINE, DEFAULT]
+    assert judges("top")[-3:] == [MACHINE, DEFAULT, WIDE]
     assert judges("sorting/merge")[0] == QUICK["sorting"]
-    for name in {*QUICK, *BENCHES, *LAST}:
+    for name in {*QUICK, *BENCHES, *LAST, *ADDRESSES}:
         assert (HDL / name).is_dir() or (HDL / f"{name}.py").is_file(), name
 
 
