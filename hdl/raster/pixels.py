@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
@@ -22,6 +22,7 @@ from splatcore.spec.axi import (
 from splatcore.spec.binning import groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.group import group_pixels
 from splatcore.spec.raster import (
     BLOCKS,
     COLOURS,
@@ -52,8 +53,8 @@ class Pixels(wiring.Component):
         start: a frame begins. width, height: of its image, pixels; groups: how many it has;
             pixels_at, stride_beats: its address in memory and the distance of its rows, in beats.
         background: a colour (`spec.colour.colour_format`), that of groups without a splat.
-        positions: stream of `position_record`, the groups with splats in their order.
-        empty: stream of `position_record`, the groups without.
+        positions: stream of `position_record`, the groups with splats, row after row.
+        empty: stream of `position_record`, the groups without, row after row.
         i: streams of `pixels_record`, one for each rasterizer: the blocks of the groups with
             splats, as `spec.raster.nth_block` orders them.
         plain: the group without a splat is at work.
@@ -63,7 +64,8 @@ class Pixels(wiring.Component):
     **Timing**: a row of `span` blocks in the port's beats that it lies in (4 blocks: 3 of 128 bits;
     of 256 bits 1, then 2), a beat a cycle without a pause between spans; 1 cycle more for each
     group, for each change to the other group (2 where it is found out that blocks are not present),
-    and for each span of a group that is not in the image.
+    and for each span of a group that is not in the image. Where a stream of groups goes on some
+    rows of groups farther down, that row is known as many cycles later.
     """
 
     def __init__(self, config: Config):
@@ -96,6 +98,8 @@ class Pixels(wiring.Component):
         m.submodules.written = register = Register(layout(write_record(self.config)))
         connect(m, register.o, flipped(self.writes))
         self.write = register.i
+        below = exact_log2(port_beats(self.config))
+        self.port_pixels_at, self.stride = self.pixels_at[below:], self.stride_beats[below:]
         if self.kept:
             m.submodules.tails = self.tails = Queue(8 * self.kept, BLOCK, memory=True)
         # Each group's span: its number in a row of a tile's blocks, or of two tiles', that row, the
@@ -116,7 +120,8 @@ class Pixels(wiring.Component):
         # Of the span that begins next: this one, or with `following` the one behind it.
         self.following = Signal()
         number = (self.span_number + self.following)[: sum(self.counts)]
-        self.column, self.row_of_blocks = self._place(number, place)
+        self.column, self.block_row = self._place(number, place)
+        self.row_of_blocks = Cat(self.block_row, place.row)
         coming = self._about(self.column) | {"row": self.row_of_blocks}
         work = {
             name: Signal.like(value, name=name, reset_less=True) for name, value in coming.items()
@@ -127,11 +132,25 @@ class Pixels(wiring.Component):
         return m
 
     def _place(self, span: Value, position) -> tuple[Value, Value]:
-        """A span's column of spans, and its row of blocks, in the image."""
+        """A span's column of spans in the image, and its row of blocks in the group."""
         number, block_row, tile = self._parts(span)
         across = self.side - tiles_meet(self.config)
-        column = Cat(number, tile[:across], position.column)
-        return column, Cat(block_row, tile[across:], position.row)
+        return Cat(number, tile[:across], position.column), Cat(block_row, tile[across:])
+
+    def _group_rows(self, m: Module) -> tuple[Value, Value]:
+        """Where in memory the row of groups begins that the group at work is in, in beats of the
+        port; a bit: that is known. Each follows from the one above it."""
+        found = []
+        for groups in (self.empty, self.positions):
+            row, at = Signal.like(groups.payload.row), Signal.like(self.port_pixels_at)
+            reached = groups.payload.row == row
+            with m.If(self.start):
+                m.d.sync += [row.eq(0), at.eq(self.port_pixels_at)]
+            with m.Elif(groups.valid & ~reached):
+                m.d.sync += [row.eq(row + 1), at.eq(at + self.stride * group_pixels(self.config))]
+            found.append((at, reached))
+        at, reached = (Mux(self.plain, *each) for each in zip(*found, strict=True))
+        return at, reached
 
     def _parts(self, span: Value) -> list[Value]:
         """The parts of its number that `counts` has the widths of."""
@@ -160,14 +179,16 @@ class Pixels(wiring.Component):
                 takes[who] = takes[who] | mine
         return heads, self.positions.valid & Cat(present).all(), takes
 
-    def _background(self, skipped: Value) -> Value:
+    def _background(self, m: Module, skipped: Value) -> Value:
         """A beat of nothing but background: its first byte's colour goes by the beat and by how
         many words lie before the span."""
         codes = [background_code(self.config, self.background[name]) for name in COLOURS]
         codes = [Mux(code > 255, 255, code)[:8] for code in codes]
+        stays = Signal(data.ArrayLayout(8, PIXEL), name="codes", reset_less=True)  # for a frame
+        m.d.sync += stays.eq(Cat(codes))
         size = port_bytes(self.config)
         turned = [
-            Cat(codes[(beat * size - words * WORD + k) % PIXEL] for k in range(size))
+            Cat(stays[(beat * size - words * WORD + k) % PIXEL] for k in range(size))
             for words in range(size // WORD)
             for beat in range(1 << len(self.beat))
         ]
@@ -219,7 +240,7 @@ class Pixels(wiring.Component):
         write = self.write.payload
         bytes_ = [Cat(self.beat << exact_log2(size)) + k for k in range(size)]
         of_blocks = segment.word_select(self.beat, size * 8)
-        beat = Mux(self.plain, self._background(skipped), of_blocks)
+        beat = Mux(self.plain, self._background(m, skipped), of_blocks)
         m.d.comb += write_data(self.config, write).eq(beat)
         m.d.comb += write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_))
         return there
@@ -232,10 +253,9 @@ class Pixels(wiring.Component):
         write, given, inside = self.write, Signal(), Signal()
         row, end = work["row"], work["end"]
         size, below = port_bytes(self.config), exact_log2(port_beats(self.config))
-        line = Signal(BEAT_ADDRESS_BITS - below)  # of pixels, in beats of the port
-        stride = self.stride_beats[below:]
-        at = self.pixels_at[below:] + self.row_of_blocks * BLOCK * stride
-        at += (self.column * self.row) >> exact_log2(size)
+        line = Signal.like(self.port_pixels_at)  # of pixels
+        at, reached = self._group_rows(m)
+        at += self.block_row * BLOCK * self.stride + (self.column * self.row >> exact_log2(size))
         across = self.column * self.span * BLOCK < self.width
         m.d.comb += inside.eq(across & (self.row_of_blocks * BLOCK < self.height))
         page = exact_log2(BOUNDARY // size)
@@ -250,9 +270,9 @@ class Pixels(wiring.Component):
                 m.d.sync += [line.eq(at), *self.begins]
                 with m.If(~Mux(self.plain, self.empty.valid, self.positions.valid)):
                     m.d.sync += self.plain.eq(~self.plain)
-                with m.Elif(inside):
+                with m.Elif(inside & reached):
                     m.next = "ROWS"
-                with m.Else():
+                with m.Elif(~inside):
                     m.d.comb += given.eq(self.plain | present)
             with m.State("ROWS"):
                 m.d.comb += [write.valid.eq(self.plain | (present & there)), self.following.eq(1)]
@@ -263,7 +283,7 @@ class Pixels(wiring.Component):
                     m.d.sync += self.beat.eq(self.beat + 1)
                     with m.If(self.beat == end):
                         m.d.sync += [self.beat.eq(0), self.pixel_row.eq(self.pixel_row + 1)]
-                        m.d.sync += line.eq(line + stride)
+                        m.d.sync += line.eq(line + self.stride)
                         with m.If(last_row):
                             m.d.sync += [self.pixel_row.eq(0), line.eq(at), *self.begins]
                             m.d.comb += given.eq(1)
