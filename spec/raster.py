@@ -237,13 +237,13 @@ def mark_min(config: Config) -> tuple[int, ...]:
 
 @cache
 def power_table(config: Config) -> tuple[int, ...]:
-    """2^x in units of 2^−power_mantissa for x from −1 to 0, each for the middle of its step; no
-    entry is above the largest alpha.
+    """2^x in units of 2^−power_mantissa for x from −1 to 0, each for the middle of its step; about
+    the largest alpha at most. All are less than 1, and none less than 1/2.
     """
     steps = 1 << config.power_fraction
     values = 2.0 ** ((np.arange(steps) + 0.5) / steps - 1)
     values = np.rint(np.minimum(values, ALPHA_MAX) * 2.0**config.power_mantissa)
-    return tuple(int(value) for value in values)
+    return tuple(min(int(value), (1 << config.power_mantissa) - 1) for value in values)
 
 
 def transmittance_min(config: Config) -> int:

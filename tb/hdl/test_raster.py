@@ -22,7 +22,7 @@ from splatcore.sim.accuracy.points import with_width
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
-from splatcore.spec.feature import feature_record
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, feature_record
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import entry_record, group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
@@ -102,6 +102,24 @@ def test_random_tiles(size, stall):
         assert run.differing == 0 and run.blocks > 0
         if size == (64, 64):
             assert run.golden.counts["contributions"] > 1000 and run.golden.counts["ended"] > 50
+
+
+@pytest.mark.slow
+def test_centres_at_the_other_end():
+    """Splats that are wider than an image of full size reach its last tiles from beyond its first
+    ones: the way from the centre has all of its bits."""
+    size, count = (1920, 1080), 16
+    columns, groups = group_grid(ONE, *size)[1], int(np.prod(group_grid(ONE, *size)))
+    features = opaque_features(ONE, count, size)
+    for name in ("across", "along"):
+        features[name][:] = FACTOR.encode(np.ldexp(1e-7, FACTOR_SCALE))
+    features["opacity"][:] = np.arange(count) * 4
+    features["u"][:] = POSITION.encode(np.linspace(-2047, -1000, count))
+    group = np.array([columns - 1])
+    start = np.where(np.arange(groups + 1) > group, count, 0)
+    mask = np.full(count, (1 << ONE.group**2) - 1)
+    run = run_groups(ONE, features, Entries(start, np.arange(count), mask), size, group)
+    assert run.differing == 0 and run.golden.counts["contributions"] > 10 * 64**2
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from splatcore.spec.counters import counters
 from splatcore.spec.error import InputError
 from splatcore.spec.number import FP16
 from splatcore.spec.preset import find_preset
+from splatcore.spec.raster import power_table
 from splatcore.spec.stages import BLOCKS, HALVES, NAMES, OF_POINTS
 
 
@@ -83,3 +84,12 @@ def test_all_have_the_same_stages():
     assert {part.stage for part in PARTS} == {f"stage {k}" for k in range(4)} | {
         "binning", "control",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("bits", range(4, 13))
+def test_powers_fit(bits):
+    """Of all mantissas and steps: each entry has its first bit and is less than 1."""
+    for steps in range(3, 9):
+        table = power_table(replace(DEFAULT, power_mantissa=bits, power_fraction=steps))
+        assert len(table) == 1 << steps and list(table) == sorted(table)
+        assert 1 << bits - 1 <= table[0] and table[-1] < 1 << bits
