@@ -55,7 +55,8 @@ class Writer:
         if self.swapped:
             values = [list(column) for column in zip(*values, strict=True)]
         text = ", ".join('"' + ", ".join(f"{each:.9g}" for each in row) + '"' for row in values)
-        return f"        {kind} (by_slew_and_load) {{ values ({text}); }}\n"
+        template = "energies" if kind.endswith("power") else "times"
+        return f"        {kind} ({template}) {{ values ({text}); }}\n"
 
     def timing(self, begin: str, kind: str, sense: str, value, steep) -> str:
         """Delays and slews from a pin, both edges alike."""
@@ -94,11 +95,15 @@ class Writer:
             ("input_net_transition", [slew * self.scale for slew in SLEWS]),
             ("total_output_net_capacitance", LOADS),
         ]
-        text += "  lu_table_template (by_slew_and_load) {\n"
-        for number, (variable, axis) in enumerate(axes[:: -1 if self.swapped else 1], 1):
-            index = ", ".join(f"{each:g}" for each in axis)
-            text += f'    variable_{number} : {variable};\n    index_{number} ("{index}");\n'
-        return text + "  }\n"
+        for kind, name in {"lu_table": "times", "power_lut": "energies"}.items():
+            text += f"  {kind}_template ({name}) {{\n"
+            for number, (variable, axis) in enumerate(axes[:: -1 if self.swapped else 1], 1):
+                if kind == "power_lut":
+                    variable = variable.replace("input_net_transition", "input_transition_time")
+                index = ", ".join(f"{each:g}" for each in axis)
+                text += f'    variable_{number} : {variable};\n    index_{number} ("{index}");\n'
+            text += "  }\n"
+        return text
 
     def gate(self, name: str, size: float) -> str:
         function, effort, area = GATES[name]
