@@ -9,6 +9,7 @@ constant passes a boundary, and a path through several pieces is measured in eac
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -98,6 +99,14 @@ def netlist(config: Config) -> Hierarchy:
 def part_of(path: str) -> Part | None:
     """The part whose instance that is."""
     return next((part for part in PARTS if re.fullmatch(part.path, path)), None)
+
+
+@cache
+def part_around(path: str) -> str:
+    """Name of the innermost part that an instance is in; a path of names with dots between them."""
+    while (part := part_of(path)) is None:
+        path = path.rpartition(".")[0]
+    return part.name
 
 
 def placed_pieces(hierarchy: Hierarchy) -> list[tuple[Part, str, Netlist]]:

@@ -13,7 +13,7 @@ from splatcore.sim.common import paper
 from splatcore.sim.eda.cell_netlist import MEMORY, CellNetlist, put_together
 from splatcore.sim.eda.hierarchy import Hierarchy
 from splatcore.sim.eda.liberty import Library
-from splatcore.sim.eda.machine_gates import Part, part_of, placed_pieces
+from splatcore.sim.eda.machine_gates import Part, part_around, placed_pieces
 from splatcore.sim.eda.mapping import Mapped, mapped
 from splatcore.sim.eda.static_timing import Assumed, Path, Timing
 from splatcore.sim.eda.synth import Netlist
@@ -155,7 +155,7 @@ def long_paths(timing: Timing, fo4: float = LONG_FO4) -> list[dict]:
     found: dict[tuple[str, str], dict] = {}
     for time, kind, name, net, edge in timing.worst(fo4 * timing.assumed.fo4):
         begin = timing.begin_of(timing.origin[net, edge])
-        places = part_around(begin), part_around((kind, name))
+        places = part_at(begin), part_at((kind, name))
         row = found.setdefault(places, {
             "from_part": places[0], "to_part": places[1], "ends": 0,
             "fo4": round(time / timing.assumed.fo4, 1), "ps": round(1000 * time),
@@ -165,13 +165,10 @@ def long_paths(timing: Timing, fo4: float = LONG_FO4) -> list[dict]:
     return list(found.values())
 
 
-def part_around(end: tuple[str, str]) -> str:
-    """The part of the machine that a register, memory or port is in."""
-    words = end[1].split(".") if end[0] != "port" else []
-    for count in range(len(words), -1, -1):
-        if part := part_of(".".join(words[:count])):
-            return part.name if end[0] != "port" else "port"
-    return "port"
+def part_at(end: tuple[str, str]) -> str:
+    """The part of the machine that a register or memory is in; a port is in none."""
+    kind, name = end
+    return kind if kind == "port" else part_around(name)
 
 
 def area_28nm(nand2: float, kilobytes: float) -> dict[str, float]:

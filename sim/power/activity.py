@@ -19,7 +19,7 @@ from splatcore.hdl.top import Top
 from splatcore.sim.common.cache import kept_json
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.cycles.frame import frame_cycles
-from splatcore.sim.eda.machine_gates import PARTS, part_of
+from splatcore.sim.eda.machine_gates import PARTS, part_around
 from splatcore.sim.eda.macros import Macros, module
 from splatcore.sim.machine.engines import golden
 from splatcore.sim.machine.machine import Job, Machine
@@ -106,14 +106,6 @@ def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
                 raise ValueError(f"two memories at {path}")
             sizes[path] = int(words), int(bits)
     return sizes
-
-
-@cache
-def part_around(path: str) -> str:
-    """Name of the innermost part that an instance is in; a path of names with dots between them."""
-    while (part := part_of(path)) is None:
-        path = path.rpartition(".")[0]
-    return part.name
 
 
 def read_counts(

@@ -6,10 +6,9 @@ import numpy as np
 
 from splatcore.sim.eda.cell_energy import CellEnergy
 from splatcore.sim.eda.liberty import Library
-from splatcore.sim.eda.machine_gates import netlist, sizes
+from splatcore.sim.eda.machine_gates import netlist, part_around, sizes
 from splatcore.sim.eda.silicon import machine_silicon
 from splatcore.sim.eda.static_timing import Timing
-from splatcore.sim.power.activity import part_around
 from splatcore.sim.power.estimate import NANO, Gates, gates_of
 from splatcore.spec.config import Config
 from splatcore.spec.energy import Energy

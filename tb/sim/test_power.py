@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from splatcore.sim.common.cache import VARIABLE
-from splatcore.sim.eda.machine_gates import PARTS, Size
+from splatcore.sim.eda.machine_gates import PARTS, Size, part_around
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, Script, execute
 from splatcore.sim.power import activity, cells
@@ -17,7 +17,6 @@ from splatcore.sim.power.activity import (
     Activity,
     Counts,
     counts_of,
-    part_around,
     read_counts,
 )
 from splatcore.sim.power.estimate import CLOCK_HZ, Gates, estimate, gates_of

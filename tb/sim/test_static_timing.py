@@ -12,7 +12,7 @@ from splatcore.sim.eda.silicon import (
     LONG_FO4,
     Silicon,
     long_paths,
-    part_around,
+    part_at,
 )
 from splatcore.sim.eda.static_timing import (
     MEMORY_ACCESS_FO4,
@@ -146,7 +146,7 @@ def test_parts_around():
         ("register", "count"): "top, the rest",
         ("port", "m_axi__arvalid"): "port",
     }
-    assert {end: part_around(end) for end in names} == names
+    assert {end: part_at(end) for end in names} == names
 
 
 def test_long_paths(library):
