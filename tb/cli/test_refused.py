@@ -91,6 +91,7 @@ BAD = {
     "fit scene.ply --fps 9 -o x.json": r"does not end with \.toml",
     "fit scene.ply --fps 9 -o paper.toml": "the name of a preset that is built in",
     "fpga --stage nothing": "--stage 'nothing': unknown",
+    "fpga --whole --stage cull": "--whole: is all of the machine",
     "fpga --device 12k": "--device '12k': unknown",
     "hard roof": "hard case 'roof'.*needles, flakes.*one_pixel",
     "hard one --engine gpu": "'gpu'",

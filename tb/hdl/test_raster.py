@@ -36,7 +36,9 @@ from tb.helpers.scene_frames import parameters
 from tb.helpers.scenes import scene_path
 
 ONE = replace(DEFAULT, rasterizers=1)
-FEW = replace(TINY, name="FEW", rasterizers=8, group=1)  # two blocks for each rasterizer
+FEW = replace(
+    TINY, name="FEW", rasterizers=8, group=1, weighting="products"
+)  # two blocks for each rasterizer
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 

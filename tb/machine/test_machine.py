@@ -39,11 +39,12 @@ SLOW = Timing("one at a time", latency=20, bandwidth=4.0, outstanding=1)
 OTHER = replace(
     TINY, name="OTHER", group=1, tile_test="3sigma", culling="none", skip_zeros=False,
     early_termination=False, faint=(), sub_sorters=1, rasterizers=1, port=256, burst=2,
+    weighting="products",
 )  # fmt: skip
 """All that can be chosen otherwise: the smallest groups, of which tiles and groups have the same
 numbers; tiles by the original renderer's square; the ablation's machine, in which nothing is
-culled, zeros are multiplied and no pixel ends early; one of each unit; the wide port, of which some
-items are a part."""
+culled, zeros are multiplied and no pixel ends early; one of each unit; weights and colours in
+multipliers; the wide port, of which some items are a part."""
 
 FIRST, LAST = 300, 420  # cycles whose waveforms are recorded
 

@@ -2,17 +2,28 @@
 
 import json
 import re
+import subprocess
 
 import pytest
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from splatcore.hdl.lib.stream import Register
+from splatcore.sim.cli import sizes
 from splatcore.sim.common.cache import VARIABLE
 from splatcore.sim.eda import fpga
-from splatcore.sim.eda.fpga import NotPlaced, Placed, from_report, placed, register, used, why_not
+from splatcore.sim.eda.fpga import (
+    NotPlaced,
+    Placed,
+    from_report,
+    placed,
+    plain,
+    register,
+    used,
+    why_not,
+)
 from splatcore.sim.eda.fpga_wrap import Lanes, Wrap
 from splatcore.spec.config import TINY
 from splatcore.spec.raster import block_count
@@ -139,7 +150,7 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
     """A part that does not fit is named; the others stand; both are kept."""
     asked = []
 
-    def place(text, device):
+    def place(text, device, seed, folder):
         asked.append(device)
         return (None, LOG) if len(asked) == 1 else (REPORT, "")
 
@@ -160,12 +171,75 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
     assert facts["parts"]["add"]["block_rams"] == 6
 
 
+def test_whole(monkeypatch, tmp_path, capsys):
+    """From three seeds, of which the fastest counts; a netlist is made once; all are kept."""
+    synthesised, asked = [], []
+    speeds = {"1": 50.0, "2": 61.5, "3": 55.0}
+
+    def yosys(script, files):
+        synthesised.append(files["top.il"])
+        return {"top.json": "{}"}
+
+    def nextpnr(command, cwd, **_):
+        seed, report = (command[command.index(name) + 1] for name in ("--seed", "--report"))
+        asked.append(seed)
+        fmax = {"$glbnet$clk": {"achieved": speeds[seed], "constraint": 100.0}}
+        (cwd / report).write_text(json.dumps(REPORT | {"fmax": fmax}))
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    monkeypatch.setattr(fpga, "yosys", yosys)
+    monkeypatch.setattr(fpga.subprocess, "run", nextpnr)
+    monkeypatch.setattr(sizes, "Top", lambda config: Register(3))
+    out = tmp_path / "f.json"
+    for _ in range(2):
+        assert run("fpga", "--whole", "--json", str(out)) == 0
+        told = capsys.readouterr().out
+        assert "preset FPGA" in told and "whole, seed 3" in told and "61.5" in told
+    assert asked == ["1", "2", "3"] and len(synthesised) == 1
+    facts = json.loads(out.read_text())
+    assert facts["parts"]["whole"]["fmax_mhz"] == 61.5
+    assert [tried["fmax_mhz"] for tried in facts["seeds"]] == [50.0, 61.5, 55.0]
+
+
+def test_plain_names():
+    """Names of arrays' elements have no bracket; bits of wires are as they were."""
+    text = "  wire width 3 \\part.slots[1][23]\n  connect \\a [2:0] \\part.slots[1][23] [1]\n"
+    expected = "  wire width 3 \\part.slots.1.23\n  connect \\a [2:0] \\part.slots.1.23 [1]\n"
+    assert plain(text) == expected
+
+
+class Elements(wiring.Component):
+    """Registers whose names end like the bits of a wire, beside a wire of that name."""
+
+    def __init__(self):
+        super().__init__({"i": In(3), "o": Out(2)})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        value, elements = Signal(2, name="value"), [Signal(name=f"value[{k}]") for k in range(3)]
+        m.d.sync += value.eq(value + self.i[0] + self.i[1])
+        m.d.sync += [
+            element.eq(bit ^ value[0]) for element, bit in zip(elements, self.i, strict=True)
+        ]
+        m.d.sync += self.o.eq(Mux(elements[0], value, Cat(elements[1] & elements[2], elements[1])))
+        return m
+
+
+@pytest.mark.slow
+def test_names_of_elements(monkeypatch, tmp_path):
+    """yosys takes them for bits of that wire unless they are plain, and fails."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    (found,) = placed(Elements(), "25k")
+    assert found.flip_flops == 7
+
+
 @pytest.mark.slow
 def test_small_part(monkeypatch, tmp_path):
     """A multiplier's numbers are those that stand in the log."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     part = fpga.PARTS["multiply"](TINY)
-    found = placed(part, "25k")
+    (found,) = placed(part, "25k")
     (path,) = tmp_path.glob("fpga/*.json")
     log, wrap = json.loads(path.read_text())["log"], Wrap(fpga.PARTS["multiply"](TINY))
     cells = used(log)
@@ -176,7 +250,7 @@ def test_small_part(monkeypatch, tmp_path):
     assert found.fmax_mhz == float(told)
     again = fpga.PARTS["multiply"](TINY)
     monkeypatch.setattr(fpga, "place", None)
-    assert placed(again, "25k") == found
+    assert list(placed(again, "25k")) == [found]
 
 
 class Large(wiring.Component):
@@ -201,4 +275,4 @@ class Large(wiring.Component):
 def test_too_large(monkeypatch, tmp_path):
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     with pytest.raises(NotPlaced, match="does not fit: multipliers 30 of 28"):
-        placed(Large(), "25k")
+        list(placed(Large(), "25k"))
