@@ -214,6 +214,10 @@ def test_files(model, camera, tmp_path):
     back = splatcore.open_scene(tmp_path / "m.splatcore")
     assert np.array_equal(back.image, model.image)
     assert np.array_equal(read_png(tmp_path / "p.png"), picture)
+    splatcore.write(tmp_path / "plain.splatcore", back, plain=True)
+    assert (tmp_path / "plain.splatcore").read_bytes() == model.image.tobytes()
+    with pytest.raises(InputError, match="plain: is for packed models"):
+        splatcore.write(tmp_path / "q.png", picture, plain=True)
     with pytest.raises(InputError, match=r"s\.ply: write would overwrite"):
         splatcore.write(tmp_path / "s.ply", again)
     with pytest.raises(InputError, match=r"m\.splatcore: write would overwrite"):
