@@ -17,8 +17,8 @@ Rows of harmonics are often repeated, as scene files have palettes of them. Befo
 such a table there is one more, of a distance for each row: 0 for a row that is stored, d for a
 copy of the d-th last of those that are stored up to it. Columns hold the stored rows only.
 
-A column of no rows is left out. All other bytes of the model (between its parts) are zeros; so
-that a model of any bytes is read as it was, one that this does not hold for stays uncoded.
+A column of no rows is left out. All other bytes of a model, those between its parts, are zeros: a
+model of which that is not so stays uncoded, as it would not come back bit for bit.
 """
 
 from collections.abc import Iterator
