@@ -1,9 +1,8 @@
-"""A packed model: the bytes that lie in DRAM or in a file, and what they stand for."""
+"""A packed model: the bytes that lie in DRAM, and what they stand for."""
 
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -11,27 +10,21 @@ from splatcore.spec import convention, memory
 from splatcore.spec.colour import (
     BASE,
     CHANNELS,
-    DEGREES,
-    EXPONENT_MAX,
-    EXPONENT_MIN,
     LAYOUTS,
-    SH_EXPONENT_MAX,
     Harmonics,
     coefficient_count,
     from_slopes,
     step,
     unfolded,
 )
-from splatcore.spec.convention import SH_DEGREE_MAX
-from splatcore.spec.error import InputError
 from splatcore.spec.memory import (
     CHUNK,
     CHUNK_HEADER,
     HEADER,
     Layout,
-    ModelFormat,
     chunk_count,
 )
+from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.record import Record, unpack_bits
 from splatcore.spec.scene import Gaussians
 
@@ -51,47 +44,13 @@ def grid_points(offset: np.ndarray, origin: np.ndarray, shift: np.ndarray) -> np
 
 
 @dataclass(frozen=True, eq=False)
-class PackedModel:
-    """The image of a model in DRAM. `name` is the file or scene that messages speak of."""
-
-    image: np.ndarray  # uint8 [layout.end]
-    name: str = ""
+class PackedModel(ModelHeader):
+    """The image of a model in DRAM."""
 
     def __post_init__(self):
         """InputError, naming the field, unless the header describes the image."""
-
-        def refuse(field: str, why: str):
-            raise InputError(f"{self.name}: {field} {why}")
-
-        if len(self.image) < HEADER.size or self.value("magic") != memory.MAGIC:
-            refuse("magic", "is not that of a packed model")
-        if self.value("version") != memory.VERSION:
-            refuse(
-                "version",
-                f"{self.value('version')} is not {memory.VERSION}; make the model anew from its "
-                "scene by: splatcore pack SCENE -o MODEL",
-            )
-        degree = self.value("sh_degree")
-        if degree > SH_DEGREE_MAX:
-            refuse("sh_degree", f"{degree} is not in 0 … {SH_DEGREE_MAX}")
-        if self.value("position") >= len(memory.POSITION_FORMATS):
-            refuse("position", f"{self.value('position')} is unknown")
-        for field in ("position_exponent", "factor_exponent"):
-            if abs(self.value(field)) > memory.EXPONENT_MAX:
-                refuse(field, f"{self.value(field)} is not within ± {memory.EXPONENT_MAX}")
-        for field in ("colour_index", "sh_index"):
-            if self.header[field].max() > 16:
-                refuse(field, f"of {self.header[field].max()} bits is over 16")
-        codebooks = self.format.codebooks
-        if codebooks and degree > memory.COMPACT_DEGREE:
-            refuse("colour_index", f"names codebooks, which do not go with SH degree {degree}")
-        if bool(self.header["sh_index"].any()) != (codebooks and degree > 0):
-            refuse("sh_index", f"does not go with SH degree {degree}")
-        least, most = EXPONENT_MIN, [EXPONENT_MAX] * DEGREES
-        if codebooks:
-            most[1] = SH_EXPONENT_MAX
-        if not all(least <= e <= end for e, end in zip(self.exponents, most, strict=True)):
-            refuse("exponent", f"{self.exponents} is not within {least} … {most}")
+        super().__post_init__()
+        refuse, degree, codebooks = self.refuse, self.value("sh_degree"), self.format.codebooks
         if len(self.image) < self.layout_of(0).positions:
             refuse("count", f"{len(self)} has its chunk headers beyond the file's end")
         if codebooks and self.chunks["harmonics"].any():
@@ -99,10 +58,7 @@ class PackedModel:
         for k in np.unique(self.chunks["harmonics"]):
             if LAYOUTS[k].halves and LAYOUTS[k].degree > degree:
                 refuse("harmonics", f"{k} of a chunk does not go with SH degree {degree}")
-        try:
-            expected = self.layout.end
-        except ValueError as error:
-            refuse("colour_index", str(error))
+        expected = self.layout.end
         if len(self.image) != expected:
             refuse("count", f"{len(self)} needs {expected} bytes but there are {len(self.image)}")
         for part in memory.PLACED:
@@ -112,39 +68,10 @@ class PackedModel:
             refuse("checksum", "is wrong: the file is damaged")
 
     @cached_property
-    def header(self) -> dict[str, np.ndarray]:
-        """Codes of the header's fields, one record."""
-        return HEADER.unpack(self.image[: HEADER.size].reshape(1, -1))
-
-    def value(self, field: str) -> int:
-        """A number of the header."""
-        return int(HEADER[field].decode(self.header[field])[0])
-
-    def __len__(self) -> int:
-        return self.value("count")
-
-    @property
-    def format(self) -> ModelFormat:
-        stages = {
-            f: tuple(int(b) for b in self.header[f][0] if b) for f in ("colour_index", "sh_index")
-        }
-        position = memory.POSITION_FORMATS[self.value("position")]
-        return ModelFormat(self.value("sh_degree"), position, **stages)
-
-    @property
-    def exponents(self) -> list[int]:
-        """E of each degree."""
-        return [int(e) for e in HEADER["exponent"].decode(self.header["exponent"])[0]]
-
-    @cached_property
     def layout(self) -> Layout:
         counts = np.full(len(self.chunk_beats), CHUNK)
         counts[-1:] -= -len(self) % CHUNK
         return self.layout_of(int(counts @ (self.chunk_beats - 1)))
-
-    def layout_of(self, harmonics: int) -> Layout:
-        """Byte offsets with so many beats of harmonics."""
-        return self.format.layout(len(self), harmonics)
 
     @cached_property
     def chunk_beats(self) -> np.ndarray:
@@ -300,21 +227,3 @@ def checksum(image: np.ndarray) -> int:
     place = HEADER.offset("checksum") // 8
     start = zlib.crc32(image[:place].tobytes())
     return zlib.crc32(image[place + HEADER["checksum"].width // 8 :].tobytes(), start)
-
-
-def is_packed(path: str | Path) -> bool:
-    """True if the file begins as a packed model does."""
-    try:
-        with open(path, "rb") as file:
-            return int.from_bytes(file.read(4), "little") == memory.MAGIC
-    except OSError:
-        return False
-
-
-def read_model(path: str | Path) -> PackedModel:
-    """A packed model from a file; InputError names the file and the field."""
-    try:
-        image = np.fromfile(path, np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    return PackedModel(image, str(path))

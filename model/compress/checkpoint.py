@@ -15,7 +15,8 @@ import numpy as np
 
 from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error, reading
-from splatcore.spec.packed import PackedModel, read_model
+from splatcore.model.formats.model_file import read_model
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import ARRAYS, Scene, sh_count
 
 STEPS = "steps.json"

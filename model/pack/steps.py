@@ -74,7 +74,7 @@ def quantise(
     Of all s the one with the least squared error over the chunk, each Gaussian with its best shift.
     """
     levels = np.arange((1 << STEP_BITS) + 2 * (shifts - 1))
-    flat = np.ascontiguousarray(factors.reshape(len(factors), -1))
+    flat = np.ascontiguousarray(factors.reshape(len(factors), 3 * factors.shape[1]))
     squares = _squares(flat, step(levels, exponent), code.min, code.max, halves / 2)  # [L, N]
     chunks = int(of[-1]) + 1 if len(of) else 0
     best, chosen = np.full(chunks, np.inf), np.zeros(chunks, np.int64)

@@ -9,6 +9,7 @@ from rich.table import Table
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.pack.quality import STEPPED
@@ -124,6 +125,7 @@ def compress_command(
     seed: SeedOption = 0,
     work: WorkOption = None,
     preset: options.PresetOption = "DEFAULT",
+    plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
     """Compress a scene: distil harmonics, prune, quantise, fine-tune between; pack the result.
@@ -152,11 +154,13 @@ def compress_command(
     key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
     model = run.compressed(original, learn, recipe, checkpoints, config, scene)
-    files.write(output, model.image.tobytes())
-    facts = {"scene": scene, "model": str(output)} | facts_of(original, model, checkpoints)
+    data = file_bytes(model, plain)
+    files.write(output, data)
+    facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
+    facts |= facts_of(original, model, checkpoints)
     console.print(table_of(checkpoints, facts["original_bytes"]))
     facts |= _loss(original, model.gaussians(), aside, pixels, seed)
-    says = f"{facts['ratio']:.1f} times smaller; {facts.pop('says')}"
+    says = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('says')}"
     console.print(f"{output}: {says}", soft_wrap=True)
     write_json(json, facts)
 
@@ -206,6 +210,10 @@ def facts_of(scene: Scene, model: PackedModel, checkpoints: Checkpoints) -> dict
         "ratio": original / len(model.image), "gaussians": len(model),
         "sh_degree": model.format.sh_degree, "steps": [asdict(s) for s in checkpoints.steps],
     }  # fmt: skip
+
+
+def _sizes(facts: dict) -> str:
+    return f"{facts['bytes']:,} bytes in memory, {facts['file_bytes']:,} in the file"
 
 
 def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int) -> dict:

@@ -51,6 +51,7 @@ COMMANDS = {
         "bench_quality",
         "Bytes a Gaussian against dB.",
     ),
+    "bench coding": ("bench_coding", "Bytes of model files by the way of coding."),
     "bench compression": ("bench_compression", "Compress scenes and measure."),
     "bench differentiable": ("bench_differentiable", "Time the differentiable renderer."),
     "soak frames": ("soak_runs", "Render random small scenes in RTL, against the golden model."),

@@ -143,4 +143,10 @@ QualityOption = option(
 EngineOption = option(str, None, f"{', '.join(ENGINES)}.")
 FolderOption = option(Path, "DIR", "Folder to write into.", "-o")
 ModelOption = option(Path, "MODEL.splatcore", "Where to write it.", "-o")
+PlainOption = option(
+    bool,
+    None,
+    "Write the bytes of memory as they are, to be loaded straight into DRAM: no coded file.",
+    "--plain",
+)
 JsonOption = option(Path | None, "FILE.json", "Write results (see docs/json.md).", "--json")

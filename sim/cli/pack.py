@@ -5,6 +5,7 @@ from functools import partial
 
 from rich.table import Table
 
+from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.pack.quality import LEAST_DB, QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
@@ -45,6 +46,7 @@ def pack_command(
     camera: options.CameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
+    plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
     """Pack a scene into the model that the machine reads, and say what that loses.
@@ -52,14 +54,12 @@ def pack_command(
     All dB are those of packing: the reference renderer's 8-bit pictures against those of the scene
     as it is, with all its harmonics, the worst of the views: of the model, and of the scene with
     one part at a time as it is packed.
+
+    "bytes" are those in memory, "file bytes" those of the file, in which the same model is coded;
+    every command reads both. What loads a file into memory itself needs --plain.
     """
     config = find_preset(preset)
-    if quality is not None:
-        check_known("--quality", QUALITIES, quality)
-        if psnr is not None:
-            raise InputError("--psnr: does not go with --quality; name one of them")
-    if psnr is not None and not 0 < psnr <= PSNR_MAX:
-        raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
+    check_wanted(quality, psnr)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene)
         original = source.unpacked
@@ -84,14 +84,26 @@ def pack_command(
         "preset": config.name, "quality": packed.quality, "views": len(views),
         "psnr_db_packing": packed.psnr_db,
     }  # fmt: skip
-    write(output, packed.model.image.tobytes())
-    console.print(describe.table({"model": str(output)} | facts))
+    data = file_bytes(packed.model, plain)
+    size = {"file_bytes": len(data)}
+    write(output, data)
+    console.print(describe.table({"model": str(output)} | size | facts))
     console.print(parts_table(parts, losses))
     if lost := lost_line(packed.report):
         messages.print(f"{scene}: {lost}", soft_wrap=True, markup=False)
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
-    write_json(json, facts | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})
+    write_json(json, facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})
+
+
+def check_wanted(quality: str | None, psnr: float | None):
+    """InputError unless they are at most one of a known quality and dB that can be reached."""
+    if quality is not None:
+        check_known("--quality", QUALITIES, quality)
+        if psnr is not None:
+            raise InputError("--psnr: does not go with --quality; name one of them")
+    if psnr is not None and not 0 < psnr <= PSNR_MAX:
+        raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
 
 
 def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:

@@ -1,5 +1,7 @@
 """Facts about a scene or a packed model, as `splatcore info` prints them."""
 
+import os
+
 import numpy as np
 from rich.table import Table
 
@@ -56,6 +58,7 @@ def _describe_model(source: Source) -> dict:
         "sh_degree": model.format.sh_degree,
         "positions": model.format.position,
         "bytes": len(model.image),
+        "file_bytes": os.path.getsize(source.name),
         "codebook_bytes": model.format.codebook_bytes,
         "bytes_per_gaussian": round(model.bytes_per_gaussian, 3),
     } | dict.fromkeys(("lowest_corner", "highest_corner", "opacity_percentiles"))

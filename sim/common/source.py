@@ -10,13 +10,14 @@ from pathlib import Path
 
 from splatcore.model.cameras.view import sensible_view
 from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
+from splatcore.model.formats.model_file import is_packed, read_model
 from splatcore.model.formats.read import find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.sim.common.output import messages
 from splatcore.spec.camera import SIZE_MAX, Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.packed import PackedModel, is_packed, read_model
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
 ENGINES = ("reference", "golden", "rtl")

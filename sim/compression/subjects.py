@@ -18,6 +18,7 @@ from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.model_file import is_packed
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.common.cache import digest
@@ -26,7 +27,6 @@ from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.packed import is_packed
 from splatcore.spec.scene import ARRAYS, Scene
 
 SCENES = ("banana", "flowers.spz", "playbot.spz", "skull.sog", "leica-sofort-top8192.ply")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.main import COMMANDS, GROUPS, register
 from splatcore.sim.cli.options import app
@@ -14,7 +15,6 @@ from splatcore.sim.cli.verilog import PARTS
 from splatcore.sim.common.metric import Compared, Result, against, difference, told
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.eda.verilog import WRITERS
-from splatcore.spec.packed import read_model
 from tb.helpers.command import KEYS, ROOT, load, run, write_scene
 
 

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress.teacher import pictures
 from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.colour import FINE, SH_C0
-from splatcore.spec.packed import read_model
 from tb.helpers.command import load, run
 from tb.helpers.compression_scene import garden_with_harmonics, nothing
 
@@ -81,7 +81,9 @@ def test_compress(compressed, tmp_path, capsys):
     shown = capsys.readouterr().out
     assert "prune 0.4 (2)" in shown and "times smaller" in shown and "4 other views" in shown
     found = load(facts)
-    assert found["bytes"] == model.stat().st_size
+    assert found["bytes"] == len(read_model(model).image)
+    assert found["file_bytes"] == model.stat().st_size < found["bytes"]
+    assert f"{found['bytes']:,} bytes in memory, {found['file_bytes']:,} in the file" in shown
     assert found["ratio"] == found["original_bytes"] / found["bytes"] > 5
     assert [step["kind"] for step in found["steps"]][:5] == ["original"] + 4 * ["prune"]
     assert found["psnr_db"] > 15 and found["psnr_db_before"] is None

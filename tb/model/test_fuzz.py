@@ -1,4 +1,4 @@
-"""Mutated scene and camera files: each reader gives a sound result or an InputError, nothing else.
+"""Mutated files of scenes, models, cameras: readers give a sound result or an InputError, no more.
 
 A longer campaign, which names the file it is at should the interpreter die:
 `python -m tb.model.test_fuzz COUNT SEED`.
@@ -15,11 +15,14 @@ import numpy as np
 import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.model_file import encode, file_bytes, read_model, zstd
 from splatcore.model.formats.read import read_scene
+from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 from tb.helpers import scene_file
 from tb.helpers.camera_file import colmap_binary, colmap_text, inria, transforms
+from tb.helpers.clouds import cloud
 from tb.helpers.scene_file import image_bytes, sog_bytes, sog_codes, sog_meta, spz_bytes, spz_codes
 from tb.helpers.scenes import random_scene
 
@@ -50,7 +53,13 @@ CAMERAS = {
     "colmap text": colmap_text(),
     "colmap binary": colmap_binary(),
 }
-KINDS = [*SCENES, *CAMERAS]
+MODEL = pack(cloud(3, count=280, degree=3), quality="faithful")[0]
+MODELS = {
+    "model plain": {"a.splatcore": file_bytes(MODEL, plain=True)},
+    "model coded": {"a.splatcore": encode(MODEL)},
+}
+FILES = SCENES | MODELS | CAMERAS
+KINDS = [*FILES]
 
 
 def mutated(data: bytes, rng: np.random.Generator) -> bytes:
@@ -103,7 +112,7 @@ def mutated_json(value: object, rng: np.random.Generator) -> object:
 
 def mutated_files(kind: str, rng: np.random.Generator) -> Files:
     """A valid file of a kind, mutated outside or, where there is one, inside its container."""
-    files = dict(SCENES.get(kind) or CAMERAS[kind])
+    files = dict(FILES[kind])
     name = [*files][rng.integers(len(files))]
     data, inside = files[name], rng.random() < 0.6
     if inside and kind in ("spz 1", "spz 2", "spz 3"):
@@ -118,6 +127,8 @@ def mutated_files(kind: str, rng: np.random.Generator) -> Files:
             image = [*images][rng.integers(len(images))]
             images[image] = mutated(images[image], rng)
         data = sog_bytes(meta, images)
+    elif inside and kind == "model coded":
+        data = encode(MODEL, lambda part: zstd(mutated(part, rng) if rng.random() < 0.03 else part))
     else:
         data = mutated(data, rng)
     return files | {name: data}
@@ -132,6 +143,9 @@ def check(kind: str, files: Files, folder: Path) -> str:
     try:
         if kind in CAMERAS:
             assert all(isinstance(camera, Camera) for camera in read_cameras(path))
+            return "read"
+        if kind in MODELS:
+            assert np.array_equal(read_model(path).image, MODEL.image)
             return "read"
         scene = read_scene(path)
     except InputError as error:
@@ -156,7 +170,7 @@ def attempt(index: int, seed: int, folder: Path) -> tuple[str, str]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_unmutated(tmp_path, kind):
     """The files that the campaign starts from are valid."""
-    assert check(kind, SCENES.get(kind) or CAMERAS[kind], tmp_path) == "read"
+    assert check(kind, FILES[kind], tmp_path) == "read"
 
 
 @pytest.mark.slow

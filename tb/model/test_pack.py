@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
+from splatcore.model.formats.model_file import is_packed, read_model
 from splatcore.model.pack.codebook import quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.pack import pack
@@ -13,7 +14,7 @@ from splatcore.spec.config import DEFAULT, PAPER, PRESETS
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CODEBOOK_MAX, COMPONENT, HEADER, model_format
-from splatcore.spec.packed import PackedModel, is_packed, read_model
+from splatcore.spec.packed import PackedModel
 from tb.helpers.clouds import camera, cloud
 
 BYTES_MAX = 22

@@ -214,6 +214,14 @@ def test_files(model, camera, tmp_path):
     back = splatcore.open_scene(tmp_path / "m.splatcore")
     assert np.array_equal(back.image, model.image)
     assert np.array_equal(read_png(tmp_path / "p.png"), picture)
+    large = splatcore.pack(splatcore.make_scene(**arrays(300)), "faithful")[0]
+    for name, plain in (("coded", False), ("plain", True)):
+        path = tmp_path / f"{name}.splatcore"
+        splatcore.write(path, large, plain=plain)
+        assert (path.read_bytes() == large.image.tobytes()) == plain
+        assert np.array_equal(splatcore.open_scene(path).image, large.image)
+    with pytest.raises(InputError, match="plain: is for packed models"):
+        splatcore.write(tmp_path / "q.png", picture, plain=True)
     with pytest.raises(InputError, match=r"s\.ply: write would overwrite"):
         splatcore.write(tmp_path / "s.ply", again)
     with pytest.raises(InputError, match=r"m\.splatcore: write would overwrite"):

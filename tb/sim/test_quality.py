@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
+from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack, stored_order
@@ -18,7 +19,6 @@ from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
 from splatcore.spec.colour import COARSE, FINE
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.memory import CHUNK
-from splatcore.spec.packed import read_model
 from splatcore.spec.scene import Scene
 from tb.helpers.command import check_documented, load, run
 

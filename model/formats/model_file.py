@@ -1,0 +1,212 @@
+"""Files of packed models: coded (`spec.coded`), or the bytes of memory as they are."""
+
+import os
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import zstandard
+
+from splatcore.model.formats import file
+from splatcore.model.formats.file import input_error
+from splatcore.spec import coded, memory
+from splatcore.spec.coded import DIFFERENCE, DISTANCE, FILE_HEADER, SIZE, Table
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import ALIGNMENT, CHUNK_HEADER, HEADER
+from splatcore.spec.model_header import ModelHeader
+from splatcore.spec.number import code_dtype
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.record import Record
+
+LEVEL = 16
+"""Of zstd: from here on it looks for the cheapest parse; beyond, time grows and size does not."""
+
+
+def is_packed(path: str | os.PathLike) -> bool:
+    """True if the file begins as a packed model does, coded or not."""
+    try:
+        with open(path, "rb") as found:
+            return int.from_bytes(found.read(4), "little") in (memory.MAGIC, coded.MAGIC)
+    except OSError:
+        return False
+
+
+def read_model(path: str | os.PathLike) -> PackedModel:
+    """A packed model from a file, coded or not; InputError names the file and the field."""
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    if int.from_bytes(data[:4].tobytes(), "little") == coded.MAGIC:
+        return PackedModel(decode(data.tobytes(), str(path)), str(path))
+    return PackedModel(data, str(path))
+
+
+def file_bytes(model: PackedModel, plain: bool = False) -> bytes:
+    """A model's file: coded, where that is smaller; `plain`: the bytes of memory."""
+    memory_bytes = model.image.tobytes()
+    if plain:
+        return memory_bytes
+    data = encode(model)
+    sound = len(data) < len(memory_bytes) <= file.EXPANSION_MAX * len(data)
+    if sound and (decode(data, model.name) == model.image).all():
+        return data
+    return memory_bytes
+
+
+def zstd(data: bytes) -> bytes:
+    """A frame that tells its content's size."""
+    return zstandard.ZstdCompressor(level=LEVEL).compress(data)
+
+
+def encode(
+    model: PackedModel,
+    compress: Callable[[bytes], bytes] = zstd,
+    differences: bool = True,
+    repeats: bool = True,
+) -> bytes:
+    """A model as a coded file. To see what each brings, without differences or copies of rows, or
+    with another compressor, whose files cannot be read."""
+    head = {"magic": coded.MAGIC, "version": coded.VERSION}
+    parts = [_packed(FILE_HEADER, head), model.image[: HEADER.size].tobytes()]
+    for table, rows in coded.rows_of(model):
+        if table.repeats:
+            distance, kept = coded.distances(rows)
+            if not repeats:
+                distance, kept = np.zeros_like(distance), rows
+            parts += _column([distance], 0, DISTANCE.width, compress, False)
+            rows = kept
+        columns = table.columns(rows)
+        for number, width in enumerate(table.widths):
+            parts += _column(columns, number, width, compress, differences)
+    return b"".join(parts)
+
+
+def _packed(record: Record, values: dict[str, int]) -> bytes:
+    """One record of integers."""
+    return record.pack({name: np.array([value]) for name, value in values.items()}).tobytes()
+
+
+def _column(
+    columns: list[np.ndarray], number: int, width: int, compress, differences: bool
+) -> Iterator[bytes]:
+    """A column's bytes: with the difference of the least entropy, unless there shall be none."""
+    if not len(columns[number]):
+        return
+    best = (np.inf, 0, 0, columns[number])
+    for back in range(coded.BACK_MAX + 1 if differences else 1):
+        if back > number or columns[number - back].dtype != columns[number].dtype:
+            continue
+        for previous in range(2 if differences else 1):
+            stored = coded.difference(columns, number, width, back, previous)
+            entropy = sum(map(_entropy, _byte_columns(stored, width)))
+            if entropy < best[0]:
+                best = entropy, back, previous, stored
+    _, back, previous, stored = best
+    yield _packed(DIFFERENCE, {"back": back, "previous": previous})
+    for part in _byte_columns(stored, width):
+        frame = compress(part.tobytes())
+        yield _packed(SIZE, {"bytes": len(frame)}) + frame
+
+
+def _byte_columns(codes: np.ndarray, width: int) -> list[np.ndarray]:
+    """Each byte of codes [N], the lowest first."""
+    return [(codes >> codes.dtype.type(8 * k)).astype(np.uint8) for k in range(-(-width // 8))]
+
+
+def _entropy(part: np.ndarray) -> float:
+    """Bits of bytes [N] if each is coded by how frequent it is."""
+    count = np.bincount(part)
+    count = count[count > 0]
+    return float(-(count * np.log2(count / len(part))).sum())
+
+
+def decode(data: bytes, name: str) -> np.ndarray:
+    """The image of a coded file; InputError, naming file and field, for a broken one.
+
+    Sizes are checked before memory is taken for them: with that of the file as a whole, then with
+    what the header says. What is left to find is found by the model's own checksum.
+    """
+    begin = FILE_HEADER.size + HEADER.size
+    if len(data) < begin:
+        raise input_error(name, f"header is cut off: {len(data)} bytes, not {begin}")
+    array = np.frombuffer(data, np.uint8)
+    head = FILE_HEADER.unpack(array[: FILE_HEADER.size].reshape(1, -1))
+    if head["version"][0] != coded.VERSION:
+        raise input_error(name, f"version {head['version'][0]} of the file is not {coded.VERSION}")
+    header = ModelHeader(array[FILE_HEADER.size : begin], name)
+    end = header.value("end") * ALIGNMENT
+    file.check_expansion(end, len(data), f"{name}: end")
+    if header.layout_of(0).end > end:
+        raise input_error(name, f"count {len(header)} needs more than the {end} bytes of end")
+    reader = _Reader(data, begin, name)
+    first = reader.rows(coded.chunk_table(header))
+    harmonics = CHUNK_HEADER.unpack(first)["harmonics"]
+    others = coded.tables(header, harmonics)
+    beats = sum(table.count * len(table.records) for table in others if table.repeats)
+    if header.layout_of(beats).end != end:
+        raise input_error(name, f"end {end} does not go with {beats} beats of harmonics")
+    rows = [first, *(reader.rows(table) for table in others)]
+    if reader.at != len(data):
+        raise input_error(name, f"{len(data) - reader.at} bytes follow the last column")
+    return coded.image_of(header, harmonics, rows)
+
+
+class _Reader:
+    """The tables of a coded file, one after the other."""
+
+    def __init__(self, data: bytes, at: int, name: str):
+        self.data, self.at, self.name = data, at, name
+        self.decompressor = zstandard.ZstdDecompressor()
+
+    def rows(self, table: Table) -> np.ndarray:
+        """The rows of the next table."""
+        count, place = table.count, None
+        if table.repeats and count:
+            distance = self.column([], DISTANCE.width, count, f"{table.name} distance")
+            place = coded.places(distance)
+            if place is None:
+                raise input_error(self.name, f"{table.name} distance: is beyond the first row")
+            count = int((distance == 0).sum())
+        columns: list[np.ndarray] = []
+        for number, width in enumerate(table.widths):
+            where = f"{table.name} column {number}"
+            columns.append(self.column(columns, width, count, where))
+        rows = table.rows(columns)
+        return rows if place is None else rows[place]
+
+    def column(self, columns: list[np.ndarray], width: int, count: int, where: str) -> np.ndarray:
+        """The next column, behind those of its table."""
+        dtype = code_dtype(width)
+        codes = np.zeros(count, dtype)
+        if not count:
+            return codes
+        about = DIFFERENCE.unpack(self.record(DIFFERENCE, where))
+        back, previous = int(about["back"][0]), int(about["previous"][0])
+        if back > len(columns) or (back and columns[-back].dtype != dtype):
+            raise input_error(self.name, f"{where}: has no column {back} before it")
+        for k in range(-(-width // 8)):
+            codes |= self.part(count, f"{where} byte {k}").astype(dtype) << dtype.type(8 * k)
+        return coded.summed(codes, columns, width, back, previous)
+
+    def record(self, record: Record, where: str) -> np.ndarray:
+        """The bytes of one record."""
+        return np.frombuffer(self.take(record.size, where), np.uint8).reshape(1, -1)
+
+    def part(self, count: int, where: str) -> np.ndarray:
+        """The next zstd frame, of `count` bytes."""
+        size = int(SIZE.unpack(self.record(SIZE, where))["bytes"][0])
+        frame = self.take(size, where)
+        with file.reading(f"{self.name}: {where}", "is no zstd frame"):
+            found = zstandard.frame_content_size(frame)
+            if found != count:
+                raise input_error(self.name, f"{where}: claims {found} bytes, not {count}")
+            data = self.decompressor.decompress(frame, allow_extra_data=False)
+        return np.frombuffer(data, np.uint8)
+
+    def take(self, size: int, where: str) -> bytes:
+        """The next bytes."""
+        if size > len(self.data) - self.at:
+            left = len(self.data) - self.at
+            raise input_error(self.name, f"{where}: {size} bytes are said to be there, {left} are")
+        self.at += size
+        return self.data[self.at - size : self.at]

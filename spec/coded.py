@@ -1,0 +1,219 @@
+"""A packed model's coded file: what lies in memory, column by column, each column compressed.
+
+    file header │ the model's header │ tables
+
+A model has the tables that `tables` lists, of which each row is one or more records. A column is a
+number of these records: its codes of all rows, which are alike in their high bits and often close
+to those beside them. Of a column there are
+
+    difference (one byte) │ for each byte of a code, the lowest first: size │ zstd frame
+
+and a code c of row n is stored, modulo 2^width, as
+
+    c[n] − other[n] − (c[n − 1] − other[n − 1])    other: the column `back` before it, or nothing
+                                                   the part in brackets if `previous` is set
+
+Rows of harmonics are often repeated, as scene files have palettes of them. Before the columns of
+such a table there is one more, of a distance for each row: 0 for a row that is stored, d for a
+copy of the d-th last of those that are stored up to it. Columns hold the stored rows only.
+
+A column of no rows is left out. All other bytes of a model, those between its parts, are zeros: a
+model of which that is not so stays uncoded, as it would not come back bit for bit.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatcore.spec import memory
+from splatcore.spec.colour import LAYOUTS
+from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER, chunk_count
+from splatcore.spec.model_header import ModelHeader
+from splatcore.spec.number import Bits, code_dtype
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.record import Array, Record, pack_bits
+
+MAGIC = int.from_bytes(b"SPLZ", "little")
+VERSION = 1
+
+FILE_HEADER = Record("file", {"magic": Bits(32), "version": Bits(16)})
+"""Begins a coded file; the model's header, as it lies in memory, follows."""
+
+DIFFERENCE = Record("difference", {"back": Bits(7), "previous": Bits(1)})
+SIZE = Record("size", {"bytes": Bits(32)})
+
+DISTANCE = Record("distance", {"rows": Bits(32)})
+"""The column before a table with repeated rows."""
+
+BACK_MAX = 3
+"""Columns that are looked back at: the same coefficient of the channel before is 1 to 3 away."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """`count` rows of records that lie back to back; `repeats`: rows may be copies."""
+
+    name: str
+    records: tuple[Record, ...]
+    count: int
+    repeats: bool = False
+
+    @property
+    def widths(self) -> list[int]:
+        """Bits of each column."""
+        formats = [format for record in self.records for _, format in record.fields]
+        arrays = [f if isinstance(f, Array) else Array(f, 1) for f in formats]
+        return [array.format.width for array in arrays for _ in range(array.length)]
+
+    @property
+    def size(self) -> int:
+        """Bytes of a row."""
+        return sum(record.size for record in self.records)
+
+    def columns(self, rows: np.ndarray) -> list[np.ndarray]:
+        """Codes [N] of each column of rows, uint8 [N, size]."""
+        found, start = [], 0
+        for record in self.records:
+            part = np.ascontiguousarray(rows[:, start : start + record.size])
+            for codes in record.unpack(part).values():
+                found += [codes] if codes.ndim == 1 else [*codes.T]
+            start += record.size
+        return found
+
+    def rows(self, columns: list[np.ndarray]) -> np.ndarray:
+        """The inverse of `columns`."""
+        parts, rest = [], iter(columns)
+        for record in self.records:
+            codes = {}
+            for field, format in record.fields:
+                array = isinstance(format, Array)
+                taken = [next(rest) for _ in range(format.length if array else 1)]
+                codes[field] = np.stack(taken, axis=1) if array else taken[0]
+            parts.append(record.pack(codes))
+        return np.concatenate(parts, axis=1)
+
+
+def chunk_table(header: ModelHeader) -> Table:
+    """The first table, which says how many rows the others have."""
+    return Table("chunks", (CHUNK_HEADER,), chunk_count(len(header)))
+
+
+def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
+    """The tables behind the first, with layouts [C] of chunks."""
+    format, of = header.format, _layout_numbers(header, harmonics)
+    found = [
+        Table("positions", (format.position_record,), len(header)),
+        Table("attributes", (format.attribute_record,), len(header)),
+    ]
+    for number, layout in enumerate(LAYOUTS):
+        if layout.beats:
+            count = int((of == number).sum())
+            found.append(Table(f"harmonics{number}", tuple(layout.records), count, repeats=True))
+    return [
+        *found,
+        Table("colours", (memory.COLOUR_ENTRY,), format.colour_entries),
+        Table("sh", (memory.SH_ENTRY,), format.sh_entries),
+    ]
+
+
+def _layout_numbers(header: ModelHeader, harmonics: np.ndarray) -> np.ndarray:
+    """Layout [N] of each Gaussian's harmonics."""
+    return np.repeat(harmonics, CHUNK)[: len(header)]
+
+
+def rows_of(model: PackedModel) -> Iterator[tuple[Table, np.ndarray]]:
+    """All tables of a model with their rows, uint8 [N, size]."""
+    harmonics, layout = model.chunks["harmonics"], model.layout
+    first, *others = (chunk_table(model), *tables(model, harmonics))
+    yield first, _part(model.image, layout.chunks, first)
+    positions, attributes, *others, colours, sh = others
+    codes = dict(zip("xyz", model.stored_positions.T, strict=True))
+    yield positions, positions.records[0].pack(codes)
+    yield attributes, model.attribute_beats(model.beats)
+    of = _layout_numbers(model, harmonics)
+    for table, number in zip(others, _with_beats(), strict=True):
+        beats = model.beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
+        yield table, model.attribute_beats(beats).reshape(table.count, table.size)
+    yield colours, _part(model.image, layout.colours, colours)
+    yield sh, _part(model.image, layout.sh, sh)
+
+
+def _with_beats() -> list[int]:
+    """Numbers of the layouts with beats of harmonics."""
+    return [number for number, layout in enumerate(LAYOUTS) if layout.beats]
+
+
+def _part(image: np.ndarray, start: int, table: Table) -> np.ndarray:
+    return image[start : start + table.count * table.size].reshape(table.count, table.size)
+
+
+def image_of(header: ModelHeader, harmonics: np.ndarray, rows: list[np.ndarray]) -> np.ndarray:
+    """The image of a model with that header, layouts [C] of chunks and rows of all tables."""
+    of = _layout_numbers(header, harmonics)
+    size = np.array([layout.beats for layout in LAYOUTS])[of]
+    beats = np.cumsum(1 + size) - 1 - size  # [N] the first beat of each Gaussian
+    layout = header.layout_of(int(size.sum()))
+    image = np.zeros(layout.end, np.uint8)
+
+    def put(start: int, data: np.ndarray):
+        image[start : start + data.size] = data.reshape(-1)
+
+    chunks, positions, attributes, *others, colours, sh = rows
+    record = header.format.position_record
+    codes = np.stack([*record.unpack(positions).values()], axis=1)
+    put(0, header.image[: HEADER.size])
+    put(layout.chunks, chunks)
+    put(layout.positions, pack_bits(codes.reshape(-1), record["x"].width))
+    width = memory.ATTRIBUTE_BITS // 8
+    stored = image[layout.attributes :][: (len(of) + int(size.sum())) * width].reshape(-1, width)
+    stored[beats] = attributes
+    for part, number in zip(others, _with_beats(), strict=True):
+        places = beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
+        stored[places] = part.reshape(*places.shape, width)
+    put(layout.colours, colours)
+    put(layout.sh, sh)
+    return image
+
+
+def difference(
+    columns: list[np.ndarray], number: int, width: int, back: int, previous: int
+) -> np.ndarray:
+    """Codes [N] of a column as they are stored."""
+    codes, mask = columns[number], columns[number].dtype.type((1 << width) - 1)
+    if back:
+        codes = codes - columns[number - back]
+    if previous:
+        codes = np.concatenate([codes[:1], codes[1:] - codes[:-1]])
+    return codes & mask
+
+
+def summed(
+    stored: np.ndarray, columns: list[np.ndarray], width: int, back: int, previous: int
+) -> np.ndarray:
+    """The inverse of `difference`, with the columns before it."""
+    dtype = code_dtype(width)
+    codes = stored.astype(dtype)
+    if previous:
+        codes = np.cumsum(codes, dtype=dtype)
+    if back:
+        codes = codes + columns[-back]
+    return codes & codes.dtype.type((1 << width) - 1)
+
+
+def distances(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The distance [N] of each row, uint8 [N, size], and the rows that are stored."""
+    whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).reshape(-1)
+    _, first, which = np.unique(whole, return_index=True, return_inverse=True)
+    stored = np.zeros(len(rows), bool)
+    stored[first] = True
+    so_far = np.cumsum(stored)
+    distance = so_far - so_far[first][which.reshape(-1)] + 1
+    return np.where(stored, 0, distance).astype(code_dtype(DISTANCE.width)), rows[stored]
+
+
+def places(distance: np.ndarray) -> np.ndarray | None:
+    """For each row [N] its place among the stored ones; None if there is none."""
+    so_far = np.cumsum(distance == 0)
+    place = so_far - np.maximum(distance.astype(np.int64), 1)
+    return place if (place >= 0).all() else None

@@ -1,0 +1,92 @@
+"""The header of a packed model: the model's format, and whether it contradicts itself."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NoReturn
+
+import numpy as np
+
+from splatcore.spec import memory
+from splatcore.spec.colour import DEGREES, EXPONENT_MAX, EXPONENT_MIN, SH_EXPONENT_MAX
+from splatcore.spec.convention import SH_DEGREE_MAX
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import HEADER, Layout, ModelFormat
+
+
+@dataclass(frozen=True, eq=False)
+class ModelHeader:
+    """A model of which at least the header is there. `name` is the file or scene that messages
+    speak of.
+    """
+
+    image: np.ndarray  # uint8 [HEADER.size or more]
+    name: str = ""
+
+    def __post_init__(self):
+        """InputError, naming the field, for a header that contradicts itself."""
+        if len(self.image) < HEADER.size or self.value("magic") != memory.MAGIC:
+            self.refuse("magic", "is not that of a packed model")
+        if self.value("version") != memory.VERSION:
+            self.refuse(
+                "version",
+                f"{self.value('version')} is not {memory.VERSION}; make the model anew from its "
+                "scene by: splatcore pack SCENE -o MODEL",
+            )
+        degree = self.value("sh_degree")
+        if degree > SH_DEGREE_MAX:
+            self.refuse("sh_degree", f"{degree} is not in 0 … {SH_DEGREE_MAX}")
+        if self.value("position") >= len(memory.POSITION_FORMATS):
+            self.refuse("position", f"{self.value('position')} is unknown")
+        for field in ("position_exponent", "factor_exponent"):
+            if abs(self.value(field)) > memory.EXPONENT_MAX:
+                self.refuse(field, f"{self.value(field)} is not within ± {memory.EXPONENT_MAX}")
+        for field in ("colour_index", "sh_index"):
+            if self.header[field].max() > 16:
+                self.refuse(field, f"of {self.header[field].max()} bits is over 16")
+        codebooks = self.format.codebooks
+        if codebooks and degree > memory.COMPACT_DEGREE:
+            self.refuse("colour_index", f"names codebooks, which do not go with SH degree {degree}")
+        if bool(self.header["sh_index"].any()) != (codebooks and degree > 0):
+            self.refuse("sh_index", f"does not go with SH degree {degree}")
+        least, most = EXPONENT_MIN, [EXPONENT_MAX] * DEGREES
+        if codebooks:
+            most[1] = SH_EXPONENT_MAX
+        if not all(least <= e <= end for e, end in zip(self.exponents, most, strict=True)):
+            self.refuse("exponent", f"{self.exponents} is not within {least} … {most}")
+        try:
+            _ = self.format.attribute_record
+        except ValueError as error:
+            self.refuse("colour_index", str(error))
+
+    def refuse(self, field: str, why: str) -> NoReturn:
+        """The InputError of a field."""
+        raise InputError(f"{self.name}: {field} {why}")
+
+    @cached_property
+    def header(self) -> dict[str, np.ndarray]:
+        """Codes of the header's fields, one record."""
+        return HEADER.unpack(self.image[: HEADER.size].reshape(1, -1))
+
+    def value(self, field: str) -> int:
+        """A number of the header."""
+        return int(HEADER[field].decode(self.header[field])[0])
+
+    def __len__(self) -> int:
+        return self.value("count")
+
+    @property
+    def format(self) -> ModelFormat:
+        stages = {
+            f: tuple(int(b) for b in self.header[f][0] if b) for f in ("colour_index", "sh_index")
+        }
+        position = memory.POSITION_FORMATS[self.value("position")]
+        return ModelFormat(self.value("sh_degree"), position, **stages)
+
+    @property
+    def exponents(self) -> list[int]:
+        """E of each degree."""
+        return [int(e) for e in HEADER["exponent"].decode(self.header["exponent"])[0]]
+
+    def layout_of(self, harmonics: int) -> Layout:
+        """Byte offsets with so many beats of harmonics."""
+        return self.format.layout(len(self), harmonics)
