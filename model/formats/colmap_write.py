@@ -48,14 +48,12 @@ def write_colmap(
         (folder / name).write_bytes(struct.pack("<Q", len(records)) + b"".join(records))
 
 
-def landing(camera: Camera, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where points [N, 3] land in COLMAP's pixels [N, 2], whose centres are at half integers, and
-    their depth [N]; a point that is not before the camera lands anywhere."""
+def landing(camera: Camera, position: np.ndarray) -> np.ndarray:
+    """Where points [N, 3] land in COLMAP's pixels [N, 2], whose centres are at half integers; one
+    that is not before the camera lands anywhere."""
     point = position @ camera.rotation.T + camera.translation
-    depth = point[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = point[:, :2] / depth[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    return place, depth
+    with np.errstate(all="ignore"):
+        return point[:, :2] / point[:, 2:] * (camera.fx, camera.fy) + [camera.cx, camera.cy]
 
 
 def _intrinsics(camera: Camera) -> tuple[int, int, float, float, float, float]:
@@ -73,9 +71,9 @@ def _image(
     """Id, quaternion (w, x, y, z), translation, camera's id, name, and each point: x, y, its id."""
     from scipy.spatial.transform import Rotation  # takes half a second
 
-    turn = Rotation.from_matrix(camera.rotation).as_quat(canonical=True, scalar_first=True)
+    turn = Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True)
     table = np.zeros(len(seen), np.dtype([("place", "<f8", 2), ("point", "<u8")]))
-    table["place"], _ = landing(camera, position[seen])
+    table["place"] = landing(camera, position[seen])
     table["point"] = seen + 1
     start = struct.pack("<I7dI", number, *turn, *camera.translation, intrinsics)
     return start + name.encode() + b"\0" + struct.pack("<Q", len(seen)) + table.tobytes()

@@ -16,12 +16,13 @@ from splatcore.sim.common.picture import write_png
 from splatcore.sim.common.source import Source
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import SH_C0
-from splatcore.spec.convention import COLOUR_OFFSET, NEAR_PLANE
+from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
 
 SHOWN = 0.5
-"""Light that a Gaussian gives a picture that shows its point: Σ alpha·T over the pixels."""
+"""Light that a Gaussian gives a picture that shows its point: Σ alpha·T over the pixels. What is
+behind the camera gives none."""
 
 IMAGES_OF_POINT = 2  # pictures that show a point, at least: from one COLMAP cannot tell its depth
 
@@ -76,11 +77,10 @@ def photograph(source: Source, view: Camera) -> dict:
 
     gaussians = source.gaussians
     frame = render(gaussians, view)
-    place, depth = landing(view, gaussians.position)
+    place = landing(view, gaussians.position)
     arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
     light = blending_weights(*(np.asarray(array, np.float32) for array in arrays), view)
-    shows = (light >= SHOWN) & (depth > NEAR_PLANE)
-    shows &= ((place >= 0) & (place < (view.width, view.height))).all(axis=1)
+    shows = (light >= SHOWN) & ((place >= 0) & (place < (view.width, view.height))).all(axis=1)
     return {"pixels": frame.pixels, "shows": np.packbits(shows), "counts": frame.counts}
 
 

@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,20 @@ def taken(place: Path, folder: Path, *options: object) -> int:
     return run("photographs", place / "small.ply", "-o", folder, *QUICK, *options)
 
 
-def test_a_capture(place, tmp_path, capsys):
+@pytest.fixture
+def cameras_used(monkeypatch):
+    """The cameras of the pictures that are taken, by name."""
+    photograph, used = capture.photograph, {}
+
+    def noted(source, view):
+        used[f"{view.name}.png"] = view
+        return photograph(source, view)
+
+    monkeypatch.setattr(capture, "photograph", noted)
+    return used
+
+
+def test_a_capture(place, tmp_path, capsys, cameras_used):
     """Its pictures are those of the cameras that are read from it, every bit; a third is all round,
     the rest on the path; points are the scene's own."""
     facts = tmp_path / "facts.json"
@@ -69,7 +83,8 @@ def test_a_capture(place, tmp_path, capsys):
     for target in found.targets:
         assert (target.camera.width, target.camera.height) == SIZE
         assert np.array_equal(render(scene.gaussians(), target.camera).pixels, target.image)
-        assert target.image.std() > 10
+        used = cameras_used[target.name]
+        assert target.image.std() > 10 and np.array_equal(used.rotation, target.camera.rotation)
     ahead = np.array([camera.rotation[2] for camera in read_cameras(place / "given.json")])
     for target in found.targets[3:]:
         assert target.camera.fx == 48 and (ahead @ target.camera.rotation[2]).max() <= np.cos(GAP)
@@ -146,6 +161,29 @@ def test_the_seed_decides(place, tmp_path):
     assert content[0] == content[1]
     assert not [name for name, data in content[2].items() if data == content[0][name]]
     assert {path.name for path in (tmp_path / "c").iterdir()} == {"images", "sparse"}
+
+
+def test_points_are_drawn():
+    """At random by the seed, the more opaque Gaussians and those in more pictures more often; none
+    that is in one picture only."""
+    scene = generate("garden", 800)
+    kind = np.arange(800) % 4
+    scene = replace(scene, opacity=np.where(kind == 1, 0.1, 1.0))
+    table = np.array([kind < 4, kind < 3, kind < 2, kind < 2])
+    shows = [np.packbits(row) for row in table]
+    rows = {tuple(place): k for k, place in enumerate(scene.position)}
+    drawn = []
+    for seed in range(2):
+        (position, _), seen = capture.points_of(scene, shows, 100, seed)
+        drawn.append([rows[tuple(place)] for place in position])
+        assert all(
+            table[k, drawn[-1]].sum() == len(each) and table[k, drawn[-1]][each].all()
+            for k, each in enumerate(seen)
+        )
+    full, faint, few, none = np.bincount(kind[np.concatenate(drawn)], minlength=4)
+    assert none == 0 and full > 1.4 * few and few > 2 * faint > 0 and drawn[0] != drawn[1]
+    (position, _), _ = capture.points_of(scene, shows, 1000, 0)
+    assert len(position) == 600
 
 
 @pytest.mark.parametrize("fault", [InputError("no"), KeyboardInterrupt, OSError(28, "disk full")])
