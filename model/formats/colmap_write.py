@@ -5,12 +5,14 @@ Source: COLMAP documentation, "Output Format"; the layouts are those that `colma
 
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from splatcore.model.formats.colmap import MODELS, POINT, Points
 from splatcore.spec.camera import Camera
+from splatcore.spec.scene import rotation_matrix
 
 MODEL = "PINHOLE"
 
@@ -68,12 +70,17 @@ def _camera(number: int, width: int, height: int, *parameters: float) -> bytes:
 def _image(
     number: int, camera: Camera, intrinsics: int, name: str, position: np.ndarray, seen: np.ndarray
 ) -> bytes:
-    """Id, quaternion (w, x, y, z), translation, camera's id, name, and each point: x, y, its id."""
+    """Id, quaternion (w, x, y, z), translation, camera's id, name, and each point: x, y, its id.
+
+    A matrix that is a rotation but for its last digits is stored as the nearest one; points land
+    where that one says.
+    """
     from scipy.spatial.transform import Rotation  # takes half a second
 
     turn = Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True)
     table = np.zeros(len(seen), np.dtype([("place", "<f8", 2), ("point", "<u8")]))
-    table["place"] = landing(camera, position[seen])
+    stored = replace(camera, rotation=rotation_matrix(turn[None])[0])
+    table["place"] = landing(stored, position[seen])
     table["point"] = seen + 1
     start = struct.pack("<I7dI", number, *turn, *camera.translation, intrinsics)
     return start + name.encode() + b"\0" + struct.pack("<Q", len(seen)) + table.tobytes()

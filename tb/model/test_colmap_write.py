@@ -60,6 +60,18 @@ def test_our_reader(tmp_path):
         assert np.array_equal(found, wanted) and found.dtype == wanted.dtype
 
 
+def test_a_matrix_that_is_nearly_a_rotation(tmp_path):
+    """Points are where the camera that is read shows them, not where the matrix would."""
+    rough = replace(FIRST, rotation=np.array([[1, 1e-4, 0], [0, 1, 0], [0, 0, 1.0001]]))
+    write_colmap(tmp_path, [(rough, "a")], POINTS, [np.array([0, 1])])
+    ((camera, _),) = read_colmap(tmp_path)
+    assert np.abs(camera.rotation @ camera.rotation.T - np.eye(3)).max() < 1e-15
+    data = (tmp_path / "images.bin").read_bytes()[-48:]
+    found = [struct.unpack_from("<dd", data, start) for start in (0, 24)]
+    assert np.abs(found - landing(camera, POINTS[0])).max() < 1e-12
+    assert np.abs(found - landing(rough, POINTS[0])).max() > 1e-4
+
+
 def test_where_points_land():
     """In the middle of a picture, and in the middle of its first pixel, which COLMAP calls ½, ½."""
     camera = look_at(np.array([1.0, -2, -5]), np.array([1.0, -2, 0]), 8, 6, 10.0)
