@@ -17,6 +17,7 @@ COMMANDS = {
     "scene": ("scene", "Generate a scene and write it as a 3DGS PLY."),
     "join": ("scene", "Put scenes side by side in front of one camera."),
     "info": ("scene", "Say what a scene or packed model holds."),
+    "photographs": ("photographs", "Photograph a scene: pictures, poses and points."),
     "train": ("compress", "Train a plain 3DGS scene from photographs."),
     "compress": ("compress", "Compress a scene."),
     "pack": ("pack", "Pack a scene into the model that the machine reads."),

@@ -279,6 +279,7 @@ finally:
      "render garden --cameras none.json --video v.mp4", "scene jungle -o a.ply", "error none.ply",
      "fit none.ply --fps 9 -o a.toml", "programs --show none", "verilog --part none -o a",
      "registers -o none/a", "example -o none/a", "train none -o none/a", "bench work none.ply -o a",
+     "photographs none.ply -o a", "photographs garden -o a --cameras none.json",
      "bench scenes none.ply -o a", "bench sort -o none/a", "soak", "soak frames --help",
      "soak faults -o a --count 0", "hard --help", "hard none", "report --help",
      "report -o a --section none", "power --help", "power none.ply",

@@ -67,6 +67,13 @@ CLASHES = {
         "--json would overwrite cameras.json"
     ),
     "scene garden -o a.ply --cameras a.ply": "-o and --cameras are one file",
+    "photographs scene.ply -o photos": "photos: is not empty",
+    "photographs scene.ply -o .": ".: is not empty",
+    "photographs scene.ply -o scene.ply": "-o would overwrite scene.ply",
+    "photographs scene.ply -o a --json a": "a: -o and --json are one file",
+    "photographs scene.ply -o a --cameras cameras.json --json cameras.json": (
+        "--json would overwrite cameras.json"
+    ),
     "train photos -o photos/cameras.json": "-o would overwrite photos/cameras.json",
     "train photos -o photos/images/1.png": "-o would overwrite photos/images/1.png",
     "power scene.ply --json scene.ply": "--json would overwrite scene.ply",
@@ -93,6 +100,9 @@ UNWRITABLE = {
     "soak frames -o file": "file: is no folder",
     "soak faults -o file/x": "file/x: there is no folder",
     "bench compression one -o file": "file: is no folder",
+    "photographs scene.ply -o file": "file: is no folder",
+    "photographs scene.ply -o none/a": "none/a: there is no folder",
+    "photographs scene.ply -o sub --json none/a.json": "none/a.json: there is no folder",
     "compress scene.ply -o m --work file": "file: is no folder",
     "train photos -o s.ply --work file": "file: is no folder",
     "render one -o file/x.png": "file/x.png: there is no folder",

@@ -106,6 +106,14 @@ BAD = {
     "info less.ply": "less.ply.*rot_3",
     "pack cut.ply -o a.splatcore": "cut.ply",
     "pack scene.splatcore -o a.splatcore": "scene.splatcore.*packed",
+    "photographs none.ply -o a": "none.ply",
+    "photographs cut.ply -o a": "cut.ply",
+    "photographs less.ply -o a": "less.ply.*rot_3",
+    "photographs jungle -o a": "jungle",
+    "photographs scene.splatcore -o a": "scene.splatcore.*packed",
+    "photographs scene.ply -o a --cameras bare.json": "bare.json.*fx",
+    "photographs scene.ply -o a --cameras empty.json": "holds no cameras",
+    "photographs scene.ply -o a --size 99999x10": "width 99999",
     "programs --show roof": "'roof'.*cull",
     "render none.ply -o a.png": "none.ply",
     "render cameras.json -o a.png": "cameras.json",
@@ -180,7 +188,7 @@ def test_without_torch(unchanged, monkeypatch, capsys, arguments):
     check_refused(capsys, arguments, message)
 
 
-PLAIN = "info pack render compare error programs verilog synth memories cycles"
+PLAIN = "photographs info pack render compare error programs verilog synth memories cycles"
 HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
     "scene": list(GENERATORS)[:3], "bench": ["sort"], "bench sort": ["--lengths"],
     "soak": ["frames", "faults"], "soak frames": ["--only"],

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.golden.reference import render
+from splatcore.model.cameras.capture import NEARER, teacher_views
 from splatcore.model.cameras.orbit import GAP
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress import distill as distill_module
 from splatcore.model.compress.compress import Compression, decibels
 from splatcore.model.compress.distill import degrees, distill, projected
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.teacher import NEARER, pictures, teacher_targets, teacher_views
+from splatcore.model.compress.teacher import pictures, teacher_targets
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
 from splatcore.spec.colour import SH_C0

@@ -1,0 +1,99 @@
+"""A COLMAP model in binary: `cameras.bin`, `images.bin`, `points3D.bin`.
+
+Source: COLMAP documentation, "Output Format"; the layouts are those that `colmap` reads.
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.model.formats.colmap import MODELS, POINT, Points
+from splatcore.spec.camera import Camera
+from splatcore.spec.scene import rotation_matrix
+
+MODEL = "PINHOLE"
+
+NOWHERE: Points = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+"""No points."""
+
+ERROR = 0.0
+"""Pixels from where an image shows a point to where the point lands: it is shown where it lands."""
+
+
+def write_colmap(
+    folder: Path,
+    images: Sequence[tuple[Camera, str]],
+    points: Points = NOWHERE,
+    shown: Sequence[np.ndarray] | None = None,
+):
+    """Write cameras with the file names of their images, and points with the images they are in.
+
+    shown: for each image the indices of the points in it, which lie before its camera; None: an
+    image has no points. Images, points and distinct intrinsics are numbered from 1 in their order.
+    """
+    shown = [np.zeros(0, int)] * len(images) if shown is None else shown
+    intrinsics = {}
+    for camera, _ in images:
+        intrinsics.setdefault(_intrinsics(camera), len(intrinsics) + 1)
+    parts = {
+        "cameras.bin": [_camera(number, *found) for found, number in intrinsics.items()],
+        "images.bin": [
+            _image(number, camera, intrinsics[_intrinsics(camera)], name, points[0], seen)
+            for number, ((camera, name), seen) in enumerate(zip(images, shown, strict=True), 1)
+        ],
+        "points3D.bin": _points(points, shown),
+    }
+    for name, records in parts.items():
+        (folder / name).write_bytes(struct.pack("<Q", len(records)) + b"".join(records))
+
+
+def landing(camera: Camera, position: np.ndarray) -> np.ndarray:
+    """Where points [N, 3] land in COLMAP's pixels [N, 2], whose centres are at half integers; one
+    that is not before the camera lands anywhere."""
+    point = position @ camera.rotation.T + camera.translation
+    with np.errstate(all="ignore"):
+        return point[:, :2] / point[:, 2:] * (camera.fx, camera.fy) + [camera.cx, camera.cy]
+
+
+def _intrinsics(camera: Camera) -> tuple[int, int, float, float, float, float]:
+    return camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
+
+
+def _camera(number: int, width: int, height: int, *parameters: float) -> bytes:
+    """Id, model, width, height, fx, fy, cx, cy."""
+    return struct.pack("<IiQQ4d", number, MODELS.index(MODEL), width, height, *parameters)
+
+
+def _image(
+    number: int, camera: Camera, intrinsics: int, name: str, position: np.ndarray, seen: np.ndarray
+) -> bytes:
+    """Id, quaternion (w, x, y, z), translation, camera's id, name, and each point: x, y, its id.
+
+    A matrix that is a rotation but for its last digits is stored as the nearest one; points land
+    where that one says.
+    """
+    from scipy.spatial.transform import Rotation  # takes half a second
+
+    turn = Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True)
+    table = np.zeros(len(seen), np.dtype([("place", "<f8", 2), ("point", "<u8")]))
+    stored = replace(camera, rotation=rotation_matrix(turn[None])[0])
+    table["place"] = landing(stored, position[seen])
+    table["point"] = seen + 1
+    start = struct.pack("<I7dI", number, *turn, *camera.translation, intrinsics)
+    return start + name.encode() + b"\0" + struct.pack("<Q", len(seen)) + table.tobytes()
+
+
+def _points(points: Points, shown: Sequence[np.ndarray]) -> list[bytes]:
+    """Id, x, y, z, r, g, b, error, and the track: each image's id and the point's place in it."""
+    tracks = [[] for _ in points[0]]
+    for number, seen in enumerate(shown, 1):
+        for place, point in enumerate(seen):
+            tracks[point].append((number, place))
+    return [
+        POINT.pack(number, *map(float, position), *map(int, colour), ERROR, len(track))
+        + np.array(track, "<u4").tobytes()
+        for number, (position, colour, track) in enumerate(zip(*points, tracks, strict=True), 1)
+    ]

@@ -1,0 +1,102 @@
+"""The command `photographs`: a capture made of a scene, to train on as on photographs."""
+
+import time
+
+from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.colmap_write import write_colmap
+from splatcore.sim.cli import options
+from splatcore.sim.cli.bench import SchedulerOption
+from splatcore.sim.cli.options import option
+from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.source import Source, check_source, open_source, parse_size
+from splatcore.sim.compression import capture
+from splatcore.spec.camera import Camera
+from splatcore.spec.error import InputError
+
+SHARE = 0.5
+
+ViewsOption = option(int, "N", "Number of photographs.", min=1)
+SizeOption = option(str, "WxH", "Their pixels.")
+CamerasOption = option(
+    str | None,
+    "FILE",
+    "From where the scene is looked at, as cameras.json, transforms.json or COLMAP folder: a share "
+    "of the views is on their path. Default: all are from all round.",
+)
+ShareOption = option(
+    float | None, "S", f"--cameras: share of the views on the path, 0 … 1. Default: {SHARE}."
+)
+PointsOption = option(int, "N", "The scene's Gaussians that become points, at most.", min=1)
+SeedOption = option(int, None, "Same seed, same views and points.", min=0)
+
+
+@options.app.command("photographs")
+def photographs_command(
+    scene: options.SceneArgument,
+    output: options.FolderOption,
+    views: ViewsOption = 100,
+    size: SizeOption = "1920x1080",
+    cameras: CamerasOption = None,
+    path_share: ShareOption = None,
+    points: PointsOption = 10_000,
+    seed: SeedOption = 0,
+    scheduler: SchedulerOption = None,
+    json: options.JsonOption = None,
+):
+    """Photograph a scene: pictures, poses and points in COLMAP's form.
+
+    `train` and `compress --images` take the folder as that of real photographs. The views are
+    those of `compress`: from all round and, with --cameras, on the path of given cameras, though
+    from none of these. Pictures are the float64 reference's, 8 bits, in images/; sparse/0 has
+    cameras, poses and points in binary. The points are centres of the scene's own Gaussians which
+    two views show, drawn at random; their places are exact. The folder must be new or empty, and
+    is written as a whole.
+    """
+    begin, pixels = time.perf_counter(), parse_size(size)
+    given = _given(cameras, path_share)
+    capture.check_empty(output)
+    check_source(scene)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+        original = source.unpacked
+        planned = _views(source, views, pixels, seed, given, path_share)
+    from splatcore.sim.cli.path import along
+
+    with capture.whole_capture(output) as part:
+        taken = capture.stored_cameras(part, planned)
+        rows = along(capture.photograph, source, taken, (), scheduler)
+        shows = capture.written(part, taken, rows)
+        found, shown = capture.points_of(original, shows, points, seed)
+        write_colmap(part / capture.SPARSE, capture.named(planned), found, shown)
+    on_path = sum(view.name.startswith("path") for view in planned)
+    facts = {
+        "scene": scene, "folder": str(output), "size": list(pixels), "photographs": views,
+        "on_path": on_path, "around": views - on_path, "points": len(found[0]),
+        "observations": sum(map(len, shown)), "seed": seed,
+        "seconds": round(time.perf_counter() - begin, 3),
+    }  # fmt: skip
+    where = f"{on_path} on the path, {views - on_path} from all round"
+    text = f"{views} photographs of {pixels[0]}x{pixels[1]} ({where}), {len(found[0])} points"
+    console.print(f"{output}: {text}", soft_wrap=True)
+    write_json(json, facts)
+
+
+def _given(cameras: str | None, share: float | None) -> list[Camera]:
+    """The cameras of --cameras; InputError for a share without them, or that is none."""
+    if share is not None and not cameras:
+        raise InputError("--path-share: goes with --cameras")
+    if share is not None and not 0 <= share <= 1:
+        raise InputError(f"--path-share {share:g}: is not in 0 … 1")
+    return read_cameras(cameras) if cameras else []
+
+
+def _views(
+    source: Source, count: int, size: tuple[int, int], seed: int, given: list[Camera],
+    share: float | None,
+) -> list[Camera]:  # fmt: skip
+    """The views of a scene to photograph it from."""
+    from splatcore.model.cameras.capture import capture_views
+
+    return capture_views(
+        source.gaussians, count, size, seed, given, SHARE if share is None else share
+    )

@@ -1,0 +1,118 @@
+"""A capture made of a scene: its pictures from many views, with poses and points as COLMAP has
+them, to train on as on photographs."""
+
+import tempfile
+from collections.abc import Iterable, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.model.formats.colmap import Points, read_colmap
+from splatcore.model.formats.colmap_write import landing, write_colmap
+from splatcore.sim.common.output import make_folder
+from splatcore.sim.common.picture import write_png
+from splatcore.sim.common.source import Source
+from splatcore.spec.camera import Camera
+from splatcore.spec.colour import SH_C0
+from splatcore.spec.convention import COLOUR_OFFSET
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import Scene
+
+SHOWN = 0.5
+"""Light that a Gaussian gives a picture that shows its point: Σ alpha·T over the pixels. What is
+behind the camera gives none."""
+
+IMAGES_OF_POINT = 2  # pictures that show a point, at least: from one COLMAP cannot tell its depth
+
+IMAGES, SPARSE = "images", Path("sparse", "0")
+"""Folders of a capture: its pictures, its cameras and points."""
+
+
+def check_empty(folder: Path):
+    """InputError for a folder that holds anything."""
+    if folder.is_dir() and any(folder.iterdir()):
+        raise InputError(f"{folder}: is not empty")
+
+
+@contextmanager
+def whole_capture(folder: Path):
+    """A place to write a capture to; at its end it comes into `folder`, the pictures first, so
+    that nobody reads half of it. A failure leaves nothing."""
+    make_folder(folder)
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".splatcore") as scratch:
+            part = Path(scratch)
+            (part / IMAGES).mkdir()
+            (part / SPARSE).mkdir(parents=True)
+            yield part
+            for name in (IMAGES, SPARSE.parts[0]):
+                (part / name).rename(folder / name)
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror or error}") from None
+
+
+def stored_cameras(folder: Path, views: Sequence[Camera]) -> list[Camera]:
+    """Write the poses of views; the cameras, by the views' names, that a reader has of them.
+
+    A pose is stored as a quaternion, whose matrix may differ in the last bit: pictures by these
+    cameras are those that the folder's reader expects, every bit of them.
+    """
+    write_colmap(folder / SPARSE, named(views))
+    found = [camera for camera, _ in read_colmap(folder)]
+    return [replace(camera, name=view.name) for camera, view in zip(found, views, strict=True)]
+
+
+def named(views: Sequence[Camera]) -> list[tuple[Camera, str]]:
+    """Views, each with the file name of its picture."""
+    return [(view, f"{view.name}.png") for view in views]
+
+
+def photograph(source: Source, view: Camera) -> dict:
+    """In a process: the picture by the reference, and `shows`, packed bits [N]: the Gaussians whose
+    centres it shows."""
+    from splatcore.golden.reference import render
+    from splatcore.model.gradients.drawn import blending_weights
+
+    gaussians = source.gaussians
+    frame = render(gaussians, view)
+    place = landing(view, gaussians.position)
+    arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
+    light = blending_weights(*(np.asarray(array, np.float32) for array in arrays), view)
+    shows = (light >= SHOWN) & ((place >= 0) & (place < (view.width, view.height))).all(axis=1)
+    return {"pixels": frame.pixels, "shows": np.packbits(shows), "counts": frame.counts}
+
+
+def written(folder: Path, views: Sequence[Camera], rows: Iterable[dict]) -> list[np.ndarray]:
+    """Write the pictures of rows of `photograph` as they come; their `shows`."""
+    shows = []
+    for (_, name), row in zip(named(views), rows, strict=True):
+        write_png(folder / IMAGES / name, row["pixels"])
+        shows.append(row["shows"])
+    return shows
+
+
+def points_of(
+    scene: Scene, shows: Sequence[np.ndarray], count: int, seed: int
+) -> tuple[Points, list[np.ndarray]]:
+    """Up to `count` of the scene's Gaussians as points, and for each picture which of them it
+    shows, by their indices.
+
+    They are drawn at random among those that two pictures show, in proportion to their opacity and
+    to the number of pictures that show them. Their colours are those of harmonics of degree 0.
+    InputError if no two pictures show one.
+    """
+    least = min(IMAGES_OF_POINT, len(shows))
+    table = [np.unpackbits(each, count=len(scene)).astype(bool) for each in shows]
+    pictures = np.sum(table, axis=0)
+    found = np.flatnonzero(pictures >= least)
+    if not len(found):
+        raise InputError(f"{scene.name}: no Gaussian is in {least} of the photographs")
+    weight = scene.opacity[found] * pictures[found]
+    rng = np.random.default_rng(seed)
+    count = min(count, len(found))
+    chosen = np.sort(rng.choice(found, count, replace=False, p=weight / weight.sum()))
+    colour = np.rint(np.clip(scene.sh[chosen, 0] * SH_C0 + COLOUR_OFFSET, 0, 1) * 255)
+    points = scene.position[chosen], colour.astype(np.uint8)
+    return points, [np.flatnonzero(each[chosen]) for each in table]
