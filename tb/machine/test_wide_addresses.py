@@ -1,7 +1,9 @@
 """Addresses of 64 bits: each area in a window of 4 GiB of its own, two frames in flight."""
 
+import numpy as np
 import pytest
 
+from splatcore.golden.pipeline import render
 from splatcore.sim.machine.areas import place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import LPDDR4, Timing
@@ -9,6 +11,7 @@ from splatcore.sim.soak.machines import machine
 from splatcore.spec.axi import ADDRESS_BITS
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import high_registers
+from splatcore.spec.sort import half_entries
 from tb.helpers.machines import check, garden, view
 from tb.helpers.ports import wide_addresses
 
@@ -22,8 +25,9 @@ FRAMES = 4
 
 
 def jobs() -> list[Job]:
-    """Neighbouring frames of two models, with lists that are dealt."""
-    return [Job(garden(WIDE, 400 - 50 * (k % 2)), view(step=0.1 * k)) for k in range(FRAMES)]
+    """One whose lists are short; neighbouring frames of two models, with lists that are dealt."""
+    dealt = [Job(garden(WIDE, 400 - 50 * (k % 2)), view(step=0.1 * k)) for k in range(FRAMES)]
+    return [Job(garden(WIDE, 40), view()), *dealt]
 
 
 @pytest.mark.parametrize("timing", [LPDDR4, ROUGH], ids=lambda timing: timing.name)
@@ -32,6 +36,7 @@ def test_each_area_in_a_window_of_its_own(timing):
     given = jobs()
     run = machine(WIDE).run(given, timing)
     check(WIDE, run, *given)
+    assert np.diff(render(WIDE, *given[0]).start).max() <= half_entries(WIDE)
     assert run.frames[-1].counters["rendering_write_buckets"]
     regions = run.areas.regions
     assert len({region.begin >> ADDRESS_BITS for region in regions}) == len(regions)
