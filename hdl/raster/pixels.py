@@ -269,7 +269,7 @@ class Pixels(wiring.Component):
             with m.State("PLACE"):
                 m.d.sync += [line.eq(at), *self.begins]
                 with m.If(~Mux(self.plain, self.empty.valid, self.positions.valid)):
-                    m.d.sync += self.plain.eq(~self.plain)
+                    m.d.sync += self.plain.eq(self.empty.valid)
                 with m.Elif(inside & reached):
                     m.next = "ROWS"
                 with m.Elif(~inside):
