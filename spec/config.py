@@ -252,6 +252,6 @@ FPGA = Config(
     merge_ways=8,
 )
 """DEFAULT's images, models and formats, with as few units as fit into a Lattice LFE5U-85. One
-rasterizer takes most of the time, so fewer PEs and a shorter sub-sorter cost next to nothing."""
+rasterizer takes most of the time, so a frame hardly waits for the few PEs: docs/fpga.md."""
 
 PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY, FPGA)}

@@ -211,14 +211,16 @@ class Blend(wiring.Component):
                 triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
                 m.d.sync += triple.eq(times(next_.colour[name], 3))
                 multiples = Array([Const(0), colour, colour << 1, triple])
-            for pixel, lane in enumerate(taken.lanes):
+                digits = range(0, config.weight, 2)
+                weighted = [
+                    sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
+                    for lane in taken.lanes
+                ]
+            else:
+                weighted = [lane.weight * colour for lane in taken.lanes]
+            for pixel, times_weight in enumerate(weighted):
                 stored = sums.data[pixel][channel]
-                if config.weighting == "multiples":
-                    digits = range(0, config.weight, 2)
-                    weighted = sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
-                else:
-                    weighted = lane.weight * colour
-                part = (weighted + (1 << product - 1)) >> product
+                part = (times_weight + (1 << product - 1)) >> product
                 m.d.comb += write.data[pixel][channel].eq(Mux(fresh, 0, stored) + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 byte = Mux(byte[8:].any(), 255, byte[:8])

@@ -134,7 +134,7 @@ def find_nextpnr() -> Path:
 
 def plain(text: str) -> str:
     """RTLIL whose names have no bracket: yosys's `abc9` takes wires `a[0]`, `a[1]` for bits of a
-    wire `a`, and then fails."""
+    wire `a`, and then fails or loses registers."""
     return NAME.sub(lambda name: ELEMENT.sub(r".\1", name[0]), text)
 
 

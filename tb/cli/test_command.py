@@ -15,15 +15,7 @@ from splatcore.sim.cli.verilog import PARTS
 from splatcore.sim.common.metric import Compared, Result, against, difference, told
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.eda.verilog import WRITERS
-from tb.helpers.command import KEYS, ROOT, load, run, write_scene
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A working folder with a small scene and two cameras."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
-    return tmp_path
+from tb.helpers.command import KEYS, ROOT, load, run
 
 
 def test_render(folder, capsys):

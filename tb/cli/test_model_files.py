@@ -3,19 +3,9 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from splatcore.model.formats.model_file import read_model
 from splatcore.sim.common.picture import read_png
-from tb.helpers.command import load, run, write_scene
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A working folder with a small scene and two cameras."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
-    return tmp_path
+from tb.helpers.command import load, run
 
 
 def test_plain_and_coded_files(folder, capsys):

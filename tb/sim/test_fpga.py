@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+from types import SimpleNamespace
 
 import pytest
 from amaranth.hdl import Cat, Module, Mux, Signal
@@ -189,7 +190,7 @@ def test_whole(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     monkeypatch.setattr(fpga, "yosys", yosys)
-    monkeypatch.setattr(fpga.subprocess, "run", nextpnr)
+    monkeypatch.setattr(fpga, "subprocess", SimpleNamespace(run=nextpnr))
     monkeypatch.setattr(sizes, "Top", lambda config: Register(3))
     out = tmp_path / "f.json"
     for _ in range(2):
@@ -228,7 +229,7 @@ class Elements(wiring.Component):
 
 @pytest.mark.slow
 def test_names_of_elements(monkeypatch, tmp_path):
-    """yosys takes them for bits of that wire unless they are plain, and fails."""
+    """Unless they are plain, yosys takes them for bits of that wire: a register is lost."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     (found,) = placed(Elements(), "25k")
     assert found.flip_flops == 7
