@@ -6,6 +6,7 @@ from importlib import import_module
 import typer
 
 from splatcore.sim.cli.bench import bench
+from splatcore.sim.cli.board import board
 from splatcore.sim.cli.options import app
 from splatcore.sim.cli.soak import soak
 from splatcore.sim.common.output import messages
@@ -55,12 +56,14 @@ COMMANDS = {
     "bench coding": ("bench_coding", "Bytes of model files by the way of coding."),
     "bench compression": ("bench_compression", "Compress scenes and measure."),
     "bench differentiable": ("bench_differentiable", "Time the differentiable renderer."),
+    "board write": ("board_runs", "Write a ULX3S's files: Verilog, pins, a Makefile."),
+    "board render": ("board_runs", "Render a frame by a board."),
     "soak frames": ("soak_runs", "Render random small scenes in RTL, against the golden model."),
     "soak faults": ("soak_runs", "Let things go wrong in RTL: errors are told, nothing hangs."),
 }
 """Commands in help's order: the file of this folder whose import registers each, what it does."""
 
-GROUPS = {"bench": bench, "soak": soak}
+GROUPS = {"bench": bench, "board": board, "soak": soak}
 """Groups of commands, those of a first word."""
 
 

@@ -60,12 +60,34 @@ def run_testbench(
     simulator = simulator or os.environ.get("SIM", "verilator")
     if simulator not in PROGRAM:
         raise ValueError(f"simulator {simulator!r} is not one of {', '.join(PROGRAM)}")
+    sources = {"top.v": converted(component)}
+    if simulator == "verilator":
+        flat = component.signature.flatten(component)
+        names = ["clk", "rst", *("__".join(map(str, path)) for path, _, _ in flat)]
+        sources = {"top.v": without_initial(sources["top.v"]), "top.vlt": public(names)}
+    run_sources(sources, module, simulator, seed, **parameters)
+
+
+def run_sources(
+    sources: dict[str, str], module: str, simulator: str = "verilator", seed: int = 0,
+    log: Path | None = None, **parameters,
+) -> None:  # fmt: skip
+    """Run all cocotb tests of `module` on Verilog whose top module is `top`.
+
+    sources: texts by the names of their files, for Verilator one of `public` among them. log: file
+    for what the simulation prints. The others as `run_testbench` has them.
+    """
     variables = environment() if simulator == "verilator" else dict(os.environ)
     # The runner takes what it needs from the process's environment.
     with patch.dict(os.environ, variables | {PARAMETERS: json.dumps(parameters)}):
-        folder = build(component, simulator)
-        with TemporaryDirectory() as results:
-            _run(simulator, module, seed, folder, Path(results))
+        folder = build(sources, simulator)
+        with TemporaryDirectory() as name:
+            results = Path(name)
+            try:
+                _run(simulator, module, seed, folder, results)
+            finally:
+                if log:
+                    shutil.copyfile(results / "log", log)
 
 
 def parameters() -> dict:
@@ -73,12 +95,8 @@ def parameters() -> dict:
     return json.loads(os.environ[PARAMETERS])
 
 
-def build(component: wiring.Component, simulator: str) -> Path:
+def build(sources: dict[str, str], simulator: str) -> Path:
     """Folder of the compiled simulation, made unless it is there already."""
-    sources = {"top.v": converted(component)}
-    if simulator == "verilator":
-        sources["top.v"] = without_initial(sources["top.v"])
-        sources["top.vlt"] = _control_file(component)
     compiler = shutil.which(PROGRAM[simulator])
     if compiler is None:
         raise RuntimeError(f"no {PROGRAM[simulator]} on PATH")
@@ -103,10 +121,8 @@ def failures(results: Path) -> list[str]:
     return failed
 
 
-def _control_file(component: wiring.Component) -> str:
-    """A Verilator control file that makes the ports public."""
-    flat = component.signature.flatten(component)
-    names = ["clk", "rst", *("__".join(map(str, path)) for path, _, _ in flat)]
+def public(names: list[str]) -> str:
+    """A Verilator control file that makes these ports of `top` public."""
     lines = [f'public_flat_rw -module "top" -var "{name}"\n' for name in names]
     return "`verilator_config\n" + "".join(lines)
 

@@ -1,0 +1,124 @@
+"""The commands `board write` and `board render`: a ULX3S's files, and a frame by a board."""
+
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import typer
+
+from splatcore.sim.cli import options
+from splatcore.sim.cli.board import board
+from splatcore.sim.cli.options import option
+from splatcore.sim.common.metric import against, differences, told
+from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.picture import write_png
+from splatcore.sim.common.source import check_fits, check_known, open_camera, open_source
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+SDRAMS = {"32": "MT48LC16M16", "64": "AS4C32M16"}
+"""Chips of SDRAM that a ULX3S may have, by their megabytes."""
+
+LIBRARIES = ("litex", "litedram", "litex_boards")
+
+BoardPresetOption = option(str, "NAME|FILE", "Machine.", "--preset")
+ClockOption = option(float, "MHZ", "Clock of machine and SDRAM.", min=1, max=133)
+BaudOption = option(int, "N", "Bits a second of the UART.", min=9600, max=3_000_000)
+SdramOption = option(str, "MB", f"SDRAM: {', '.join(SDRAMS)}.")
+BoardOption = option(str, "DIR", "Folder that `board write` has written.", "--board")
+PortOption = option(str, "DEVICE", "Serial port, like /dev/ttyUSB0.")
+OutputOption = option(Path, "OUT.png", "Where to write the picture.", "-o")
+
+
+def check_libraries():
+    """InputError without the libraries of the extra [board]."""
+    for name in LIBRARIES:
+        if find_spec(name) is None:
+            raise InputError(f"board: {name} is missing; pip install 'splatcore[board]'")
+
+
+@board.command("write")
+def write_command(
+    output: options.FolderOption,
+    preset: BoardPresetOption = "FPGA",
+    clock: ClockOption = 50.0,
+    baud: BaudOption = 1_000_000,
+    sdram: SdramOption = "32",
+):
+    """Write the files of a ULX3S with an LFE5U-85F: Verilog, pins, a Makefile for the bitstream.
+
+    The machine is in a LiteX system with the SDRAM's controller (LiteDRAM) and a UART, by which
+    `board render` reaches memory and registers. `make` in the folder synthesises, places and routes
+    with yosys and nextpnr from PyPI; README.md there says more.
+    """
+    check_known("--sdram", SDRAMS, sdram)
+    config = find_preset(preset)
+    check_libraries()
+    from splatcore.sim.board.write import write_board
+
+    with progress_bar("writing the board"):
+        paths = write_board(output, config, round(clock * 1e6), baud, SDRAMS[sdram])
+    for path in paths:
+        console.print(str(path), soft_wrap=True)
+
+
+@board.command("render")
+def render_command(
+    scene: options.SourceArgument,
+    output: OutputOption,
+    board: BoardOption,
+    port: PortOption,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    json: options.JsonOption = None,
+):
+    """Render a frame by a board, and compare it with the golden model's.
+
+    The packed model goes into the board's SDRAM, the picture comes back, over a serial port. Exit
+    status 1 if a pixel is not the golden model's.
+    """
+    check_libraries()
+    from splatcore.sim.board.host import Host, read_board
+
+    config, facts = read_board(board)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene)
+        view = open_camera(camera, size, source)
+    check_fits(config, view.width, view.height)
+    from splatcore.sim.machine import engines
+    from splatcore.sim.machine.machine import Job
+    from splatcore.sim.packing.choose import packed_model
+
+    with progress_bar("packing"):
+        job = Job(packed_model(source, config, view), view)
+    host = Host(port, config, facts)
+    host.begin()
+    begin = time.perf_counter()
+    with progress_bar("loading the model") as advance:
+        frame = host.frame(job, advance)
+    seconds = time.perf_counter() - begin
+    write_png(output, frame.pixels)
+    golden = engines.golden(config, job).pixels
+    wrong = int((frame.pixels != golden).any(2).sum())
+    found = differences(frame.pixels, engines.truths(source, job.model, view))
+    clock = facts["clock_hz"]
+    rate = clock / max(frame.preprocessing, frame.rendering)
+    same = f"{wrong} pixels differ from" if wrong else "identical to"
+    console.print(
+        f"{output}: {same} the golden model; against the reference: {told(found)}", soft_wrap=True
+    )
+    console.print(
+        f"{frame.preprocessing} cycles of preprocessing, {frame.rendering} of rendering: "
+        f"{rate:.1f} frames a second at {clock / 1e6:g} MHz; {seconds:.1f} s with loading and "
+        "fetching",
+        soft_wrap=True,
+    )
+    told_facts = {
+        "scene": scene, "preset": config.name, "size": [view.width, view.height],
+        "clock_hz": clock, "preprocessing_cycles": frame.preprocessing,
+        "rendering_cycles": frame.rendering, "frames_a_second": round(rate, 3),
+        "seconds": round(seconds, 3), "identical": not wrong,
+    }  # fmt: skip
+    write_json(json, told_facts | against(found))
+    if wrong:
+        raise typer.Exit(1)

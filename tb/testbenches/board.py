@@ -1,0 +1,38 @@
+"""A board in simulation: its UART is a serial port of this computer until a file says to end."""
+
+import os
+import tty
+from contextlib import suppress
+from pathlib import Path
+
+import cocotb
+from cocotb.clock import Clock
+from cocotb.triggers import ClockCycles
+from cocotbext.uart import UartSink, UartSource
+
+from splatcore.sim.rtl.cocotb_runner import parameters
+
+PERIOD, BIT = 20, 8  # ns of a cycle, cycles of a bit
+CHARACTERS = 4  # for which bytes pass unseen
+
+
+@cocotb.test()
+async def serve(dut):
+    at = parameters()
+    Clock(dut.sys_clk, PERIOD, "ns").start()
+    dut.sys_rst.value, dut.serial_rx.value = 1, 1
+    await ClockCycles(dut.sys_clk, 8)
+    dut.sys_rst.value = 0
+    baud = 1e9 / (PERIOD * BIT)
+    source, sink = UartSource(dut.serial_rx, baud), UartSink(dut.serial_tx, baud)
+    here, port = os.openpty()
+    tty.setraw(port)
+    os.set_blocking(here, False)
+    Path(at["port"]).write_text(os.ttyname(port))
+    while not Path(at["end"]).exists():
+        await ClockCycles(dut.sys_clk, CHARACTERS * 10 * BIT)
+        if source.idle():
+            with suppress(BlockingIOError):
+                await source.write(os.read(here, 256))
+        if not sink.empty():
+            os.write(here, sink.read_nowait())
