@@ -1,6 +1,6 @@
 """The command line, a file for each command or for some that are alike.
 
-May import: spec, model, golden, hdl, sim.accuracy, sim.bench, sim.board, sim.common, sim.compression,
-sim.cycles, sim.eda, sim.example, sim.fit, sim.machine, sim.packing, sim.power,
+May import: spec, model, golden, hdl, sim.accuracy, sim.bench, sim.board, sim.common,
+sim.compression, sim.cycles, sim.eda, sim.example, sim.fit, sim.machine, sim.packing, sim.power,
 sim.report, sim.rtl, sim.soak, sim.view.
 """

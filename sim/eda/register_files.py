@@ -61,7 +61,10 @@ BITS = {
     },
     "INTERRUPT": {
         "READY": (registers.INTERRUPT_READY, "STATUS's READY has come"),
-        "FRAME": (registers.INTERRUPT_FRAME, "all pixels of a frame are in memory"),
+        "FRAME": (
+            registers.INTERRUPT_FRAME,
+            "all pixels of a frame are in memory; FINISHED counts them",
+        ),
         "ERROR": (registers.INTERRUPT_ERROR, "something went wrong: ERROR says what"),
     },
 }

@@ -90,8 +90,18 @@ int32_t splatcore_wait(void *device, uint32_t events, uint32_t pauses)
     }
 }
 
+int32_t splatcore_finished(void *device, uint32_t frames, uint32_t pauses)
+{
+    while (!((frames - splatcore_read(device, SPLATCORE_FINISHED) - 1) & 0x8000)) {
+        int32_t failed = splatcore_wait(device, SPLATCORE_INTERRUPT_FRAME, pauses);
+        if (failed)
+            return failed;
+    }
+    return 0;
+}
+
 /* A driver of several frames starts the next one when it has seen READY, with another image, and
- * waits for FRAME after that. */
+ * waits for FINISHED after that. */
 int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
                         const struct splatcore_view *view, uint32_t pages_max, uint32_t pauses)
 {

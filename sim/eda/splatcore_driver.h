@@ -54,6 +54,11 @@ int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
 /* Wait for one of these bits of INTERRUPT, for so many pauses at most. */
 int32_t splatcore_wait(void *device, uint32_t events, uint32_t pauses);
 
+/* Wait until FINISHED, the count of complete frames, has come to a value (both modulo 2^16), for so
+ * many pauses at most between two of them. With two frames in flight FRAME alone does not do: the
+ * second may be complete before the host has cleared the bit that the first has set. */
+int32_t splatcore_finished(void *device, uint32_t frames, uint32_t pauses);
+
 /* Render one frame into memory->image. Where lists need more pages than there are, so many are
  * taken, up to pages_max, and the frame is begun again. */
 int32_t splatcore_frame(void *device, struct splatcore_memory *memory,

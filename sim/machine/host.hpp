@@ -1,7 +1,8 @@
 // The host beside the machine: it runs a script over AXI4-Lite.
 //
 // A wait takes what the interrupt says into `pending`, each time with the cycle at which it rose,
-// and ends when a bit that it waits for is there. An error that nobody waits for, or a machine that
+// and ends when a bit that it waits for is there. FRAME may tell of two ends, the second of which
+// came before the bit was cleared: FINISHED, read after that, counts them. An error that nobody waits for, or a machine that
 // stands still, ends the script; its last part, from `finally` on, is done all the same.
 //
 // With `live` lines of standard input follow the script, each read when the one before is done; the
@@ -85,17 +86,20 @@ struct Host {
     Lite lite;
     std::vector<Line> script;
     FILE* report;
-    uint32_t interrupt_register, pending = 0, mask = 0;
+    uint32_t interrupt_register, finished_register, pending = 0, mask = 0, seen = 0;
+    uint16_t finished = 0;                // as read last
+    uint64_t ended = 0, asked = 0;        // frames that no wait has taken; when the interrupt rose
     size_t next = 0, at = 0, last_resort = 0;
     uint64_t left = 0, cycle = 0, rose = 0;
-    enum { nothing, access, waiting, asking, clearing, counting, resetting } doing = resetting;
+    enum { nothing, access, waiting, asking, clearing, ending, counting, resetting } doing = resetting;
     bool raised = false, over = false, moved = false, live;
     std::string result = "done";
 
     Host(Vtop& top, Memory& memory, Settings& s)
         : top(top), memory(memory), settings(s), lite(top, s), script(s.read("script")),
           report(std::fopen((s.folder + "/report").c_str(), "w")),
-          interrupt_register(s.number("interrupt")), left(2), live(!s.all("live").empty()) {
+          interrupt_register(s.number("interrupt")),
+          finished_register(s.number("finished")), left(2), live(!s.all("live").empty()) {
         at = last_resort = script.size();
         for (size_t k = 0; k < script.size(); k++)
             if (script[k][0] == "finally") last_resort = k + 1;
@@ -129,9 +133,10 @@ struct Host {
         else if (command == "read") { lite.read(number(1)); doing = access; }
         else if (command == "wait") { mask = number(1); doing = waiting; wait(); }
         else if (command == "cycles") { left = number(1); doing = counting; }
-        else if (command == "reset") { left = number(1); doing = resetting; pending = 0; }
+        else if (command == "reset") { left = number(1); doing = resetting; forget(); }
         else if (command == "save") { save(); tell(0); }
     }
+    void forget() { pending = finished = ended = 0; }
     void save() {  // address, bytes, name of the file
         FILE* file = std::fopen((settings.folder + "/" + script[at][3]).c_str(), "wb");
         const Region* region = memory.holds(number(1), number(2));
@@ -142,6 +147,7 @@ struct Host {
         if (pending & mask) {
             uint32_t found = pending & mask;
             pending &= ~mask;
+            if ((found & INTERRUPT_FRAME) && --ended) pending |= INTERRUPT_FRAME;
             tell(found);
         } else if (pending & INTERRUPT_ERROR) {
             fail("error");
@@ -171,13 +177,28 @@ struct Host {
         if (doing == access) {
             tell(lite.value, lite.response);
         } else if (doing == asking) {
-            std::fprintf(report, "event %llu %u\n", (unsigned long long)rose, lite.value);
-            pending |= lite.value;
-            lite.write(interrupt_register, lite.value);
+            asked = rose, seen = lite.value;
+            if (uint32_t others = seen & ~INTERRUPT_FRAME) happened(asked, others);
+            pending |= seen & ~INTERRUPT_FRAME;
+            lite.write(interrupt_register, seen);
             doing = clearing;
+        } else if (doing == clearing && seen & INTERRUPT_FRAME) {
+            lite.read(finished_register);
+            doing = ending;
         } else if (doing == clearing) {
-            rose = cycle;  // of an interrupt that came meanwhile
-            doing = waiting;
+            go_on();
+        } else if (doing == ending) {
+            for (; finished != uint16_t(lite.value); finished++, ended++, asked = cycle)
+                happened(asked, INTERRUPT_FRAME);
+            if (ended) pending |= INTERRUPT_FRAME;
+            go_on();
         }
+    }
+    void happened(uint64_t when, uint32_t bits) {
+        std::fprintf(report, "event %llu %u\n", (unsigned long long)when, bits);
+    }
+    void go_on() {
+        rose = cycle;  // of an interrupt that came meanwhile
+        doing = waiting;
     }
 };

@@ -10,7 +10,7 @@ from pathlib import Path
 from splatcore.sim.rtl.build import FAST, build
 from splatcore.spec.axi import BOUNDARY, ID_BITS, port_bytes
 from splatcore.spec.config import Config
-from splatcore.spec.registers import INTERRUPT_ERROR
+from splatcore.spec.registers import INTERRUPT_ERROR, INTERRUPT_FRAME
 
 FOLDER = Path(__file__).parent
 TOGGLES = (FOLDER / "toggles.hpp").read_text()  # the C++ that counts how often nets change
@@ -26,6 +26,7 @@ CONFIG = f"""\
 
 constexpr uint64_t BEAT = {{beat}}, BOUNDARY = {BOUNDARY};
 constexpr uint32_t BEAT_BITS = {{beat_bits}}, INTERRUPT_ERROR = {INTERRUPT_ERROR};
+constexpr uint32_t INTERRUPT_FRAME = {INTERRUPT_FRAME};
 constexpr uint32_t ID_BITS = {ID_BITS};
 """
 

@@ -263,7 +263,7 @@ def prepare(
 ) -> None:
     """Write what a run on a folder's memory file needs besides; settings: its limits, and more."""
     lines = [*timing.settings, f"size {(folder / MAPPED).stat().st_size}"]
-    lines += [f"interrupt {script.addresses['INTERRUPT']}"]
+    lines += [f"{name.lower()} {script.addresses[name]}" for name in ("INTERRUPT", "FINISHED")]
     for r in memory.regions:
         lines.append(f"region {r.name} {r.begin} {r.end} {int(r.writable)} {r.at}")
     lines += [f"{name} {value}" for name, value in settings.items()]

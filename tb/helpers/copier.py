@@ -35,7 +35,8 @@ class Copier(wiring.Component):
         self.error, self.interrupts, self.enabled = Signal(32), Signal(3), Signal(3)
         self.start, self.ready, self.rendering = Signal(), Signal(init=1), Signal()
         self.source, self.target, self.beats = Signal(32), Signal(32), Signal(16)
-        self.events, self.fault = Signal(3), Signal(8)
+        self.events, self.fault, self.finished = Signal(3), Signal(8), Signal(16)
+        m.d.sync += self.finished.eq(self.finished + self.events[1])
         m.d.comb += self.fault.eq(self.registers["FEATURES_MAX"] - FAULT)
         m.d.comb += self.interrupt.eq((self.interrupts & self.enabled).any())
         self._lite(m)
@@ -69,7 +70,7 @@ class Copier(wiring.Component):
                 with m.Case(places["CONTROL"]):
                     m.d.comb += self.start.eq(1)
         read = {"INTERRUPT": self.interrupts, "ERROR": self.error, "STATUS": self.ready}
-        read |= {"NEEDED": PAGES, "POINTS_POINTS": self.beats}
+        read |= {"FINISHED": self.finished, "NEEDED": PAGES, "POINTS_POINTS": self.beats}
         with m.If(self.s_axi.rready):
             m.d.sync += r.eq(0)
         with m.If(self.s_axi.arvalid & self.s_axi.arready):

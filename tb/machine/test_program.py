@@ -15,7 +15,7 @@ from splatcore.sim.rtl.convert import converted
 from splatcore.spec.axi import BEAT
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import TINY
-from splatcore.spec.registers import ErrorCode
+from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY, ErrorCode
 from tb.helpers.copier import BURST, FAULT, FAULTS, PAGES, POINTS, Copier
 from tb.helpers.scenes import random_scene
 
@@ -186,6 +186,22 @@ def test_reset_in_mid_frame(machine, models):
     assert report.done and len(report.events) == 2
     assert report.read["model"] > BEATS
     assert saved == job.model.image[: BEATS * BEAT].tobytes()
+
+
+def test_two_ends_before_the_host_looks(machine, models):
+    """One FRAME tells both, and FINISHED how many; a reset begins to count anew."""
+    [job] = jobs(models)
+    areas, script = job_areas(job), Script(TINY)
+    first, _, _ = host_script(TINY, [job], [job.model], areas)
+    begun = next(k for k, line in enumerate(first.lines) if line.startswith("wait"))
+    two = [*first.lines[:begun], f"wait {INTERRUPT_READY}", first.lines[begun - 1]]
+    two += ["cycles 5000", f"wait {INTERRUPT_READY}", *[f"wait {INTERRUPT_FRAME}"] * 2]
+    script.lines = [*two, "reset 3", *two]
+    report, _ = executed(machine, script, areas, job)
+    assert report.done, report.why
+    assert [bits for _, bits in report.events] == [
+        INTERRUPT_READY, INTERRUPT_READY, INTERRUPT_FRAME, INTERRUPT_FRAME,
+    ] * 2  # fmt: skip
 
 
 def job_areas(job: Job):
