@@ -146,7 +146,8 @@ class Config:
         bounds=("colour_fraction", "weight"), beyond=-1,
     )  # fmt: skip
     # What a lane weights a colour with: multiples of it, made once for all lanes, which take fewer
-    # gates; or three multipliers of its own, which an FPGA has.
+    # gates; or three multipliers of its own, which an FPGA has. With these, terms of colour are
+    # products, too, instead of sums of rows.
     weighting: Literal["multiples", "products"] = "multiples"
     early_termination: bool = True  # pixels end once too little of T is left
     # (a, b, c): what is too faint to be seen is left out (`spec.raster`). Nothing for 3DGS's rule.

@@ -65,7 +65,8 @@ class Terms(wiring.Component):
 
     A machine without harmonics has neither multiplicands nor polynomials, and no term's shift.
 
-    **Timing**: a term a cycle, latency 5. Nine multipliers of 7 × 13 bits.
+    **Timing**: a term a cycle, latency 5. Nine multipliers of 7 × 13 bits, of adders or as they are
+    (`Config.weighting`).
     """
 
     latency = 5
@@ -141,9 +142,15 @@ class Terms(wiring.Component):
             factor = Signal(MULTIPLICAND, name=f"factor_{channel}{lane}", reset_less=True)
             m.d.sync += factor.eq(self.multiplicands[channel][lane])
             factors.append(factor)
+        polynomials = list(self.polynomials)
+        if self.config.weighting == "products":
+            first, *others = (a * b for a, b in zip(factors, polynomials, strict=True))
+            sums = first, sum(others)
+        else:
+            sums = sums_of_products(factors, polynomials)
         parts = []
-        for k, part in enumerate(sums_of_products(factors, list(self.polynomials))):
-            kept = Signal(len(part), name=f"part_{channel}{k}", reset_less=True)
+        for k, part in enumerate(sums):
+            kept = Signal(part.shape(), name=f"part_{channel}{k}", reset_less=True)
             m.d.sync += kept.eq(part)
             parts.append(kept)
         total = Signal(PRODUCTS, name=f"sum_{channel}", reset_less=True)

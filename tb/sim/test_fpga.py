@@ -11,7 +11,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from splatcore.hdl.lib.stream import Register
+from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.sim.cli import sizes
 from splatcore.sim.common.cache import VARIABLE
 from splatcore.sim.eda import fpga
@@ -252,6 +252,14 @@ def test_small_part(monkeypatch, tmp_path):
     again = fpga.PARTS["multiply"](TINY)
     monkeypatch.setattr(fpga, "place", None)
     assert list(placed(again, "25k")) == [found]
+
+
+@pytest.mark.slow
+def test_small_memories_are_block_ram(monkeypatch, tmp_path):
+    """A queue of eight items takes one: yosys by itself would take LUTs, six for four bits."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    (found,) = placed(Queue(16, 8, memory=True), "25k")
+    assert found.block_rams == 1
 
 
 class Large(wiring.Component):
