@@ -30,6 +30,9 @@ ANSWER_SECONDS = 5.0
 FRAME_SECONDS = 60.0
 """A frame that is not complete then is given up."""
 
+BROKEN_OFF_SECONDS = 0.2
+"""A command that an earlier host broke off is forgotten by the board's bus bridge within this."""
+
 WRITE_WORDS, READ_WORDS = 256, 128  # of memory, until progress is told again; 255 are one read
 
 WORD = 4
@@ -95,7 +98,9 @@ class Host(CommUART):
         self.write(self.at[name], value)
 
     def begin(self):
-        """Have the SDRAM work; InputError if the machine is not the one that is expected."""
+        """Have the SDRAM work, and the machine stand still; InputError if it is not the one that is
+        expected."""
+        time.sleep(BROKEN_OFF_SECONDS)
         for address, value, seconds in self.facts["start"]:
             self.write(address, value)
             time.sleep(seconds)
@@ -104,6 +109,8 @@ class Host(CommUART):
             if (found := self.get(name)) != known[name]:
                 text = f"{name} is {found:#x}, of preset {self.config.name} {known[name]:#x}"
                 raise InputError(f"{self.name}: {text}")
+        self.put("CONTROL", registers.ABORT)
+        self._until(lambda: self.get("STATUS") == registers.READY, "does not come to rest")
 
     def load(self, address: int, content: np.ndarray, tell: Callable[[int, int], None]):
         """Write bytes into memory. tell: progress, of bytes and of all there are."""
@@ -148,13 +155,25 @@ class Host(CommUART):
         self.put("ERROR", 0)
         self.put("INTERRUPT", self.get("INTERRUPT"))
         self.put("CONTROL", registers.START)
+        try:
+            self._until(self._ended, "no frame")
+        except InputError:
+            self.put("CONTROL", registers.ABORT)
+            raise
+
+    def _until(self, done: Callable[[], bool], failed: str):
+        """Wait; InputError, with what has failed, if it takes too long."""
         end = time.monotonic() + FRAME_SECONDS
-        while not (events := self.get("INTERRUPT")) & registers.INTERRUPT_FRAME:
-            if events & registers.INTERRUPT_ERROR:
-                raise InputError(f"{self.name}: {self._error()}")
+        while not done():
             if time.monotonic() > end:
-                self.put("CONTROL", registers.ABORT)
-                raise InputError(f"{self.name}: no frame within {FRAME_SECONDS:g} s")
+                raise InputError(f"{self.name}: {failed} within {FRAME_SECONDS:g} s")
+
+    def _ended(self) -> bool:
+        """A frame is complete; InputError, with what the machine tells, if it is given up."""
+        events = self.get("INTERRUPT")
+        if events & registers.INTERRUPT_ERROR:
+            raise InputError(f"{self.name}: {self._error()}")
+        return bool(events & registers.INTERRUPT_FRAME)
 
     def _error(self) -> str:
         """What the machine says in ERROR, in words."""

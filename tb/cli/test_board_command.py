@@ -25,7 +25,14 @@ from splatcore.sim.eda.synth import yosys
 from splatcore.sim.machine import engines
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
-from splatcore.spec.registers import address_values
+from splatcore.spec.registers import (
+    ABORT,
+    READY,
+    RENDERING,
+    address_values,
+    addresses,
+    control_registers,
+)
 from splatcore.spec.work import aligned, scratch_bytes, stride, work
 from tb.helpers.board_simulation import simulated_board
 from tb.helpers.command import ROOT, check_documented, check_refused, run
@@ -231,20 +238,60 @@ def test_libraries(tmp_path, capsys, monkeypatch):
     assert {each.partition("==")[0].replace("-", "_") for each in extra} == {*board_runs.LIBRARIES}
 
 
-def test_bytes_of_any_number(monkeypatch):
+class Bus(host.Host):
+    """A host on a bus of words, without a port."""
+
+    def __init__(self):
+        self.name, self.config, self.facts = "bus", TINY, {"start": []}
+        self.at, self.words = addresses(TINY), {}
+        self.words |= {self.at[name]: value for name, value in known(TINY).items()}
+
+    def write(self, address, values):
+        values = values if isinstance(values, list) else [values]
+        self.words |= {address + 4 * k: value for k, value in enumerate(values)}
+
+    def read(self, address, length=None):
+        if length is None:
+            return self.words[address]
+        return [self.words[address + 4 * k] for k in range(length)]
+
+
+def known(config) -> dict[str, int]:
+    """Registers that never change."""
+    return {each.name: each.value for each in control_registers(config) if each.value is not None}
+
+
+def test_what_another_host_began(monkeypatch):
+    """It is given up, and waited for: until STATUS says READY alone."""
+    bus, states = Bus(), [READY | RENDERING, RENDERING, READY]
+    read = bus.read
+
+    def then(address, length=None):
+        return states.pop(0) if address == bus.at["STATUS"] else read(address, length)
+
+    monkeypatch.setattr(bus, "read", then)
+    bus.begin()
+    assert bus.words[bus.at["CONTROL"]] == ABORT and not states
+    monkeypatch.setattr(host, "FRAME_SECONDS", 0.01)
+    monkeypatch.setattr(
+        bus, "read", lambda address: 0 if address == bus.at["STATUS"] else read(address)
+    )
+    with pytest.raises(InputError, match=r"bus: does not come to rest within 0\.01 s"):
+        bus.begin()
+
+
+def test_a_frame_that_does_not_end(monkeypatch):
+    """It is given up."""
+    monkeypatch.setattr(host, "FRAME_SECONDS", 0.01)
+    bus = Bus()
+    bus.words[bus.at["INTERRUPT"]] = 0
+    with pytest.raises(InputError, match=r"bus: no frame within 0\.01 s"):
+        bus._run()
+    assert bus.words[bus.at["CONTROL"]] == ABORT
+
+
+def test_bytes_of_any_number():
     """A model's last word is filled up; what comes back is what was written."""
-    words: dict[int, int] = {}
-
-    class Bus(host.Host):
-        def __init__(self):
-            pass
-
-        def write(self, address, values):
-            words.update({address + 4 * k: value for k, value in enumerate(values)})
-
-        def read(self, address, length):
-            return [words[address + 4 * k] for k in range(length)]
-
     bus, told = Bus(), []
     content = np.random.default_rng(1).integers(0, 256, 4 * 300 + 3, np.uint8)
     bus.load(256, content, lambda *each: told.append(each))
