@@ -37,7 +37,9 @@ FramesOption = option(int, "N", "rtl: frames of a small orbit; numbered pictures
 TimingOption = option(str, "NAME", "rtl: memory, 'ideal' or 'lpddr4' (64 bits of it).")
 ErrorMapOption = option(Path | None, "FILE.png", "rtl: draw the error of the first frame.")
 WavesOption = option(
-    Path | None, "FILE", "rtl: waveforms of --window or --tile, .vcd or .fst; and a .gtkw beside."
+    Path | None,
+    "FILE",
+    "rtl: waveforms of --window or --tile, .vcd or .fst; .gtkw and .sucl beside.",
 )
 ScopeOption = option(
     str | None, "MODULE", "Module whose signals --waves records, with all in it, like raster.setup."

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,8 +28,6 @@ WHOLE = "TOP"  # the module around the machine
 
 OVERLAP, MORE = 1.5, 300
 """Cycles of a group by those of its share of a frame's entries; cycles that are added."""
-
-VIEW = ".gtkw"  # the end of GTKWave's save files
 
 CLOCK = ("clk", "rst")
 BINARY, HEXADECIMAL, GROUP, GROUP_END = "@28", "@22", "@800200", "@1000200"
@@ -105,7 +104,7 @@ class Recording:
 def write_waves(
     machine: Machine, jobs: list[Job], timing: Timing, recording: Recording, label: str
 ) -> Run:
-    """Run frames, write what happens in the window to a VCD or FST file, and a view beside it."""
+    """Run frames, write what happens in the window to a VCD or FST file, and views beside it."""
     path, window = recording.path, recording.window
 
     def settings(areas: Areas) -> dict[str, str]:
@@ -116,9 +115,10 @@ def write_waves(
         if run.report.window is None:
             raise InputError(f"--waves {path}: the run ended before the window began")
         [made] = Path(name).glob("waves.*")
-        shown = view(path, run.report.window, list(signals(made)))
+        names = list(signals(made))
         shutil.move(made, path)
-    write(path.with_suffix(VIEW), shown.encode())
+    for end, made_of in VIEWS.items():
+        write(path.with_suffix(end), made_of(path, run.report.window, names).encode())
     return run
 
 
@@ -132,31 +132,59 @@ def names_of(machine: Machine) -> list[Signal]:
         return list(signals(made))
 
 
-def view(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
-    """GTKWave's save file: the streams of each module, a group for each stream with its valid,
-    ready, payload and the payload's fields."""
-    lines = [f'[dumpfile] "{path.absolute()}"', f"[timestart] {10 * window[0]}"]
-    lines += ["[signals_width] 320", "[sst_expanded] 1"]
+def streams_of(names: list[Signal]) -> Iterator[tuple[str, dict[str, dict[str, int]]]]:
+    """Modules with streams: of each valid, ready, payload and its fields, with their bits."""
     modules = defaultdict(dict)
     for signal in names:
         modules[signal.scope][signal.name] = signal.width
-    lines += [f"@28\nTOP.{name}" for name in CLOCK if name in modules["TOP"]]
+    modules.pop(WHOLE, None)
     for scope, widths in modules.items():
         ends = (name.removesuffix("__valid") for name in widths if name.endswith("__valid"))
-        streams = [stream for stream in ends if f"{stream}__ready" in widths]
-        if not streams or scope == "TOP":
-            continue
-        lines += ["@200", f"-{scope}"]
-        for stream in streams:
+        found = {}
+        for stream in (each for each in ends if f"{each}__ready" in widths):
             payload = f"{stream}__payload"
             members = [f"{stream}__valid", f"{stream}__ready", payload]
             members += [name for name in widths if name.startswith(f"{payload}.")]
+            found[stream] = {name: widths[name] for name in members if name in widths}
+        if found:
+            yield scope, found
+
+
+def clocks(names: list[Signal]) -> list[str]:
+    """Clock and reset, as far as they are there."""
+    there = {signal.name for signal in names if signal.scope == WHOLE}
+    return [f"{WHOLE}.{name}" for name in CLOCK if name in there]
+
+
+def gtkwave(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
+    """GTKWave's save file: the streams of each module, a group for each."""
+    lines = [f'[dumpfile] "{path.absolute()}"', f"[timestart] {10 * window[0]}"]
+    lines += ["[signals_width] 320", "[sst_expanded] 1"]
+    lines += [f"{BINARY}\n{name}" for name in clocks(names)]
+    for scope, streams in streams_of(names):
+        lines += ["@200", f"-{scope}"]
+        for stream, members in streams.items():
             lines += [GROUP, f"-{stream}"]
-            for name in (member for member in members if member in widths):
-                bits = f"[{widths[name] - 1}:0]" if widths[name] > 1 else ""
+            for name, width in members.items():
+                bits = f"[{width - 1}:0]" if width > 1 else ""
                 lines += [HEXADECIMAL if bits else BINARY, f"{scope}.{name}{bits}"]
             lines += [GROUP_END, f"-{stream}"]
     return "\n".join(lines) + "\n"
+
+
+def surfer(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
+    """Surfer's command file: the streams of each module behind a divider; a payload as a whole, as
+    a dot in a name would be a module's end to it."""
+    lines = [f"load_file {path.absolute()}", *(f"variable_add {name}" for name in clocks(names))]
+    for scope, streams in streams_of(names):
+        lines.append(f"divider_add {scope}")
+        for members in streams.values():
+            lines += [f"variable_add {scope}.{name}" for name in members if "." not in name]
+    return "\n".join([*lines, "zoom_fit"]) + "\n"
+
+
+VIEWS = {".gtkw": gtkwave, ".sucl": surfer}
+"""Files beside waveforms that have a viewer show the stages' streams: end → their makers."""
 
 
 def _two(text: str, option: str, between: str) -> tuple[int, int]:

@@ -15,7 +15,14 @@ from splatcore.sim.machine.script import IDEAL
 from splatcore.sim.machine.wave_kind import FST_HEADERS, check_kind
 from splatcore.sim.machine.wave_names import Signal, _unpacked, find_scope, signals, within
 from splatcore.sim.machine.wave_size import estimate
-from splatcore.sim.machine.waves import Recording, Window, names_of, view, write_waves
+from splatcore.sim.machine.waves import (
+    Recording,
+    Window,
+    gtkwave,
+    names_of,
+    surfer,
+    write_waves,
+)
 from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.verilator import has_headers
 from splatcore.spec.axi import BEAT
@@ -62,15 +69,19 @@ def test_find_scope():
     assert within(NAMES, "TOP.top", 99) == NAMES[1:]
 
 
-def test_view(tmp_path):
-    """A group for each stream, with the fields of its payload; what is no stream is left out."""
-    lines = view(tmp_path / "w.vcd", (7, 9), NAMES).splitlines()
+def test_views(tmp_path):
+    """Of each stream's payload the fields, in Surfer all at once; what is no stream is left out."""
+    lines = gtkwave(tmp_path / "w.vcd", (7, 9), NAMES).splitlines()
     setup = "TOP.top.raster.setup.i__"
     group = ["@800200", "-i", "@28", f"{setup}valid", "@28", f"{setup}ready", "@22",
              f"{setup}payload[8:0]", "@28", f"{setup}payload.last", "@1000200", "-i"]  # fmt: skip
     assert lines[-14:] == ["@200", "-TOP.top.raster.setup", *group]
     assert lines[:2] == [f'[dumpfile] "{tmp_path}/w.vcd"', "[timestart] 70"]
     assert "TOP.clk" in lines and not any("o__valid" in line for line in lines)
+    assert surfer(tmp_path / "w.vcd", (7, 9), NAMES).splitlines() == [
+        f"load_file {tmp_path}/w.vcd", "variable_add TOP.clk", "divider_add TOP.top.raster.setup",
+        *(f"variable_add {setup}{name}" for name in ("valid", "ready", "payload")), "zoom_fit",
+    ]  # fmt: skip
 
 
 def test_window_counts():
@@ -184,6 +195,13 @@ def test_scope(traced, jobs, recording, module, most):
     lines = recording.path.with_suffix(".gtkw").read_text().splitlines()
     shown = {re.sub(r"\[.*", "", line) for line in lines if line.startswith("TOP")}
     assert "TOP.top.queue.i__payload" in shown and shown <= there
+    lines = recording.path.with_suffix(".sucl").read_text().splitlines()
+    added = {line.partition(" ")[2] for line in lines if line.startswith("variable_add ")}
+    assert lines[0] == f"load_file {recording.path}" and lines[-1] == "zoom_fit"
+    assert f"divider_add {scope}" in lines
+    assert added == {
+        name for name in shown if name.count(".") == name.rpartition("__")[0].count(".")
+    }
 
 
 @pytest.mark.slow
