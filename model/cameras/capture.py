@@ -15,6 +15,9 @@ RISE, NEARER = np.radians(3.0), 1.05
 """Largest deviation of views from the path of given cameras: elevation, and factor of distance. A
 hand that holds a camera wavers so."""
 
+ASIDE, FARTHER = np.radians(15.0), 1.25
+"""Those of views beside the path: as far off as `model.cameras.orbit.BESIDE` has them."""
+
 
 def teacher_views(
     gaussians: Gaussians,
@@ -22,16 +25,21 @@ def teacher_views(
     size: tuple[int, int],
     seed: int,
     cameras: Sequence[Camera] = (),
+    beside: float = 0.0,
 ) -> list[Camera]:
     """`count` views to learn from: from all round, or on the path of `cameras` and never where one
-    of them is.
+    of them is, `beside` of them off it.
 
     Few harmonics cannot be right from everywhere: what is learned is best where the views are.
     """
     if not cameras:
         return surrounding_views(gaussians, count, *size, seed)
-    given = [camera.resized(*size) for camera in cameras]
-    return orbiting_views(given, core_of(gaussians).middle, count, RISE, NEARER, seed)
+    given, middle = [camera.resized(*size) for camera in cameras], core_of(gaussians).middle
+    off, views = round(beside * count), []
+    for number, rise, nearer in ((count - off, RISE, NEARER), (off, ASIDE, FARTHER)):
+        if number:
+            views += orbiting_views(given, middle, number, rise, nearer, seed)
+    return views
 
 
 def capture_views(

@@ -15,6 +15,14 @@ UPRIGHT = 1e-3  # weight of −y as up beside the cameras' own up; it decides fo
 NEAR_MIDDLE = 1e-4
 """Weight of the middle beside the point that the cameras look at; it decides for one camera."""
 
+BESIDE = {
+    "5 degrees": (np.radians(5), 1.0),
+    "15 degrees": (np.radians(15), 1.0),
+    "nearer": (0.0, 0.8),
+    "farther": (0.0, 1.2),
+}
+"""Views beside a path: how far off it, about what is looked at, and factor of the distance."""
+
 
 def orbiting_views(
     cameras: list[Camera], middle: np.ndarray, count: int, rise: float, nearer: float, seed: int = 0
@@ -50,6 +58,23 @@ def orbiting_views(
         number += 1
     chosen = spread(np.array([view.position for view in tried]), count)
     return [replace(tried[k], name=f"orbit {number}") for number, k in enumerate(chosen)]
+
+
+def views_beside(cameras: Sequence[Camera], middle: np.ndarray) -> dict[str, list[Camera]]:
+    """By the names of `BESIDE` a view beside each camera: raised and lowered in turns, nearer, and
+    farther. middle: as for `orbiting_views`."""
+    from scipy.spatial.transform import Rotation  # takes half a second
+
+    centre, found = looked_at(cameras, middle), {}
+    for name, (angle, away) in BESIDE.items():
+        turns = [
+            Rotation.from_rotvec((-1) ** k * angle * camera.rotation[0]).as_matrix()
+            for k, camera in enumerate(cameras)
+        ]
+        found[name] = [
+            moved(camera, centre, turn, away) for camera, turn in zip(cameras, turns, strict=True)
+        ]
+    return found
 
 
 def spread(points: np.ndarray, count: int) -> list[int]:

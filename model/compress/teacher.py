@@ -17,11 +17,12 @@ Cameras = Sequence[Camera]
 
 
 def teacher_targets(
-    scene: Scene, count: int, size: tuple[int, int], seed: int, tell: Tell, cameras: Cameras = ()
-) -> tuple[Target, ...]:
+    scene: Scene, count: int, size: tuple[int, int], seed: int, tell: Tell, cameras: Cameras = (),
+    beside: float = 0.0,
+) -> tuple[Target, ...]:  # fmt: skip
     """Pictures of `size` (width, height) from `count` views of `teacher_views`."""
     scene = sound(scene)
-    views = teacher_views(scene.gaussians(), count, size, seed, cameras)
+    views = teacher_views(scene.gaussians(), count, size, seed, cameras, beside)
     return tuple(pictures(scene, views, tell))
 
 

@@ -27,6 +27,9 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
 from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 
+BESIDE_SHARE = 1.0
+"""What keeps the loss beside the path within 1 dB of that on it, of the shares that were tried."""
+
 LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
 
 FolderArgument = argument(str, "DIR", "COLMAP model with its photographs in images/.")
@@ -43,6 +46,14 @@ CamerasOption = option(
     "FILE",
     "Without --images: from where the scene will be looked at, as cameras.json, "
     "transforms.json or COLMAP folder. It learns on their path, not from all round.",
+)
+BesideOption = option(
+    float | None,
+    "S",
+    "--cameras: share of the views that lie beside the path, up to 15° off, 20 % nearer or "
+    f"farther; 0 … 1. Default: {BESIDE_SHARE:g}.",
+    min=0,
+    max=1,
 )
 ScheduleOption = option(str, "R,R,…", "Shares that the prunings remove, one by one.")
 RatioOption = option(float | None, "R", "So many times smaller than the scene's float32 PLY.")
@@ -108,6 +119,7 @@ def compress_command(
     output: options.ModelOption,
     images: ImagesOption = None,
     cameras: CamerasOption = None,
+    beside: BesideOption = None,
     schedule: ScheduleOption = "0.4,0.4,0.4,0.2",
     target_ratio: RatioOption = None,
     max_drop: DropOption = None,
@@ -138,6 +150,9 @@ def compress_command(
     run.check_installed()
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
+    if beside is not None and not cameras:
+        raise InputError("--beside: goes with --cameras")
+    beside = BESIDE_SHARE if beside is None else beside
     recipe = Recipe(
         parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, degree,
         quality, target_ratio, max_drop, seed,
@@ -146,9 +161,9 @@ def compress_command(
     original = _opened(scene)
     recipe.check(original, config)
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
+    path = read_cameras(cameras) if cameras and not images else ()
     if not images:
-        path = read_cameras(cameras) if cameras else ()
-        learn = run.teacher(original, views, pixels, seed, scene, path)
+        learn = run.teacher(original, views, pixels, seed, scene, path, beside)
         learn += run.pictures_at(original, path, pixels, scene) if path else ()
     arrays = [getattr(original, name) for name in ARRAYS]
     key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
@@ -159,7 +174,7 @@ def compress_command(
     facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
     facts |= facts_of(original, model, checkpoints)
     console.print(table_of(checkpoints, facts["original_bytes"]))
-    facts |= _loss(original, model.gaussians(), aside, pixels, seed)
+    facts |= _loss(original, model.gaussians(), aside, pixels, seed, path)
     says = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('says')}"
     console.print(f"{output}: {says}", soft_wrap=True)
     write_json(json, facts)
@@ -216,10 +231,12 @@ def _sizes(facts: dict) -> str:
     return f"{facts['bytes']:,} bytes in memory, {facts['file_bytes']:,} in the file"
 
 
-def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int) -> dict:
-    """The loss on pictures that were not learned from."""
-    from splatcore.golden.reference import render
-    from splatcore.model.cameras.surround import surrounding_views
+def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int, path) -> dict:
+    """The loss on pictures that were not learned from: photographs, or the scene's own from other
+    views, on a path and beside it or all round."""
+    from splatcore.model.cameras.capture import teacher_views
+    from splatcore.model.cameras.orbit import views_beside
+    from splatcore.model.cameras.view import core_of
 
     original = scene.gaussians()
     if aside:
@@ -227,12 +244,27 @@ def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: i
         says = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
         found = {"against": "photographs", "psnr_db": after, "psnr_db_before": before}
         return found | {"says": says}
-    views = surrounding_views(original, LOOKED_AT, *size, seed + 1)
-    own = [Target(view, render(original, view).pixels, view.name) for view in views]
-    after = _decibels(packed, own)
+    views = teacher_views(original, LOOKED_AT, size, seed + 1, path)
+    after = _own(original, packed, views)
     says = "no difference" if after is None else f"{after:.2f} dB against the scene"
     says += f" on {len(views)} other views"
-    return {"against": "original", "psnr_db": after, "psnr_db_before": None, "says": says}
+    found = {"against": "original", "psnr_db": after, "psnr_db_before": None}
+    if path:
+        there = views_beside(views, core_of(original).middle)
+        found["psnr_db_beside"] = {
+            name: _own(original, packed, each) for name, each in there.items()
+        }
+        told = (f"{name} {shown(db, '.2f')}" for name, db in found["psnr_db_beside"].items())
+        says += f" of the path, beside it: {', '.join(told)}"
+    return found | {"says": says}
+
+
+def _own(original: Gaussians, packed: Gaussians, views) -> float | None:
+    """Mean PSNR against the original's own pictures from views."""
+    from splatcore.golden.reference import render
+
+    own = [Target(view, render(original, view).pixels, view.name) for view in views]
+    return _decibels(packed, own)
 
 
 def table_of(checkpoints: Checkpoints, original: int) -> Table:

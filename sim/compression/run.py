@@ -61,12 +61,14 @@ def teacher(
     seed: int,
     label: str,
     cameras: Sequence[Camera] = (),
+    beside: float = 0.0,
 ) -> tuple:
-    """The scene's own pictures, to learn from: from all round, or on the path of `cameras`."""
+    """The scene's own pictures, to learn from: from all round, or on the path of `cameras`, with
+    the share `beside` off it."""
     from splatcore.model.compress.teacher import teacher_targets
 
     with progress(f"{label}: teacher") as tell:
-        return teacher_targets(scene, count, size, seed, tell, cameras)
+        return teacher_targets(scene, count, size, seed, tell, cameras, beside)
 
 
 def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int], label: str) -> tuple:

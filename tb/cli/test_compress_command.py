@@ -18,7 +18,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.colour import FINE, SH_C0
-from tb.helpers.command import load, run
+from tb.helpers.command import check_documented, load, run
 from tb.helpers.compression_scene import garden_with_harmonics, nothing
 
 pytestmark = pytest.mark.compress
@@ -119,6 +119,25 @@ def test_cameras_of_a_file(scene_file, compressed, photographs, tmp_path, capsys
     assert compressed[0].read_bytes() != path.read_bytes()
     assert run("compress", str(scene_file), "-o", str(tmp_path / "c"), "--cameras", "no") == 2
     assert "no" in capsys.readouterr().err
+
+
+def test_beside_the_path(scene_file, photographs, tmp_path, capsys):
+    """The loss there is told by its parts; what is learned there makes another model."""
+    models = []
+    for share in ("0", "1"):
+        model, facts = tmp_path / f"{share}.splatcore", tmp_path / "facts.json"
+        command = ["compress", str(scene_file), "-o", str(model), *QUICK, "--json", str(facts)]
+        assert run(*command, "--cameras", str(photographs), "--beside", share) == 0
+        models.append(model.read_bytes())
+        found = load(facts)["psnr_db_beside"]
+        assert list(found) == ["5 degrees", "15 degrees", "nearer", "farther"]
+        assert min(found.values()) > 10 and len(set(found.values())) == 4
+        shown = " ".join(capsys.readouterr().out.split())
+        assert f"4 other views of the path, beside it: 5 degrees {found['5 degrees']:.2f}" in shown
+    assert models[0] != models[1]
+    assert run(*command, "--beside", "0.5") == 2
+    assert "--beside: goes with --cameras" in capsys.readouterr().err
+    check_documented("`splatcore compress`", ["psnr_db_beside", *load(facts)])
 
 
 def test_from_photographs_to_a_model(photographs, tmp_path, capsys):

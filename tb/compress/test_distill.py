@@ -118,6 +118,18 @@ def test_on_the_path_of_cameras(garden):
         assert max(ahead) <= np.cos(GAP)
 
 
+def test_beside_the_path(garden):
+    """A share of the views, the last ones, is up to 15° off it and 25 % nearer or farther."""
+    eyes = [np.array([3 * np.sin(a), -1.2, 3 * np.cos(a)]) for a in (0.0, 1.5, 3.0, 4.5)]
+    cameras = [look_at(eye, [0, -0.3, 0], 480, 240, 400.0) for eye in eyes]
+    views = teacher_views(garden.gaussians(), 20, SMALL, 0, cameras, 0.4)
+    away = np.array([view.position for view in views]) - [0, -0.3, 0]
+    far = np.linalg.norm(away, axis=1) / np.hypot(3, 0.9)
+    rise = np.degrees(np.arcsin(-away[:, 1] / np.linalg.norm(away, axis=1)) - np.arctan2(0.9, 3))
+    assert len(views) == 20 and abs(rise[:12]).max() < 3.1 and abs(far[:12] - 1).max() < 0.06
+    assert 6 < abs(rise[12:]).max() < 15.1 and 0.1 < abs(far[12:] - 1).max() < 0.26
+
+
 def test_pictures_are_the_scenes_own(garden):
     """The reference's 8-bit pictures, but for the last bit of single pixels in float32."""
     for target in teacher_targets(garden, 3, SMALL, 0, nothing):

@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.model.cameras.orbit import GAP, looked_at, orbiting_views, upright
+from splatcore.model.cameras.orbit import (
+    BESIDE,
+    GAP,
+    looked_at,
+    orbiting_views,
+    upright,
+    views_beside,
+)
 from splatcore.spec.camera import look_at
 from splatcore.spec.error import InputError
 
@@ -67,6 +74,25 @@ def test_rise_and_distance():
     assert 0.79 < share.min() < 0.85 and 1.18 < share.max() < 1.26
     lifted = np.arcsin(-away[:, 1] / distance) - np.arctan2(HEIGHT, RADIUS)
     assert -0.205 < lifted.min() < -0.15 and 0.15 < lifted.max() < 0.205
+
+
+def test_beside_the_path():
+    """Every camera once in each way: so far off about what they look at, up and down in turns, or
+    at another distance."""
+    given = ring(5)
+    there = views_beside(given, MIDDLE)
+    assert list(there) == ["5 degrees", "15 degrees", "nearer", "farther"]
+    for name, (angle, away) in BESIDE.items():
+        rises = []
+        for camera, view in zip(given, there[name], strict=True):
+            before, after = camera.position - CENTRE, view.position - CENTRE
+            far, there_far = np.linalg.norm(before), np.linalg.norm(after)
+            assert there_far == pytest.approx(away * far, rel=0.01)
+            assert before @ after / far / there_far == pytest.approx(np.cos(angle), abs=1e-3)
+            assert np.allclose(view.rotation[2] * there_far, -after, atol=0.05)  # looks there
+            rises.append(after[1] < before[1])
+        if angle:
+            assert rises == [True, False, True, False, True] or rises == [False, True] * 2 + [False]
 
 
 def test_one_camera_looks_at_the_middle():
