@@ -5,13 +5,13 @@ Words of 32 bits on the board's bus are written and read by UARTBone, LiteX's ow
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import serial
 from litex.tools.remote.comm_uart import CommUART
 
 from splatcore.sim.board.memory import place_in
@@ -79,15 +79,32 @@ class Host(CommUART):
         }
         try:
             super().__init__(port, facts["baud"])
-        except (serial.SerialException, ValueError) as error:
+        except (OSError, ValueError) as error:  # pyserial's own is one of the former
             raise InputError(f"{port}: {error}") from None
         self.port.timeout = ANSWER_SECONDS
 
     def _read(self, length: int) -> bytes:
-        found = self.port.read(length)
+        with self._told():
+            found = self.port.read(length)
         if len(found) < length:
             raise InputError(f"{self.name}: the board does not answer")
         return found
+
+    def _write(self, data: bytes | list[int]):
+        with self._told():
+            super()._write(data)
+
+    def _flush(self):
+        with self._told():
+            super()._flush()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """A port that is gone is an InputError."""
+        try:
+            yield
+        except OSError as error:
+            raise InputError(f"{self.name}: {error}") from None
 
     def get(self, name: str) -> int:
         """A register of the machine."""

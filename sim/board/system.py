@@ -37,9 +37,6 @@ REGISTERS, REGISTERS_BYTES = 0x3000_0000, 1 << LITE_ADDRESS_BITS
 MEMORY = "main_ram"
 """LiteX's name of the SDRAM's region."""
 
-SDRAMS = ("MT48LC16M16", "AS4C32M16")
-"""Chips of SDRAM that a ULX3S may have: 32 and 64 MB, 16 bits."""
-
 SIMULATED_PINS = [
     ("sys_clk", 0, Pins(1)),
     ("sys_rst", 0, Pins(1)),
@@ -91,8 +88,8 @@ def add_machine(system: SoCCore, config: Config):
     system.submodules.splatcore_memory = LiteDRAMAXI2Native(memory, port, base_address=origin)
 
 
-def ulx3s(config: Config, clock_hz: int, baud: int, sdram: str = SDRAMS[0]) -> System:
-    """The system for a ULX3S with an LFE5U-85F."""
+def ulx3s(config: Config, clock_hz: int, baud: int, sdram: str) -> System:
+    """The system for a ULX3S with an LFE5U-85F. sdram: its chip, by LiteDRAM's name."""
     platform = radiona_ulx3s.Platform(device="LFE5U-85F", revision="2.0", toolchain="trellis")
     clocks = Ulx3sClocks(platform, clock_hz)
     module = getattr(modules, sdram)(clock_hz, "1:1")
@@ -100,7 +97,7 @@ def ulx3s(config: Config, clock_hz: int, baud: int, sdram: str = SDRAMS[0]) -> S
     return System(platform, clocks, phy, module, clock_hz, baud, config)
 
 
-def simulated(config: Config, clock_hz: int, baud: int, sdram: str = SDRAMS[0]) -> System:
+def simulated(config: Config, clock_hz: int, baud: int, sdram: str) -> System:
     """The same system for simulation: pins of clock, reset and UART, and LiteDRAM's model of the
     SDRAM, which says if a command comes too early."""
     platform = SimPlatform("SIM", SIMULATED_PINS)

@@ -20,6 +20,7 @@ from splatcore.sim.board.system import (
     ulx3s,
 )
 from splatcore.sim.common.output import make_folder, write
+from splatcore.sim.eda.fpga import synthesis
 from splatcore.sim.eda.template import filled
 from splatcore.sim.eda.verilog import NAMES, write_registers, write_top
 from splatcore.sim.fit.preset_file import write_preset
@@ -42,7 +43,7 @@ def quiet() -> Iterator[None]:
 def write_board(folder: Path, config: Config, clock_hz: int, baud: int, sdram: str) -> list[Path]:
     """Write a ULX3S's folder; the paths of its files.
 
-    clock_hz: of machine and SDRAM. baud: of the UART. sdram: one of `SDRAMS`.
+    clock_hz: of machine and SDRAM. baud: of the UART. sdram: the board's chip, by LiteDRAM's name.
     """
     check_board(config)
     make_folder(folder)
@@ -58,9 +59,12 @@ def write_board(folder: Path, config: Config, clock_hz: int, baud: int, sdram: s
             write(paths[-1], undated(made).encode())
     sources = [*NAMES.sources, f"{TOP}.v"]
     facts = {"top": TOP, "sources": sources, "preset": config.name, "megahertz": clock_hz / 1e6}
-    for name in ("Makefile", "README.md"):
+    texts = {name: filled(name, "board", **facts) for name in ("Makefile", "README.md")}
+    read = f"read_verilog {' '.join([*(f'rtl/{name}' for name in NAMES.sources), f'{TOP}.v'])}"
+    texts["synthesis.ys"] = synthesis(read, TOP, f"{TOP}.json")
+    for name, text in texts.items():
         paths.append(folder / name)
-        write(paths[-1], filled(name, "board", **facts).encode())
+        write(paths[-1], text.encode())
     return paths + write_facts(folder, config, system, baud)
 
 

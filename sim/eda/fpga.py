@@ -40,14 +40,22 @@ PARTS: dict[str, Callable[[Config], wiring.Component]] = (
 DEFAULT_PARTS = ("chunk", "cull", "array", "sub_sorter", "lanes")
 """Stage 0, stage 1's PE array, one of stage 2's sub-sorters, and four lanes of a rasterizer."""
 
-SYNTHESIS = """
-read_rtlil top.il
-synth_ecp5 -top top -run begin:map_ram
+
+def synthesis(read: str, top: str, netlist: str) -> str:
+    """A script of yosys: from what `read` reads to a netlist, JSON, of a top module.
+
+    Memories whose read ports have a clock become block RAM, small ones too: a distributed RAM of 16
+    words takes six LUTs for four bits, and there are fewer of these than of block RAMs.
+    """
+    return f"""\
+{read}
+synth_ecp5 -top {top} -run begin:map_ram
 setattr -set ram_style "block" t:$mem_v2 r:RD_CLK_ENABLE=1'1 %i
-synth_ecp5 -top top -run map_ram: -json top.json
+synth_ecp5 -top {top} -run map_ram: -json {netlist}
 """
-"""Memories whose read ports have a clock become block RAM, small ones too: a distributed RAM of 16
-words takes six LUTs for four bits, and there are fewer of these than of block RAMs."""
+
+
+SYNTHESIS = synthesis("read_rtlil top.il", "top", "top.json")
 
 PLACE = "--package CABGA381 --freq 100 --timing-allow-fail --lpf-allow-unconstrained"
 """100 MHz is what nextpnr aims at; Fmax says what it has come to."""

@@ -179,6 +179,8 @@ def test_files(tmp_path, capsys):
     assert not [name for _, name in ports if f'COMP "{name}' not in pins]
     makefile = (folder / "Makefile").read_text()
     assert all(name in makefile for name in (*names, "--85k", "--seed $(SEED)"))
+    script = (folder / "synthesis.ys").read_text()
+    assert script.startswith(f"read_verilog {' '.join(names)}\nsynth_ecp5 -top splatcore_board ")
 
 
 def check_started(writes: list):
@@ -227,6 +229,17 @@ def test_nobody_answers(tmp_path, capsys, scene, monkeypatch):
     tty.setraw(port)
     words = f"board render {scene} -o {tmp_path / 'a.png'} --board {tmp_path} --size {FEW}"
     check_refused(capsys, f"{words} --port {os.ttyname(port)}", "the board does not answer")
+
+
+def test_the_port_is_gone():
+    """The board is unplugged."""
+    here, port = os.openpty()
+    name = os.ttyname(port)
+    board = host.Host(name, TINY, {"registers": 0, "baud": 9600})
+    os.close(here), os.close(port)
+    for use in (lambda: board.get("ID"), lambda: board.put("CONTROL", 1)):
+        with pytest.raises(InputError, match=f"^{name}: (?!the board)"):
+            use()
 
 
 def test_libraries(tmp_path, capsys, monkeypatch):

@@ -23,7 +23,7 @@ def simulated_board(config: Config, folder: Path) -> Iterator[str]:
     """A machine on a simulated board; its port. folder: gets `board.json`, and at the end `log`,
     what the simulation has said. The machine's registers and memories begin at random."""
     with quiet():
-        system = simulated(config, CLOCK_HZ, BAUD)
+        system = simulated(config, CLOCK_HZ, BAUD, "MT48LC16M16")
         system.finalize()
         text = str(system.platform.get_verilog(system, name="top"))
     write_facts(folder, config, system, BAUD)
