@@ -150,21 +150,17 @@ def compress_command(
     run.check_installed()
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
-    if beside is not None and not cameras:
-        raise InputError("--beside: goes with --cameras")
-    beside = BESIDE_SHARE if beside is None else beside
     recipe = Recipe(
         parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, degree,
         quality, target_ratio, max_drop, seed,
     )  # fmt: skip
-    config, pixels = find_preset(preset), parse_size(size)
+    config, pixels, share = find_preset(preset), parse_size(size), _beside(beside, cameras)
     original = _opened(scene)
     recipe.check(original, config)
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
     path = read_cameras(cameras) if cameras and not images else ()
     if not images:
-        learn = run.teacher(original, views, pixels, seed, scene, path, beside)
-        learn += run.pictures_at(original, path, pixels, scene) if path else ()
+        learn = _own_pictures(original, scene, path, views, pixels, seed, share)
     arrays = [getattr(original, name) for name in ARRAYS]
     key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
     checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
@@ -180,10 +176,25 @@ def compress_command(
     write_json(json, facts)
 
 
+def _beside(share: float | None, cameras: str | None) -> float:
+    """The share of views beside the path; InputError for one without a path."""
+    if share is not None and not cameras:
+        raise InputError("--beside: goes with --cameras")
+    return BESIDE_SHARE if share is None else share
+
+
 def _opened(path: str) -> Scene:
     """The scene of a file; InputError for a packed model."""
     with progress_bar(f"reading {path}"):
         return open_source(path).unpacked
+
+
+def _own_pictures(
+    scene: Scene, name: str, path, views: int, size: tuple[int, int], seed: int, beside: float
+) -> tuple:
+    """The scene's own pictures, and from the cameras of a path, too."""
+    learn = run.teacher(scene, views, size, seed, name, path, beside)
+    return learn + run.pictures_at(scene, path, size, name) if path else learn
 
 
 def parse_schedule(text: str) -> tuple[float, ...]:

@@ -90,7 +90,7 @@ def test_a_frame(board, scene, tmp_path, capsys):
             5e7 / max(facts["preprocessing_cycles"], facts["rendering_cycles"]), abs=1e-3
         )
         assert facts["psnr_db_machine"] > 45
-    check_documented("board render", facts)
+    check_documented("board render", facts.keys() - {"version"})
 
 
 @pytest.mark.slow
