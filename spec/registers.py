@@ -74,6 +74,14 @@ HALVES_AT, HALVES_BITS = CODE_BITS + DETAIL_BITS, 2
 """ERROR, above the detail: a bit for each half (`spec.axi`) that has given up its frame by an
 error, this one or a later one, since ERROR was last written. ABORT sets none."""
 
+
+def split_error(value: int) -> tuple[ErrorCode, int, int]:
+    """Code, detail and halves of a value of ERROR."""
+    above, code = divmod(value, 1 << CODE_BITS)
+    halves, detail = divmod(above, 1 << DETAIL_BITS)
+    return ErrorCode(code), detail, halves
+
+
 ALIGNED = {
     "MODEL": ALIGNMENT,
     **dict.fromkeys(("GROUPS", "LISTS", "FEATURES", "WORK_AREA", "SCRATCH"), WORK_ALIGNMENT),

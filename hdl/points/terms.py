@@ -65,8 +65,8 @@ class Terms(wiring.Component):
 
     A machine without harmonics has neither multiplicands nor polynomials, and no term's shift.
 
-    **Timing**: a term a cycle, latency 5. Nine multipliers of 7 × 13 bits, of adders or as they are
-    (`Config.weighting`).
+    **Timing**: a term a cycle, latency 5. Nine multipliers of 7 × 13 bits, made of adders here or
+    by synthesis (`Config.weighting`).
     """
 
     latency = 5

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcore.model.cameras.orbit import orbiting_views
+from splatcore.model.cameras.orbit import BESIDE, orbiting_views
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.cameras.view import core_of
 from splatcore.spec.camera import Camera
@@ -15,8 +15,9 @@ RISE, NEARER = np.radians(3.0), 1.05
 """Largest deviation of views from the path of given cameras: elevation, and factor of distance. A
 hand that holds a camera wavers so."""
 
-ASIDE, FARTHER = np.radians(15.0), 1.25
-"""Those of views beside the path: as far off as `model.cameras.orbit.BESIDE` has them."""
+ASIDE = max(angle for angle, _ in BESIDE.values())
+FARTHER = 1 / min(away for _, away in BESIDE.values())
+"""Largest deviation of views beside the path: as far off, and as near, as `BESIDE` has them."""
 
 
 def teacher_views(

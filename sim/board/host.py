@@ -21,7 +21,7 @@ from splatcore.spec import registers
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
-from splatcore.spec.registers import ErrorCode
+from splatcore.spec.registers import WORD, ErrorCode
 from splatcore.spec.work import PIXEL, stride
 
 ANSWER_SECONDS = 5.0
@@ -34,8 +34,6 @@ BROKEN_OFF_SECONDS = 0.2
 """A command that an earlier host broke off is forgotten by the board's bus bridge within this."""
 
 WRITE_WORDS, READ_WORDS = 256, 128  # of memory, until progress is told again; 255 are one read
-
-WORD = 4
 
 FACTS_OF_A_BOARD = {"preset", "clock_hz", "baud", "registers", "memory", "start"}
 
@@ -194,8 +192,6 @@ class Host(CommUART):
 
     def _error(self) -> str:
         """What the machine says in ERROR, in words."""
-        value = self.get("ERROR")
-        detail = value >> registers.CODE_BITS & ((1 << registers.DETAIL_BITS) - 1)
-        code = ErrorCode(value & ((1 << registers.CODE_BITS) - 1))
+        code, detail, _ = registers.split_error(self.get("ERROR"))
         more = f", the lists need {self.get('NEEDED')} pages" if code == ErrorCode.PAGES else ""
         return f"ERROR {code.name}, detail {detail}{more}"

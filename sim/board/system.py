@@ -27,7 +27,13 @@ from migen.genlib.io import CRG
 
 from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.sim.eda.verilog import NAMES
-from splatcore.spec.axi import ID_BITS, LITE_ADDRESS_BITS, window_bits
+from splatcore.spec.axi import (
+    ADDRESS_BITS,
+    ID_BITS,
+    LITE_ADDRESS_BITS,
+    LITE_DATA_BITS,
+    window_bits,
+)
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
@@ -68,8 +74,8 @@ class System(SoCCore):
 
 def add_machine(system: SoCCore, config: Config):
     """Put the machine into a system that has SDRAM: registers on its bus, a port of its memory."""
-    memory = AXIInterface(data_width=config.port, address_width=32, id_width=ID_BITS)
-    host = AXILiteInterface(data_width=32, address_width=32)
+    memory = AXIInterface(config.port, ADDRESS_BITS, id_width=ID_BITS)
+    host = AXILiteInterface(LITE_DATA_BITS, ADDRESS_BITS)
     wires = {"i_clk": ClockSignal("sys"), "i_rst": ResetSignal("sys")}
     for bus, there, signature in (
         ("m_axi", memory, axi(config)),

@@ -1,6 +1,7 @@
 """The commands `board write` and `board render`: a ULX3S's files, and a frame by a board."""
 
 import time
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,7 +13,13 @@ from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import against, differences, told
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import write_png
-from splatcore.sim.common.source import check_fits, check_known, open_camera, open_source
+from splatcore.sim.common.source import (
+    check_fits,
+    check_known,
+    note_unseen,
+    open_camera,
+    open_source,
+)
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -89,17 +96,18 @@ def render_command(
     from splatcore.sim.machine.machine import Job
     from splatcore.sim.packing.choose import packed_model
 
-    with progress_bar("packing"):
-        job = Job(packed_model(source, config, view), view)
-    host = Host(port, config, facts)
-    host.begin()
-    begin = time.perf_counter()
-    with progress_bar("loading the model") as advance:
-        frame = host.frame(job, advance)
-    seconds = time.perf_counter() - begin
+    with closing(Host(port, config, facts)) as host:
+        with progress_bar("packing"):
+            job = Job(packed_model(source, config, view), view)
+        host.begin()
+        begin = time.perf_counter()
+        with progress_bar("loading the model") as advance:
+            frame = host.frame(job, advance)
+        seconds = time.perf_counter() - begin
     write_png(output, frame.pixels)
-    golden = engines.golden(config, job).pixels
-    wrong = int((frame.pixels != golden).any(2).sum())
+    golden = engines.golden(config, job)
+    note_unseen(source.name, view, golden.counts)
+    wrong = int((frame.pixels != golden.pixels).any(2).sum())
     found = differences(frame.pixels, engines.truths(source, job.model, view))
     clock = facts["clock_hz"]
     rate = clock / max(frame.preprocessing, frame.rendering)

@@ -28,7 +28,8 @@ from splatcore.spec.preset import find_preset
 from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 
 BESIDE_SHARE = 1.0
-"""What keeps the loss beside the path within 1 dB of that on it, of the shares that were tried."""
+"""Of the shares tried on leica-sofort the one with which the mean loss beside the path stays within
+1 dB of that on it: docs/compression.md."""
 
 LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
 
@@ -50,8 +51,8 @@ CamerasOption = option(
 BesideOption = option(
     float | None,
     "S",
-    "--cameras: share of the views that lie beside the path, up to 15° off, 20 % nearer or "
-    f"farther; 0 … 1. Default: {BESIDE_SHARE:g}.",
+    "--cameras: share of the views that lie beside the path, up to 15° off, at 0.8 to 1.25 times "
+    f"its distance; 0 … 1. Default: {BESIDE_SHARE:g}.",
     min=0,
     max=1,
 )
@@ -274,8 +275,9 @@ def _own(original: Gaussians, packed: Gaussians, views) -> float | None:
     """Mean PSNR against the original's own pictures from views."""
     from splatcore.golden.reference import render
 
-    own = [Target(view, render(original, view).pixels, view.name) for view in views]
-    return _decibels(packed, own)
+    with progress_bar(f"measuring the loss on {len(views)} views"):
+        own = [Target(view, render(original, view).pixels, view.name) for view in views]
+        return _decibels(packed, own)
 
 
 def table_of(checkpoints: Checkpoints, original: int) -> Table:

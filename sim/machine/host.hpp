@@ -2,8 +2,9 @@
 //
 // A wait takes what the interrupt says into `pending`, each time with the cycle at which it rose,
 // and ends when a bit that it waits for is there. FRAME may tell of two ends, the second of which
-// came before the bit was cleared: FINISHED, read after that, counts them. An error that nobody waits for, or a machine that
-// stands still, ends the script; its last part, from `finally` on, is done all the same.
+// came before the bit was cleared: FINISHED, read after that, counts them. An error that nobody
+// waits for, or a machine that stands still, ends the script; its last part, from `finally` on, is
+// done all the same.
 //
 // With `live` lines of standard input follow the script, each read when the one before is done; the
 // answer to each command goes to standard output, `answer` with its value and response.
@@ -87,8 +88,8 @@ struct Host {
     std::vector<Line> script;
     FILE* report;
     uint32_t interrupt_register, finished_register, pending = 0, mask = 0, seen = 0;
-    uint16_t finished = 0;                // as read last
-    uint64_t ended = 0, asked = 0;        // frames that no wait has taken; when the interrupt rose
+    uint16_t finished = 0;          // as read last
+    uint64_t ended = 0, asked = 0;  // frames that no wait has taken; when the interrupt rose
     size_t next = 0, at = 0, last_resort = 0;
     uint64_t left = 0, cycle = 0, rose = 0;
     enum { nothing, access, waiting, asking, clearing, ending, counting, resetting } doing = resetting;

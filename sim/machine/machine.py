@@ -213,9 +213,7 @@ class Machine:
             for frame, cycle in zip(frames, cycles, strict=False):
                 setattr(frame, name, cycle)
         state = {name: report.answers[k].value for name, k in last.items() if k in report.answers}
-        code = state.get("ERROR", 0)
-        detail = code >> registers.CODE_BITS & ((1 << registers.DETAIL_BITS) - 1)
-        error = ErrorCode(code & ((1 << registers.CODE_BITS) - 1))
+        error, detail, _ = registers.split_error(state.get("ERROR", 0))
         return Run(frames, report, error, detail, state, areas, memory)
 
 

@@ -83,11 +83,7 @@ def run_sources(
         folder = build(sources, simulator)
         with TemporaryDirectory() as name:
             results = Path(name)
-            try:
-                _run(simulator, module, seed, folder, results)
-            finally:
-                if log:
-                    shutil.copyfile(results / "log", log)
+            _run(simulator, module, seed, folder, results, log or results / "log")
 
 
 def parameters() -> dict:
@@ -147,9 +143,9 @@ def _compile(simulator: str, sources: dict[str, str], folder: Path) -> None:
         raise AssertionError(f"{simulator} failed: {log}\n{_excerpt(log)}") from error
 
 
-def _run(simulator: str, module: str, seed: int, folder: Path, results: Path) -> None:
+def _run(simulator: str, module: str, seed: int, folder: Path, results: Path, log: Path) -> None:
     """Run a testbench on a compiled simulation; AssertionError with failed tests and log."""
-    log, xml = results / "log", results / "results.xml"
+    xml = results / "results.xml"
     try:
         get_runner(simulator).test(
             test_module=module,

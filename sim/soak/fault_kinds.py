@@ -190,9 +190,8 @@ def drawn_host(config: Config, kind: str, seed: int, pair: bool, below: Below) -
 def check_outcome(config: Config, fault: Fault, outcome: Outcome, pair: bool):
     """AssertionError unless the right error was told, all came to rest, C is the golden model's
     frame, and so is each of A and B that the fault does not take."""
-    above, code = divmod(outcome.error, 1 << registers.CODE_BITS)
-    halves, detail = divmod(above, 1 << registers.DETAIL_BITS)
-    code, flight = ErrorCode(code), [A, B] if pair else [B]
+    code, detail, halves = registers.split_error(outcome.error)
+    flight = [A, B] if pair else [B]
     told = {fault.code} | ({ErrorCode.READ} if fault.twice else set())
     assert code in told, f"told {code.name}, not {fault.code.name}"
     if code in CLIENTS:

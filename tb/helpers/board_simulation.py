@@ -13,7 +13,7 @@ from splatcore.sim.rtl.cocotb_runner import public, run_sources
 from splatcore.sim.rtl.initial import without_initial
 from splatcore.spec.config import Config
 
-CLOCK_HZ, BAUD = 50_000_000, 6_250_000  # as `tb.testbenches.board` has them
+CLOCK_HZ, BAUD = 50_000_000, 6_250_000
 PORTS = ["sys_clk", "sys_rst", "serial_tx", "serial_rx"]
 COMPILING_SECONDS = 1800
 
@@ -32,6 +32,7 @@ def simulated_board(config: Config, folder: Path) -> Iterator[str]:
     sources |= {"top.v": undated(text), "top.vlt": public(PORTS)}
     port, end = folder / "port", folder / "end"
     about = {"log": folder / "log", "port": str(port), "end": str(end)}
+    about |= {"clock_hz": CLOCK_HZ, "baud": BAUD}
     arguments = sources, "tb.testbenches.board", "verilator", 1
     process = multiprocessing.get_context("spawn").Process(
         target=run_sources, args=arguments, kwargs=about

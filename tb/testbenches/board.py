@@ -12,25 +12,25 @@ from cocotbext.uart import UartSink, UartSource
 
 from splatcore.sim.rtl.cocotb_runner import parameters
 
-PERIOD, BIT = 20, 8  # ns of a cycle, cycles of a bit
-CHARACTERS = 4  # for which bytes pass unseen
+CHARACTERS, BITS = 4, 10  # for which bytes pass unseen, and of each with start and stop
 
 
 @cocotb.test()
 async def serve(dut):
     at = parameters()
-    Clock(dut.sys_clk, PERIOD, "ns").start()
+    baud = at["baud"]
+    pause = CHARACTERS * BITS * at["clock_hz"] // baud  # cycles
+    Clock(dut.sys_clk, round(1e9 / at["clock_hz"]), "ns").start()
     dut.sys_rst.value, dut.serial_rx.value = 1, 1
     await ClockCycles(dut.sys_clk, 8)
     dut.sys_rst.value = 0
-    baud = 1e9 / (PERIOD * BIT)
     source, sink = UartSource(dut.serial_rx, baud), UartSink(dut.serial_tx, baud)
     here, port = os.openpty()
     tty.setraw(port)
     os.set_blocking(here, False)
     Path(at["port"]).write_text(os.ttyname(port))
     while not Path(at["end"]).exists():
-        await ClockCycles(dut.sys_clk, CHARACTERS * 10 * BIT)
+        await ClockCycles(dut.sys_clk, pause)
         if source.idle():
             with suppress(BlockingIOError):
                 await source.write(os.read(here, 256))
