@@ -3,12 +3,20 @@
 from pathlib import Path
 
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
-from splatcore.sim.cli.compress import DegreeOption, QualityOption, RateOption
+from splatcore.sim.cli.compress import (
+    BesideOption,
+    DegreeOption,
+    QualityOption,
+    RateOption,
+    share_beside,
+)
 from splatcore.sim.cli.options import PresetOption, argument, option
-from splatcore.sim.common.output import console, make_folder
+from splatcore.sim.cli.power import LibertyOption, ProcessOption, checked_library
+from splatcore.sim.common.output import make_folder
 from splatcore.sim.common.source import check_known, parse_size
+from splatcore.sim.common.table import print_whole
 from splatcore.sim.compression import run as compression_run
-from splatcore.sim.compression.bench import PARTS, RATIOS, RESULT, bench_compression
+from splatcore.sim.compression.bench import BY_ITSELF, PARTS, RATIOS, RESULT, bench_compression
 from splatcore.sim.compression.plot import write_curve
 from splatcore.sim.compression.subjects import SCENES, Protocol, find
 from splatcore.sim.compression.tables import tables, write_csv
@@ -18,7 +26,7 @@ from splatcore.spec.preset import find_preset
 
 DEFAULTS = Protocol(DEFAULT)
 
-ALL_PARTS, ALL_RATIOS = ",".join(PARTS), ",".join(f"{ratio:g}" for ratio in RATIOS)
+ALL_PARTS, ALL_RATIOS = ",".join(BY_ITSELF), ",".join(f"{ratio:g}" for ratio in RATIOS)
 VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))  # defaults as the command line takes them
 
 
@@ -55,6 +63,7 @@ def compression_command(
     schedule_scene: ScheduleSceneOption = None,
     views: ViewsOption = DEFAULTS.views,
     view_size: ViewSizeOption = VIEW_SIZE,
+    beside: BesideOption = None,
     size: PixelsOption = SIZE,
     scale: ScaleOption = DEFAULTS.scale,
     rate: RateOption = DEFAULTS.rate,
@@ -63,46 +72,55 @@ def compression_command(
     quality: QualityOption = DEFAULTS.quality,
     seed: SeedOption = DEFAULTS.seed,
     preset: PresetOption = "DEFAULT",
+    liberty: LibertyOption = None,
+    process: ProcessOption = None,
 ):
     """Compress scenes and measure: the paper's tables, and the work that is left for the machine.
 
     Quality is that of the reference's 8-bit pictures: against the photographs held out (every 7th)
     where there are some, else against the original scene in views that compression never sees:
-    those of the file of cameras beside it, on whose path it learns, or others all round.
+    those of the file of cameras beside it, on and beside whose path it learns, or others all round;
+    PSNR beside the path is told, too.
 
     steps: size, PSNR, SSIM, FLIP (LPIPS where its weights are installed) and the machine's work
     after each step. schedule: pruning schedules with the same number of fine-tuning steps.
     curve: ratio against loss. budget: the error of the compressed model beside the machine's.
+    power: an ESTIMATE of what the machine takes after each step, simulated in RTL (see `splatcore
+    power`); in cells as well with --liberty.
 
     Writes DIR/compression.json, a CSV file for each part, curve.png and a contact sheet for each
     scene. What is in DIR already is not made again.
     """
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
-        at_least("--views", views), parse_size(view_size), parse_size(size), scale, seed, rate,
-        order, degree, quality,
+        at_least("--views", views), parse_size(view_size), share_beside(beside),
+        parse_size(size), scale, seed, rate, order, degree, quality,
     )  # fmt: skip
+    library = checked_library(liberty, process)
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")
     _ = protocol.recipe  # refuses what cannot be
     found = find(list(scene or ()))
-    names = [Path(path).resolve().name for path in found]
-    chosen = Path(schedule_scene or (SCENES[0] if SCENES[0] in names else names[0])).name
-    if chosen not in names:
-        raise InputError(f"--schedule-scene {chosen}: is not among {', '.join(names)}")
-    parts, wanted = [name.strip() for name in part.split(",")], parse_ratios(ratios)
-    check_known("--part", PARTS, *parts)
+    chosen = scheduled(schedule_scene, [Path(path).resolve().name for path in found])
+    parts, wanted = parse_parts(part), parse_ratios(ratios)
     compression_run.check_installed()
     make_folder(output)
     facts = bench_compression(
-        found, [name for name in PARTS if name in parts], chosen, wanted, protocol, output
+        found, parts, chosen, wanted, protocol, output, library and (library, process)
     )
-    for name, found in facts["scenes"].items():
-        for table in tables(name, found):
-            console.print(table)
+    for each in (made for scene in facts["scenes"].items() for made in tables(*scene)):
+        print_whole(each)
     write_csv(output, facts)
     write_curve(output / "curve.png", facts["scenes"])
     finish(output / RESULT, facts)
+
+
+def scheduled(asked: str | None, names: list[str]) -> str:
+    """The scene whose schedules are compared; InputError for one that is not there."""
+    chosen = Path(asked or (SCENES[0] if SCENES[0] in names else names[0])).name
+    if chosen not in names:
+        raise InputError(f"--schedule-scene {chosen}: is not among {', '.join(names)}")
+    return chosen
 
 
 def at_least(option: str, value: int | None, least: int = 1) -> int | None:
@@ -110,6 +128,13 @@ def at_least(option: str, value: int | None, least: int = 1) -> int | None:
     if value is not None and value < least:
         raise InputError(f"{option} {value}: is not {least} or more")
     return value
+
+
+def parse_parts(text: str) -> list[str]:
+    """Parts with commas between them, in the order of PARTS."""
+    asked = [name.strip() for name in text.split(",")]
+    check_known("--part", PARTS, *asked)
+    return [name for name in PARTS if name in asked]
 
 
 def parse_ratios(text: str) -> tuple[float, ...]:

@@ -27,10 +27,6 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
 from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 
-BESIDE_SHARE = 1.0
-"""Of the shares tried on leica-sofort the one with which the mean loss beside the path stays within
-1 dB of that on it: docs/compression.md."""
-
 LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
 
 FolderArgument = argument(str, "DIR", "COLMAP model with its photographs in images/.")
@@ -51,8 +47,8 @@ CamerasOption = option(
 BesideOption = option(
     float | None,
     "S",
-    "--cameras: share of the views that lie beside the path, up to 15° off, at 0.8 to 1.25 times "
-    f"its distance; 0 … 1. Default: {BESIDE_SHARE:g}.",
+    "On a path of cameras: share of the views that lie beside it, up to 15° off, at 0.8 to 1.25 "
+    f"times its distance; 0 … 1. Default: {run.BESIDE_SHARE:g}.",
     min=0,
     max=1,
 )
@@ -181,7 +177,12 @@ def _beside(share: float | None, cameras: str | None) -> float:
     """The share of views beside the path; InputError for one without a path."""
     if share is not None and not cameras:
         raise InputError("--beside: goes with --cameras")
-    return BESIDE_SHARE if share is None else share
+    return share_beside(share)
+
+
+def share_beside(share: float | None) -> float:
+    """What --beside says, or the default."""
+    return run.BESIDE_SHARE if share is None else share
 
 
 def _opened(path: str) -> Scene:

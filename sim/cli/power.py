@@ -98,6 +98,11 @@ def _checked(
     for name, value in (("fps", fps), ("sample", sample)):
         if value is not None and not value > 0:
             raise InputError(f"--{name} {value:g}: is not above 0")
+    return checked_library(liberty, process)
+
+
+def checked_library(liberty: str | None, process: float | None) -> Library | None:
+    """The library of a file, if there is one; InputError for --liberty without --process."""
     if (liberty is None) != (process is None):
         given, other = ("--process", "--liberty")[:: -1 if process is None else 1]
         raise InputError(f"{given} {process or liberty}: goes with {other} only")

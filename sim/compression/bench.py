@@ -1,7 +1,8 @@
 """The benchmark of compression: the paper's tables, and the work that is left for the machine.
 
-Four parts: quality and work after each step, pruning schedules, ratio against loss, and the errors
-of model and machine side by side. What is in the folder already is not made again.
+Its parts: quality and work after each step, pruning schedules, ratio against loss, the errors of
+model and machine side by side, and power after each step. What is in the folder already is not made
+again.
 """
 
 import json
@@ -19,9 +20,13 @@ from splatcore.sim.compression.measure import Measurer, Version, kept, left_by, 
 from splatcore.sim.compression.plot import write_sheet
 from splatcore.sim.compression.run import Run
 from splatcore.sim.compression.subjects import Protocol, Subject
+from splatcore.sim.eda.liberty import Library
 from splatcore.spec.error import InputError
 
-PARTS = ("steps", "schedule", "curve", "budget")
+PARTS = ("steps", "schedule", "curve", "budget", "power")
+
+BY_ITSELF = PARTS[:-1]
+"""Parts that are measured if none is named: those that need no RTL."""
 
 RESULT = "compression.json"
 
@@ -51,8 +56,14 @@ SCHEDULES = (
 class Bench:
     """One subject's parts."""
 
-    def __init__(self, subject: Subject, ratios: Sequence[float], folder: Path):
-        self.subject, self.ratios, self.folder = subject, ratios, folder
+    def __init__(
+        self,
+        subject: Subject,
+        ratios: Sequence[float],
+        folder: Path,
+        cells: tuple[Library, float] | None,
+    ):
+        self.subject, self.ratios, self.folder, self.cells = subject, ratios, folder, cells
         self.config, self.recipe = subject.protocol.config, subject.protocol.recipe
         self.measure = Measurer(folder / "measured", subject, self.config)
 
@@ -80,7 +91,8 @@ class Bench:
             for name in ("psnr_db", "ssim", "flip", "lpips")
         }  # fmt: skip
         size = {"bytes": step.bytes, "ratio": self.subject.ply_bytes / step.bytes}
-        return {"gaussians": step.gaussians, "sh_degree": step.sh_degree} | size | found | change
+        row = {"gaussians": step.gaussians, "sh_degree": step.sh_degree} | size | found | change
+        return row | (self.measure.beside(version) if self.subject.beside else {})
 
     def steps(self) -> dict:
         """Every step of the recipe: size, quality, the machine's work; the last one's pictures."""
@@ -172,6 +184,14 @@ class Bench:
         run = self.run()
         return self.measure.budget(left_by(run, run.finish()))
 
+    def power(self) -> dict:
+        """After each step what the machine takes of the first held-out view, in RTL."""
+        from splatcore.sim.compression.power import powers  # takes a second
+
+        run = self.run()
+        run.finish()
+        return powers(run, self.subject.views[0], self.cells)
+
 
 def bench_compression(
     paths: Sequence[str],
@@ -180,16 +200,17 @@ def bench_compression(
     ratios: Sequence[float],
     protocol: Protocol,
     folder: Path,
+    cells: tuple[Library, float] | None = None,
 ) -> dict:
     """Measure all subjects; what cannot be is in "failed", and the others' results stay.
 
-    Schedules are compared on the subject of the name `schedule_scene`. RESULT is written after each
-    part.
+    Schedules are compared on the subject of the name `schedule_scene`. cells: a library and its
+    process in nm; power is told in these, too. RESULT is written after each part.
     """
     facts = before(protocol, folder)
     for path in paths:
         subject = Subject(path, protocol, folder / "baselines")
-        bench = Bench(subject, ratios, folder)
+        bench = Bench(subject, ratios, folder, cells)
         for part in parts:
             if part == "schedule" and subject.name != schedule_scene:
                 continue
@@ -218,7 +239,7 @@ def why(error: Exception) -> str:
 def before(protocol: Protocol, folder: Path) -> dict:
     """The folder's results: those of scenes and parts that are not asked for now stay."""
     head = {"preset": protocol.config.name, "size": list(protocol.size)}
-    head |= {name: getattr(protocol, name) for name in ("degree", "quality", "seed")}
+    head |= {name: getattr(protocol, name) for name in ("degree", "quality", "beside", "seed")}
     try:
         found = json.loads((folder / RESULT).read_text())
         same = all(found[name] == value for name, value in head.items())

@@ -4,7 +4,7 @@ A measurement is a file under a key that stands for all that decides on it: the 
 rendered, and the code of all that this file imports.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -88,11 +88,31 @@ class Measurer:
 
         def one(view: Target) -> dict:
             truth = self.subject.truth(view)
-            if version.name == "original" and not self.subject.photographed:
+            if self._is_truth(version):
                 return compared(truth, truth)
             return compared(render(version.gaussians, view.camera).pixels, truth)
 
         return self._mean("quality", version, one)
+
+    def beside(self, version: Version) -> dict:
+        """PSNR in dB (None: equal) beside the path: `beside`, by the names of `BESIDE`, and
+        `psnr_db_beside`, the mean."""
+
+        def one(view: Target) -> dict:
+            truth = self.subject.truth(view)
+            if self._is_truth(version):
+                return asdict(difference(truth, truth))
+            return asdict(difference(render(version.gaussians, view.camera).pixels, truth))
+
+        found = {
+            name: self._mean("beside", version, one, [view])["psnr_db"]
+            for name, view in self.subject.beside.items()
+        }
+        values = [value for value in found.values() if value is not None]
+        return {"psnr_db_beside": float(np.mean(values)) if values else None, "beside": found}
+
+    def _is_truth(self, version: Version) -> bool:
+        return version.name == "original" and not self.subject.photographed
 
     def work(self, version: Version) -> dict:
         """The work that the machine has with it: counts of the golden engine, cycles by model."""
@@ -120,10 +140,17 @@ class Measurer:
 
         return self._mean("budget", version, one)
 
-    def _mean(self, kind: str, version: Version, one: Callable[[Target], dict]) -> dict:
-        """The mean over the views of the results of `one`."""
+    def _mean(
+        self,
+        kind: str,
+        version: Version,
+        one: Callable[[Target], dict],
+        views: Sequence[Target] | None = None,
+    ) -> dict:
+        """The mean over views, the held-out ones unless others are named, of the results of
+        `one`."""
         rows = []
-        for view in self.subject.views:
+        for view in views or self.subject.views:
             about = [kind, self.subject.key, view.name, view.camera, repr(self.config)]
             with progress_bar(f"{self.subject.name}: {kind} of {version.name}, view {view.name}"):
                 rows.append(kept(self.folder, [*about, version.about], lambda view=view: one(view)))

@@ -19,6 +19,10 @@ from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
+BESIDE_SHARE = 1.0
+"""Share of a teacher's views that lie beside the path: of those tried on leica-sofort the one with
+which the mean loss beside the path stays within 1 dB of that on it (docs/compression.md)."""
+
 
 def check_installed():
     """InputError without PyTorch: raised before the work, not after it."""

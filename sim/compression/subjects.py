@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.golden.reference import render
+from splatcore.model.cameras.orbit import views_beside
 from splatcore.model.cameras.surround import surrounding_views
+from splatcore.model.cameras.view import core_of
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.camera_file import read_cameras
@@ -47,6 +49,7 @@ class Protocol:
     train_steps: int = 3000  # of a baseline
     views: int = 96  # of a scene that is its own teacher
     view_size: tuple[int, int] = (1920, 1080)  # of these, width and height
+    beside: float = compression_run.BESIDE_SHARE  # of these on a path: beside it
     size: tuple[int, int] = (1920, 1080)  # of the views by which a scene is judged
     scale: float = 1.0  # of photographs
     seed: int = 0
@@ -94,6 +97,7 @@ class Subject:
             made_from = [protocol.train_steps, protocol.seed, HELD_OUT, self.photographs]
         else:
             made_from = [protocol.views, protocol.view_size, protocol.seed, self.path_cameras]
+            made_from += [protocol.beside] if self.path_cameras else []
             made_from += [getattr(self.scene, name) for name in ARRAYS]
         return f"{self.name} {digest(made_from)}"
 
@@ -127,7 +131,7 @@ class Subject:
         protocol = self.protocol
         return compression_run.teacher(
             self.scene, protocol.views, protocol.view_size, protocol.seed, self.name,
-            self.path_cameras,
+            self.path_cameras, protocol.beside,
         )  # fmt: skip
 
     @cached_property
@@ -152,6 +156,17 @@ class Subject:
             cameras = surrounding_views(source.gaussians, OWN_VIEWS, *self.protocol.size, seed)
         sized = [camera.resized(*self.protocol.size) for camera in cameras]
         return tuple(Target(camera, None, camera.name or str(k)) for k, camera in enumerate(sized))
+
+    @cached_property
+    def beside(self) -> dict[str, Target]:
+        """By the names of `BESIDE` a view beside the path: of each held-out one in turn. None
+        without a path."""
+        if self.photographed or not self.path_cameras:
+            return {}
+        cameras = [view.camera for view in self.views]
+        there = views_beside(cameras, core_of(self.scene.gaussians()).middle)
+        views = {name: moved[k % len(moved)] for k, (name, moved) in enumerate(there.items())}
+        return {name: Target(view, None, f"{view.name} {name}") for name, view in views.items()}
 
     def truth(self, view: Target) -> np.ndarray:
         """The picture [H, W, 3] that a view should show: the photograph, or the original's."""

@@ -75,11 +75,23 @@ def tables(name: str, scene: dict) -> Iterator[Table]:
         yield table(f"{judged}: ratio against loss", columns, rows)
     if rows := rows_of(scene, "budget"):
         yield table(f"{judged}: error budget", BUDGET, rows)
+    if rows := rows_of(scene, "power"):
+        found = scene["power"]
+        view = f"view {found['view']} at {'x'.join(map(str, found['size']))}"
+        cells = (CELLS,) if "library" in found else ()
+        yield table(f"{name}, {view}: power, an ESTIMATE", (*POWER, *cells), rows)
 
 
 def metrics(rows: list[dict]) -> tuple[Column, ...]:
-    """Columns of quality; LPIPS where it was measured."""
-    return METRICS + (LPIPS if any(row.get("lpips") is not None for row in rows) else ())
+    """Columns of quality; LPIPS and PSNR beside the path where they were measured."""
+    columns = METRICS + (LPIPS if any(row.get("lpips") is not None for row in rows) else ())
+    names = dict.fromkeys(name for row in rows for name in row.get("beside", ()))
+    return columns + tuple((f"{name}, dB", beside(name)) for name in names)
+
+
+def beside(name: str) -> Callable[[dict], str]:
+    """Prints PSNR in views beside the path."""
+    return lambda row: shown(row.get("beside", {}).get(name), ".2f")
 
 
 def schedule_text(row: dict) -> str:
@@ -97,6 +109,18 @@ BUDGET: tuple[Column, ...] = (
     ("least", number("psnr_db_min", ".2f")), ("SSIM", number("ssim", ".5f")),
     ("max error", number("max_error", ".4f")),
 )  # fmt: skip
+
+
+MILLI = 1e-3
+POWER: tuple[Column, ...] = (
+    ("step", lambda row: row["step"]), *(column for column in SIZES if column[0] != "ratio"),
+    ("k cycles", number("cycles", ",.0f", 1000)), ("FPS at most", number("fps_at_800mhz", ".0f")),
+    ("MB a frame", number("traffic_bytes", ".2f", MEGABYTE)),
+    ("at FPS", number("fps", ".0f")), ("mW", number("power_w", ".0f", MILLI)),
+    ("of it leakage", number("leakage_w", ".0f", MILLI)),
+    ("mJ a frame", number("frame_j", ".2f", MILLI)), ("DRAM, mW", number("dram_w", ".0f", MILLI)),
+)  # fmt: skip
+CELLS: Column = ("mW in cells", number("cells_w", ".0f", MILLI))
 
 
 def table(title: str, columns: tuple[Column, ...], rows: list[dict]) -> Table:
@@ -119,7 +143,7 @@ def rows_of(scene: dict, part: str) -> list[dict]:
         return [row | row["work"] for row in found["rows"]]
     if part == "budget":
         return [{"error": name} | found[name] for name in ERRORS]
-    return found["rows" if part == "schedule" else "points"]
+    return found["points" if part == "curve" else "rows"]
 
 
 def write_csv(folder: Path, facts: dict):
@@ -129,7 +153,9 @@ def write_csv(folder: Path, facts: dict):
         for name, scene in facts["scenes"].items():
             for row in rows_of(scene, part):
                 text = {"schedule": schedule_text(row)} if part == "schedule" else {}
-                rows.append({"scene": name} | row | text)
-                rows[-1].pop("work", None)
+                aside = {f"{at} psnr_db": db for at, db in row.get("beside", {}).items()}
+                rows.append({"scene": name} | row | text | aside)
+                for key in ("work", "beside"):
+                    rows[-1].pop(key, None)
         if rows:
             write(folder / f"{part}.csv", comma_separated(rows).encode())

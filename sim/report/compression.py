@@ -1,4 +1,4 @@
-"""The report's section of compression: size and loss after each step, and ratio against loss."""
+"""The report's section of compression: size and loss after each step, ratio against loss, power."""
 
 from collections.abc import Iterator
 
@@ -9,20 +9,38 @@ from splatcore.spec.error import InputError
 SIZES = (
     Column("Gaussians", "", 0), Column("degree", "", 0), Column("size", "MB", 3),
     Column("ratio", "×", 1), Column("PSNR", "dB", 2), Column("PSNR, lowest", "dB", 2),
-    Column("SSIM", "", 4),
+    Column("SSIM", "", 4), Column("PSNR beside the path", "dB", 2),
 )  # fmt: skip
 
 
 def sizes(row: Facts) -> list:
     """Cells of `SIZES`; a point that was not reached has none."""
     size = row.get("bytes")
-    keys = ("gaussians", "sh_degree", "ratio", "psnr_db", "psnr_db_min", "ssim")
+    keys = ("gaussians", "sh_degree", "ratio", "psnr_db", "psnr_db_min", "ssim", "psnr_db_beside")
     gaussians, degree, *rest = (row.get(key) for key in keys)
     return [gaussians, degree, size and size / MILLION, *rest]
 
 
+POWER = (
+    Column("model", "MB", 3), Column("cycles", "k", 0), Column("frames a second at most", "", 0),
+    Column("traffic of a frame", "MB", 2), Column("at frames a second", "", 0),
+    Column("power", "mW", 0), Column("of it leakage", "mW", 0), Column("in cells", "mW", 0),
+    Column("DRAM", "mW", 0),
+)  # fmt: skip
+
+
+def power_cells(row: Facts) -> list:
+    """A step and the cells of `POWER`."""
+    keys = ("power_w", "leakage_w", "cells_w", "dram_w")
+    milliwatts = [None if row.get(key) is None else 1000 * row[key] for key in keys]
+    return [
+        row["step"], row["bytes"] / MILLION, row["cycles"] / 1000, row["fps_at_800mhz"],
+        row["traffic_bytes"] / MILLION, row["fps"], *milliwatts,
+    ]  # fmt: skip
+
+
 def compressed(results: Results) -> Iterator[Item]:
-    """Both tables, as far as their parts were measured."""
+    """The tables of the parts that were measured."""
     facts = results.campaign("compression")
     scenes = {
         scene: found
@@ -39,8 +57,13 @@ def compressed(results: Results) -> Iterator[Item]:
         for scene, found in scenes.items()
         for row in found.get("curve", {}).get("points", ())
     ]
-    if not steps and not points:
-        raise InputError(f"{facts.file}: holds neither steps nor a curve")
+    powers = [
+        [scene, *power_cells(row)]
+        for scene, found in scenes.items()
+        for row in found.get("power", {}).get("rows", ())
+    ]
+    if not steps and not points and not powers:
+        raise InputError(f"{facts.file}: holds no steps, no curve and no power")
     if steps:
         best = max((row for row in steps if row[5]), key=lambda row: row[5])
         yield Card(
@@ -61,6 +84,15 @@ def compressed(results: Results) -> Iterator[Item]:
             "Ratio against loss, the same metrics; asked for: none is packing alone.",
             [Column("scene"), Column("asked for", "×", 1, none="packing"), *SIZES],
             points, ("compression",),
+        )  # fmt: skip
+    if powers:
+        yield Table(
+            "compression-power",
+            "What the machine takes after each step, an ESTIMATE, of frames simulated in RTL, at "
+            "so many frames a second (the paper's, or as many as the machine renders), DRAM apart; "
+            "in cells: of a library scaled to 28 nm.",
+            [Column("scene"), Column("after"), *POWER],
+            powers, ("compression",),
         )  # fmt: skip
 
 

@@ -62,8 +62,9 @@ def items(value: object, path: list[Step]) -> Iterator[tuple[list, object]]:
         yield [], value
         return
     there, found = look(value, path[0].key)
-    pairs = enumerate(found) if path[0].bracket == "[" else found.items() if there else ()
-    for at, item in pairs if there else ():
+    if not there:
+        return
+    for at, item in enumerate(found) if path[0].bracket == "[" else found.items():
         for more, last in items(item, path[1:]):
             yield [*([at] if path[0].column else []), *more], last
 

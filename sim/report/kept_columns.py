@@ -40,6 +40,8 @@ TRAFFIC = (
     "write_groups read_groups read_long_lists write_buckets write_pixels"
 )
 
+BESIDE = "psnr_db_beside"
+
 MODEL = "gaussians sh_degree bytes ratio psnr_db psnr_db_min ssim max_error"
 
 CASES = Kept(
@@ -123,12 +125,17 @@ TABLES = {
     "hard-paper": CASES,
     "fpga-tiny": DEVICE,
     "fpga": DEVICE,
-    "compression": Kept("preset size degree quality failed", {
+    "compression": Kept("preset size degree quality beside failed", {
         "steps": Sheet(
             "scenes{scene}.steps.rows[]",
-            f"step kind {MODEL} seconds work.tile_pairs work.pairs work.fps_at_800mhz",
+            f"step kind {MODEL} {BESIDE} seconds work.tile_pairs work.pairs work.fps_at_800mhz",
         ),
-        "curve": Sheet("scenes{scene}.curve.points[]", f"target_ratio {MODEL} note"),
+        "curve": Sheet("scenes{scene}.curve.points[]", f"target_ratio {MODEL} {BESIDE} note"),
+        "power": Sheet(
+            "scenes{scene}.power.rows[]",
+            "step kind gaussians sh_degree bytes cycles fps_at_800mhz fps traffic_bytes power_w "
+            "leakage_w frame_j dram_w cells_w",
+        ),
     }),
 }  # fmt: skip
 """By the names of `results.SOURCES`."""

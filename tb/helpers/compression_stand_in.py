@@ -40,7 +40,9 @@ class StandIn:
         self.breaks_at = 0  # Gaussians of the scene that cannot be compressed
 
     def teacher_targets(self, scene, count, size, seed, tell, cameras=(), beside=0.0):
-        self.calls.append(f"teacher {count} {size[0]}x{size[1]} {seed}, {len(cameras)} cameras")
+        self.calls.append(
+            f"teacher {count} {size[0]}x{size[1]} {seed}, {len(cameras)} cameras, {beside:g} beside"
+        )
         return (Target(generated_camera("garden"), np.zeros((2, 2, 3), np.uint8), "0"),)
 
     def train(self, photographs, points, steps, seed, folder, tell):

@@ -2,14 +2,18 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from splatcore.golden import pipeline
 from splatcore.golden.reference import render
+from splatcore.model.cameras.orbit import BESIDE, views_beside
+from splatcore.model.cameras.view import core_of
 from splatcore.model.compress.checkpoint import ply_bytes
 from splatcore.model.formats.camera_file import cameras_json, read_cameras
+from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.pack.pack import pack
@@ -81,6 +85,29 @@ def test_steps(fake, tmp_path, capsys):
     assert read_png("out/a.ply.png").std() > 5
 
 
+def test_beside(fake, tmp_path, capsys):
+    """The loss beside the path is measured where the held-out cameras are moved to."""
+    assert bench("a.ply", "--part", "steps", "--steps", "5") == 0
+    first, *_, last = scenes()["a.ply"]["steps"]["rows"]
+    assert first["psnr_db_beside"] is None and set(first["beside"].values()) == {None}
+    original, left, right = read_scene("a.ply").gaussians(), *held_out()
+    there = views_beside([left, right], core_of(original).middle)
+    step, = (Path("out") / "runs").glob("*/*quantize.splatcore")  # fmt: skip
+    model = read_model(step).gaussians()
+    for number, (name, found) in enumerate(last["beside"].items()):
+        camera = there[name][number % 2]
+        pictures = (render(each, camera).pixels for each in (model, original))
+        assert found == pytest.approx(difference(*pictures).psnr_db), name
+    assert last["psnr_db_beside"] == pytest.approx(np.mean(list(last["beside"].values())))
+    assert "15 degrees, dB" in capsys.readouterr().out
+    assert "15 degrees psnr_db" in (Path("out") / "steps.csv").read_text().splitlines()[0]
+    assert bench("a.ply", "--part", "steps", "--steps", "5", "--beside", "0.5") == 0
+    assert fake.calls.count("teacher 96 1920x1080 0, 2 cameras, 0.5 beside") == 1
+    write_ply("b.ply", small(300))
+    assert bench("b.ply", "--part", "steps") == 0
+    assert "beside" not in scenes()["b.ply"]["steps"]["rows"][-1]
+
+
 def test_what_is_there_is_not_made_again(fake, tmp_path, monkeypatch):
     """A second call measures and compresses nothing, and writes the same."""
     arguments = ("a.ply", "--steps", "5", "--ratios", "12", "--schedule-scene", "a.ply")
@@ -88,7 +115,7 @@ def test_what_is_there_is_not_made_again(fake, tmp_path, monkeypatch):
     names = ("compression.json", "steps.csv", "schedule.csv", "curve.csv", "budget.csv")
     first = {name: (tmp_path / "out" / name).read_bytes() for name in names}
     done = list(fake.calls)
-    assert done.count("teacher 96 1920x1080 0, 2 cameras") == 1
+    assert done.count("teacher 96 1920x1080 0, 2 cameras, 1 beside") == 1
 
     def never(*_):
         raise AssertionError("rendered again")
@@ -224,6 +251,8 @@ def test_equal_pictures():
         "a.ply --scale 2": "--scale 2: is not over 0",
         "a.ply --schedule-scene b": "--schedule-scene b: is not among a.ply",
         "a.ply --view-size 9": "--size '9': is not WIDTHxHEIGHT",
+        "a.ply --process 130": "--process 130.0: goes with --liberty only",
+        "a.ply --beside 2": "--beside",
         "none.ply": "none.ply: there is no such file",
         "a.ply ./a.ply": "a.ply: two scenes have this name",
         "a.splatcore": "a.splatcore: is a packed model",
@@ -252,6 +281,8 @@ def test_json_is_documented(fake, tmp_path):
     facts["scenes"] = list(facts["scenes"].values())
     for scene in facts["scenes"]:
         scene["steps"].pop("recipe"), scene["curve"].pop("recipe")
+        for row in (*scene["steps"]["rows"], *scene["curve"]["points"]):
+            assert set(row.pop("beside")) == set(BESIDE)
     check_documented("## `splatcore bench compression`", set(keys(facts)))
-    assert bench_compression.PARTS == ("steps", "schedule", "curve", "budget")
+    assert bench_compression.BY_ITSELF == ("steps", "schedule", "curve", "budget")
     json.dumps(facts, allow_nan=False)

@@ -1,0 +1,78 @@
+"""Power by compression: what the machine takes after each step, an ESTIMATE (see `sim.power`).
+
+Each step's scene is packed as the machine reads it and rendered in RTL, which counts what switches
+and compares the picture with the golden model's.
+"""
+
+from collections.abc import Iterator
+
+from splatcore.model.compress.checkpoint import Step
+from splatcore.model.formats.photographs import Target
+from splatcore.model.pack.pack import pack
+from splatcore.model.pack.quality import QUALITIES, STEPPED
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.paper import FPS
+from splatcore.sim.compression.run import Run
+from splatcore.sim.eda.liberty import Library
+from splatcore.sim.machine.machine import Job
+from splatcore.sim.power.activity import counts_of
+from splatcore.sim.power.cells import machine_gates
+from splatcore.sim.power.estimate import Estimate, estimate
+from splatcore.spec.config import Config
+from splatcore.spec.memory import COMPACT_DEGREE
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Scene
+
+
+def powers(run: Run, view: Target, cells: tuple[Library, float] | None) -> dict:
+    """The view, the cells if there are some, and `rows_of`. cells: a library, and its nm."""
+    camera = view.camera
+    named = {"library": cells[0].name, "process_nm": cells[1]} if cells else {}
+    rows = list(rows_of(run, view, cells))
+    return {"view": view.name, "size": [camera.width, camera.height], **named, "rows": rows}
+
+
+def rows_of(run: Run, view: Target, cells: tuple[Library, float] | None) -> Iterator[dict]:
+    """A row for each step of a finished run: the model that the machine reads, cycles and bytes of
+    a frame of `view`, W at the paper's frames a second (fewer where the machine renders fewer).
+
+    InputError if the machine's picture is not the golden model's.
+    """
+    config = run.config
+    with progress_bar("synthesising the machine") as advance:
+        plain = machine_gates(config, None, None, advance)
+        mapped = cells and machine_gates(config, *cells, advance)
+    for step in run.checkpoints.steps:
+        model = as_read(run.checkpoints.load(step), config)
+        label = f"{run.subject.name}: power of {step.name}"
+        counts = counts_of(config, Job(model, view.camera), None, label)
+        found = estimate(counts, plain, config.energy)
+        fps = min(FPS, found.fps_max)
+        row = about(step, model) | {"cycles": found.cycles, "fps_at_800mhz": found.fps_max}
+        row |= {"fps": fps, "traffic_bytes": sum(counts.traffic.values())} | watts(found, fps)
+        if mapped:
+            row["cells_w"] = estimate(counts, mapped, config.energy).power(fps)
+        yield row
+
+
+def as_read(left: Scene | PackedModel, config: Config) -> PackedModel:
+    """What a step left as the machine reads it, with all harmonics that the scene still has."""
+    if isinstance(left, PackedModel):
+        return left
+    degree = min(left.sh_degree, config.sh_degree)
+    return pack(left, config, quality=(STEPPED if degree > COMPACT_DEGREE else QUALITIES)[0])[0]
+
+
+def about(step: Step, model: PackedModel) -> dict:
+    """A step, and the size of the model in memory."""
+    facts = {"step": step.name, "kind": step.kind, "gaussians": len(model)}
+    return facts | {"sh_degree": model.format.sh_degree, "bytes": len(model.image)}
+
+
+def watts(found: Estimate, fps: float) -> dict:
+    """W of the chip, of it leakage, and of DRAM; J of a frame on the chip."""
+    power = found.power(fps)
+    return {
+        "power_w": power, "leakage_w": found.leakage, "dram_w": sum(found.dram.values()) * fps,
+        "frame_j": power / fps,
+    }  # fmt: skip
