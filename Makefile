@@ -108,6 +108,7 @@ CAMERA ?= $(firstword $(wildcard $(addsuffix .cameras.json,$(basename $(SCENE) $
 
 size = $(addprefix --size ,$(SIZE))
 preset = $(addprefix --preset ,$(PRESET))
+few := --part steps,curve,power --ratios 20,60 --views 24 --view-size 960x540 --steps 40
 measure = mkdir -p $(@D) && $(SPLATCORE)
 
 campaigns := scenes/scenes.csv quality/quality.json budget.json sweep/sweep.json ablation/ablation.json work/work.json power.json
@@ -141,7 +142,7 @@ $(RESULTS)/synth.json: ; $(measure) synth --stage top --json $@ $(preset)
 $(RESULTS)/memories.json: ; $(measure) memories --json $@ $(preset)
 $(RESULTS)/fpga-tiny.json: ; $(measure) fpga --preset TINY --json $@
 $(RESULTS)/fpga.json: ; $(measure) fpga --json $@ $(preset)
-$(RESULTS)/compression/compression.json: ; $(measure) bench compression --out $(@D) $(SCENES)
+$(RESULTS)/compression/compression.json: ; $(measure) bench compression $(few) --out $(@D) $(SCENES)
 
 clean:
 	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore*

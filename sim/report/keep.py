@@ -48,6 +48,8 @@ def _facts(results: Results, name: str) -> dict:
         rows = [row for row in results.several(name, "*.json") if "cycles" in row]
         return {"rows": rows, "version": results.version(name)}
     facts = results.facts(name)
+    if name == "power":  # names no folder, as the others
+        facts |= {key: Path(facts[key]).name for key in ("scene", "camera")}
     if name == "work":
         dense = densest(facts, facts["rows"])
         facts["density"] = {view: tiles.tolist() for view, tiles in dense.items()}
