@@ -3,13 +3,7 @@
 from pathlib import Path
 
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
-from splatcore.sim.cli.compress import (
-    BesideOption,
-    DegreeOption,
-    QualityOption,
-    RateOption,
-    share_beside,
-)
+from splatcore.sim.cli.compress import BesideOption, DegreeOption, QualityOption, RateOption
 from splatcore.sim.cli.options import PresetOption, argument, option
 from splatcore.sim.cli.power import LibertyOption, ProcessOption, checked_library
 from splatcore.sim.common.output import make_folder
@@ -20,6 +14,7 @@ from splatcore.sim.compression.bench import BY_ITSELF, PARTS, RATIOS, RESULT, be
 from splatcore.sim.compression.plot import write_curve
 from splatcore.sim.compression.subjects import SCENES, Protocol, find
 from splatcore.sim.compression.tables import tables, write_csv
+from splatcore.sim.eda.liberty import Library
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -63,7 +58,7 @@ def compression_command(
     schedule_scene: ScheduleSceneOption = None,
     views: ViewsOption = DEFAULTS.views,
     view_size: ViewSizeOption = VIEW_SIZE,
-    beside: BesideOption = None,
+    beside: BesideOption = DEFAULTS.beside,
     size: PixelsOption = SIZE,
     scale: ScaleOption = DEFAULTS.scale,
     rate: RateOption = DEFAULTS.rate,
@@ -93,21 +88,19 @@ def compression_command(
     """
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
-        at_least("--views", views), parse_size(view_size), share_beside(beside),
+        at_least("--views", views), parse_size(view_size), beside,
         parse_size(size), scale, seed, rate, order, degree, quality,
     )  # fmt: skip
-    library = checked_library(liberty, process)
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")
     _ = protocol.recipe  # refuses what cannot be
     found = find(list(scene or ()))
     chosen = scheduled(schedule_scene, [Path(path).resolve().name for path in found])
     parts, wanted = parse_parts(part), parse_ratios(ratios)
+    cells = cells_for(parts, liberty, process)
     compression_run.check_installed()
     make_folder(output)
-    facts = bench_compression(
-        found, parts, chosen, wanted, protocol, output, library and (library, process)
-    )
+    facts = bench_compression(found, parts, chosen, wanted, protocol, output, cells)
     for each in (made for scene in facts["scenes"].items() for made in tables(*scene)):
         print_whole(each)
     write_csv(output, facts)
@@ -135,6 +128,16 @@ def parse_parts(text: str) -> list[str]:
     asked = [name.strip() for name in text.split(",")]
     check_known("--part", PARTS, *asked)
     return [name for name in PARTS if name in asked]
+
+
+def cells_for(
+    parts: list[str], liberty: str | None, process: float | None
+) -> tuple[Library, float] | None:
+    """A library and its process in nm; InputError where no part makes use of it."""
+    library = checked_library(liberty, process)
+    if library and "power" not in parts:
+        raise InputError(f"--liberty {liberty}: goes with --part power only")
+    return library and (library, process)
 
 
 def parse_ratios(text: str) -> tuple[float, ...]:

@@ -177,11 +177,6 @@ def _beside(share: float | None, cameras: str | None) -> float:
     """The share of views beside the path; InputError for one without a path."""
     if share is not None and not cameras:
         raise InputError("--beside: goes with --cameras")
-    return share_beside(share)
-
-
-def share_beside(share: float | None) -> float:
-    """What --beside says, or the default."""
     return run.BESIDE_SHARE if share is None else share
 
 

@@ -87,32 +87,34 @@ class Measurer:
         picture against the truth."""
 
         def one(view: Target) -> dict:
-            truth = self.subject.truth(view)
-            if self._is_truth(version):
-                return compared(truth, truth)
-            return compared(render(version.gaussians, view.camera).pixels, truth)
+            return compared(*self._pictures(version, view))
 
         return self._mean("quality", version, one)
 
     def beside(self, version: Version) -> dict:
-        """PSNR in dB (None: equal) beside the path: `beside`, by the names of `BESIDE`, and
-        `psnr_db_beside`, the mean."""
+        """PSNR in dB (None: equal) beside the path: `psnr_db_beside`, by the names of `BESIDE`, and
+        `psnr_db_beside_mean`."""
 
         def one(view: Target) -> dict:
-            truth = self.subject.truth(view)
-            if self._is_truth(version):
-                return asdict(difference(truth, truth))
-            return asdict(difference(render(version.gaussians, view.camera).pixels, truth))
+            return asdict(difference(*self._pictures(version, view)))
 
         found = {
-            name: self._mean("beside", version, one, [view])["psnr_db"]
+            name: self._mean("beside", version, one, [view])
             for name, view in self.subject.beside.items()
         }
-        values = [value for value in found.values() if value is not None]
-        return {"psnr_db_beside": float(np.mean(values)) if values else None, "beside": found}
+        by_name = {name: row["psnr_db"] for name, row in found.items()}
+        return {
+            "psnr_db_beside": by_name,
+            "psnr_db_beside_mean": mean(list(found.values()))["psnr_db"],
+        }
 
-    def _is_truth(self, version: Version) -> bool:
-        return version.name == "original" and not self.subject.photographed
+    def _pictures(self, version: Version, view: Target) -> tuple[np.ndarray, np.ndarray]:
+        """The reference's picture of a version and what it should be; the original itself is the
+        truth where there are no photographs, and is not rendered twice."""
+        truth = self.subject.truth(view)
+        if version.name == "original" and not self.subject.photographed:
+            return truth, truth
+        return render(version.gaussians, view.camera).pixels, truth
 
     def work(self, version: Version) -> dict:
         """The work that the machine has with it: counts of the golden engine, cycles by model."""

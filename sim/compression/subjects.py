@@ -159,7 +159,7 @@ class Subject:
 
     @cached_property
     def beside(self) -> dict[str, Target]:
-        """By the names of `BESIDE` a view beside the path: of each held-out one in turn. None
+        """By the names of `BESIDE` a view beside the path: the held-out ones, moved in turn. Empty
         without a path."""
         if self.photographed or not self.path_cameras:
             return {}

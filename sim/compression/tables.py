@@ -10,7 +10,9 @@ from splatcore.sim.common.output import write
 from splatcore.sim.common.table import comma_separated, shown
 from splatcore.sim.compression.bench import PARTS
 
-MEGABYTE = 1e6
+MEGABYTE, MILLI = 1e6, 1e-3
+
+BESIDE = "psnr_db_beside"  # key of a row: dB by where a view lies
 
 Column = tuple[str, Callable[[dict], str]]
 
@@ -85,13 +87,13 @@ def tables(name: str, scene: dict) -> Iterator[Table]:
 def metrics(rows: list[dict]) -> tuple[Column, ...]:
     """Columns of quality; LPIPS and PSNR beside the path where they were measured."""
     columns = METRICS + (LPIPS if any(row.get("lpips") is not None for row in rows) else ())
-    names = dict.fromkeys(name for row in rows for name in row.get("beside", ()))
+    names = dict.fromkeys(name for row in rows for name in row.get(BESIDE, ()))
     return columns + tuple((f"{name}, dB", beside(name)) for name in names)
 
 
 def beside(name: str) -> Callable[[dict], str]:
     """Prints PSNR in views beside the path."""
-    return lambda row: shown(row.get("beside", {}).get(name), ".2f")
+    return lambda row: shown(row.get(BESIDE, {}).get(name), ".2f")
 
 
 def schedule_text(row: dict) -> str:
@@ -110,8 +112,6 @@ BUDGET: tuple[Column, ...] = (
     ("max error", number("max_error", ".4f")),
 )  # fmt: skip
 
-
-MILLI = 1e-3
 POWER: tuple[Column, ...] = (
     ("step", lambda row: row["step"]), *(column for column in SIZES if column[0] != "ratio"),
     ("k cycles", number("cycles", ",.0f", 1000)), ("FPS at most", number("fps_at_800mhz", ".0f")),
@@ -153,9 +153,9 @@ def write_csv(folder: Path, facts: dict):
         for name, scene in facts["scenes"].items():
             for row in rows_of(scene, part):
                 text = {"schedule": schedule_text(row)} if part == "schedule" else {}
-                aside = {f"{at} psnr_db": db for at, db in row.get("beside", {}).items()}
+                aside = {f"{at} psnr_db": db for at, db in row.get(BESIDE, {}).items()}
                 rows.append({"scene": name} | row | text | aside)
-                for key in ("work", "beside"):
+                for key in ("work", BESIDE):
                     rows[-1].pop(key, None)
         if rows:
             write(folder / f"{part}.csv", comma_separated(rows).encode())

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 
-from splatcore.sim.report.page import MILLION, Card, Column, Item, Table
-from splatcore.sim.report.results import Facts, Results
+from splatcore.sim.report.kept_columns import BESIDE
+from splatcore.sim.report.page import MILLI, MILLION, Card, Column, Item, Table
+from splatcore.sim.report.results import Facts, Results, in_units
 from splatcore.spec.error import InputError
 
 SIZES = (
@@ -16,7 +17,7 @@ SIZES = (
 def sizes(row: Facts) -> list:
     """Cells of `SIZES`; a point that was not reached has none."""
     size = row.get("bytes")
-    keys = ("gaussians", "sh_degree", "ratio", "psnr_db", "psnr_db_min", "ssim", "psnr_db_beside")
+    keys = ("gaussians", "sh_degree", "ratio", "psnr_db", "psnr_db_min", "ssim", BESIDE)
     gaussians, degree, *rest = (row.get(key) for key in keys)
     return [gaussians, degree, size and size / MILLION, *rest]
 
@@ -32,7 +33,7 @@ POWER = (
 def power_cells(row: Facts) -> list:
     """A step and the cells of `POWER`."""
     keys = ("power_w", "leakage_w", "cells_w", "dram_w")
-    milliwatts = [None if row.get(key) is None else 1000 * row[key] for key in keys]
+    milliwatts = [in_units(row, key, MILLI) for key in keys]
     return [
         row["step"], row["bytes"] / MILLION, row["cycles"] / 1000, row["fps_at_800mhz"],
         row["traffic_bytes"] / MILLION, row["fps"], *milliwatts,

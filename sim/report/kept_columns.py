@@ -40,7 +40,7 @@ TRAFFIC = (
     "write_groups read_groups read_long_lists write_buckets write_pixels"
 )
 
-BESIDE = "psnr_db_beside"
+BESIDE = "psnr_db_beside_mean"  # of views beside the path
 
 MODEL = "gaussians sh_degree bytes ratio psnr_db psnr_db_min ssim max_error"
 

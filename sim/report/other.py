@@ -10,7 +10,17 @@ from PIL import Image, UnidentifiedImageError
 from splatcore.sim.bench.hard_pictures import SHEET
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.paper import FPS, MEMORY_POWER
-from splatcore.sim.report.page import MILLION, THOUSAND, Card, Column, Figure, Item, Table, Text
+from splatcore.sim.report.page import (
+    MILLI,
+    MILLION,
+    THOUSAND,
+    Card,
+    Column,
+    Figure,
+    Item,
+    Table,
+    Text,
+)
 from splatcore.sim.report.results import Facts, Results, in_units, read
 from splatcore.spec.error import InputError
 
@@ -95,9 +105,6 @@ def shrunk(image: Image.Image, most: int = SHEET_BYTES) -> bytes:
         if buffer.tell() <= most:
             return buffer.getvalue()
         image = image.resize([max(1, int(side * SHRINK)) for side in image.size], Image.LANCZOS)
-
-
-MILLI = 1e-3
 
 
 def power(results: Results) -> Iterator[Item]:

@@ -18,7 +18,7 @@ LONG_TABLE = 28  # rows of a table that may be broken over pages in print
 QUESTIONS = ("How fast", "How exact", "How large", "What each idea buys")
 """Headings of the summary at the top of the page."""
 
-THOUSAND, MILLION = 1e3, 1e6
+MILLI, THOUSAND, MILLION = 1e-3, 1e3, 1e6
 
 
 @dataclass(frozen=True)

@@ -89,23 +89,24 @@ def test_beside(fake, tmp_path, capsys):
     """The loss beside the path is measured where the held-out cameras are moved to."""
     assert bench("a.ply", "--part", "steps", "--steps", "5") == 0
     first, *_, last = scenes()["a.ply"]["steps"]["rows"]
-    assert first["psnr_db_beside"] is None and set(first["beside"].values()) == {None}
+    assert first["psnr_db_beside_mean"] is None and set(first["psnr_db_beside"].values()) == {None}
     original, left, right = read_scene("a.ply").gaussians(), *held_out()
     there = views_beside([left, right], core_of(original).middle)
     step, = (Path("out") / "runs").glob("*/*quantize.splatcore")  # fmt: skip
     model = read_model(step).gaussians()
-    for number, (name, found) in enumerate(last["beside"].items()):
+    for number, (name, found) in enumerate(last["psnr_db_beside"].items()):
         camera = there[name][number % 2]
         pictures = (render(each, camera).pixels for each in (model, original))
         assert found == pytest.approx(difference(*pictures).psnr_db), name
-    assert last["psnr_db_beside"] == pytest.approx(np.mean(list(last["beside"].values())))
+    values = list(last["psnr_db_beside"].values())
+    assert last["psnr_db_beside_mean"] == pytest.approx(np.mean(values))
     assert "15 degrees, dB" in capsys.readouterr().out
     assert "15 degrees psnr_db" in (Path("out") / "steps.csv").read_text().splitlines()[0]
     assert bench("a.ply", "--part", "steps", "--steps", "5", "--beside", "0.5") == 0
     assert fake.calls.count("teacher 96 1920x1080 0, 2 cameras, 0.5 beside") == 1
     write_ply("b.ply", small(300))
     assert bench("b.ply", "--part", "steps") == 0
-    assert "beside" not in scenes()["b.ply"]["steps"]["rows"][-1]
+    assert "psnr_db_beside" not in scenes()["b.ply"]["steps"]["rows"][-1]
 
 
 def test_what_is_there_is_not_made_again(fake, tmp_path, monkeypatch):
@@ -282,7 +283,7 @@ def test_json_is_documented(fake, tmp_path):
     for scene in facts["scenes"]:
         scene["steps"].pop("recipe"), scene["curve"].pop("recipe")
         for row in (*scene["steps"]["rows"], *scene["curve"]["points"]):
-            assert set(row.pop("beside")) == set(BESIDE)
+            assert set(row.pop("psnr_db_beside")) == set(BESIDE)
     check_documented("## `splatcore bench compression`", set(keys(facts)))
     assert bench_compression.BY_ITSELF == ("steps", "schedule", "curve", "budget")
     json.dumps(facts, allow_nan=False)

@@ -119,6 +119,17 @@ def test_command_and_version_are_shown(kept, tmp_path, capsys):
     assert any(command in figure.command for figure in Page(found.text).figures)
 
 
+def test_no_folder_is_kept(samples, tmp_path):
+    """A view that was named by its files is kept by their names alone."""
+    facts = json.loads((samples / "results" / "power.json").read_text())
+    write(tmp_path / "power.json", facts | {"scene": "/a/b/c.ply", "camera": "/a/b/c.json:2"})
+    words = ["--section", "power", "--results", str(tmp_path), "--keep", str(tmp_path / "kept")]
+    assert run("report", "-o", str(tmp_path / "out"), *words) == 0
+    found = read_kept("power", tmp_path / "kept")
+    assert (found["scene"], found["camera"]) == ("c.ply", "c.json:2")
+    assert found["command"] == "make SCENES=c.ply SIZE=64x48 out/report/results/power.json"
+
+
 def test_the_command_that_is_kept_makes_the_result(tmp_path):
     """Scene files by their names are those of the folder of scenes."""
     (tmp_path / "vase.ply").write_text("")
