@@ -1,12 +1,14 @@
 """The finished steps of a compression: a folder from which it goes on where it ended.
 
-`steps.json` says what is computed (the key) and lists the steps; each has a file of its own beside
-it: a scene (.npz with the fields of `Scene` as float32) or a packed model (.splatcore).
+`steps.json` says what is computed (the key) and what was chosen, and lists the steps; each has a
+file of its own beside it: a scene (.npz with the fields of `Scene` as float32) or a packed model
+(.splatcore).
 """
 
 import json
 import os
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import get_type_hints
@@ -55,12 +57,15 @@ class Checkpoints:
         """InputError if the folder holds another computation's steps; none is ever removed."""
         self.folder, self.key = Path(folder), key
         self.steps: tuple[Step, ...] = ()
+        self.choice: dict | None = None
         path = self.folder / STEPS
         if path.exists():
             table = file.checked(file.parse_json(file.read_bytes(path), path), dict, path)
             if file.field(table, "key", str, path) != key:
                 why = "holds another compression's steps; choose another folder or remove it"
                 raise input_error(self.folder, why)
+            if table.get("choice") is not None:
+                self.choice = file.field(table, "choice", dict, path)
             found = enumerate(file.field(table, "steps", list, path))
             self.steps = tuple(_step(entry, f"{path}: step {k}") for k, entry in found)
 
@@ -71,6 +76,22 @@ class Checkpoints:
     def find(self, name: str) -> Step | None:
         """The step of that name, if there is one."""
         return next((step for step in self.steps if step.name == name), None)
+
+    def choose(self, make: Callable[[], dict]) -> dict:
+        """What `make` has chosen (JSON), made once and kept."""
+        if self.choice is None:
+            self.choice = make()
+            with reading(self.folder, "cannot be written"):
+                self.folder.mkdir(parents=True, exist_ok=True)
+                self._write(self.steps)
+        return self.choice
+
+    def _write(self, steps: Sequence[Step]):
+        """Write the table: whole, or not at all."""
+        table = {"key": self.key, "choice": self.choice, "steps": [asdict(each) for each in steps]}
+        part = self.folder / ".part.json"
+        part.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n")
+        os.replace(part, self.folder / STEPS)
 
     def save(
         self, name: str, kind: str, result: Result, seconds: float = 0.0, loss: float | None = None
@@ -88,8 +109,6 @@ class Checkpoints:
         words = re.sub(r"[^\w.]+", "-", name).strip("-")
         place = f"{len(self.steps):02}-{words}{suffix}"
         step = Step(name, kind, len(result), degree, size, seconds, loss, place)
-        steps = [asdict(each) for each in (*self.steps, step)]
-        text = json.dumps({"key": self.key, "steps": steps}, indent=1, allow_nan=False)
         with reading(self.folder, "cannot be written"), np.errstate(over="ignore"):
             self.folder.mkdir(parents=True, exist_ok=True)
             part = self.folder / f".part{suffix}"
@@ -99,8 +118,7 @@ class Checkpoints:
                 arrays = {array: getattr(result, array).astype(np.float32) for array in ARRAYS}
                 np.savez(part, name=result.name, **arrays)
             os.replace(part, self.folder / step.file)
-            part.write_text(text + "\n")
-            os.replace(part, self.folder / STEPS)
+            self._write((*self.steps, step))
         self.steps += (step,)
         return step
 

@@ -35,6 +35,11 @@ def prune(scene: Scene, significance: np.ndarray, rate: float) -> Scene:
     times the square of its distance in sizes plus that of its difference in colour. What hardly
     matters is cheap, and so is what its neighbour can stand for.
     """
+    return merged(scene, significance, rate)[0]
+
+
+def merged(scene: Scene, significance: np.ndarray, rate: float) -> tuple[Scene, np.ndarray]:
+    """The scene of `prune`, and the significances [M] of what stays: sums of those merged."""
     target = len(scene) - round(rate * len(scene))
     unseen = np.flatnonzero(significance <= 0)[: len(scene) - target]
     stays = np.ones(len(scene), bool)
@@ -50,7 +55,7 @@ def prune(scene: Scene, significance: np.ndarray, rate: float) -> Scene:
         stays = np.ones(len(scene), bool)
         stays[second] = False
         scene, weight = replaced(scene, first, one)[stays], weight[stays]
-    return scene
+    return scene, weight
 
 
 def cheapest_pairs(scene: Scene, weight: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -143,22 +148,12 @@ def sound(scene: Scene) -> Scene:
     return kept
 
 
-def count_for_ratio(original: int, ratio: float, format: ModelFormat, beats: int = 0) -> int:
-    """Gaussians, with so many beats of harmonics each, of a packed model that is `ratio` times
-    smaller than `original` bytes.
-
-    InputError if the codebooks alone are larger.
-    """
-
-    def size(count: int) -> int:
-        return format.layout(count, beats * count).end
-
-    room = original / ratio
-    count = bisect_right(range(1, int(room) + 1), room, key=size)
-    if count < 1:
-        least = f"{ratio:g} leaves {room:.0f} bytes, and a packed model has {size(1)}"
-        raise InputError(f"--target-ratio: {least} at least")
-    return count
+def count_in(room: float, format: ModelFormat, beats: int = 0) -> int:
+    """Gaussians, with so many beats of harmonics each, of the largest packed model of at most
+    `room` bytes; 0 if there is none."""
+    return bisect_right(
+        range(1, int(room) + 1), room, key=lambda count: format.layout(count, beats * count).end
+    )
 
 
 def scaled_schedule(schedule: tuple[float, ...], count: int, target: int) -> tuple[float, ...]:

@@ -12,14 +12,21 @@ ORDERS = ("distill-first", "prune-first")
 """Harmonics go before Gaussians, or after them as in the paper. Gaussians merged later are
 fine-tuned as the machine will show them; harmonics distilled later cost fewer steps."""
 
+TARGETS = {
+    "--target-ratio": "target_ratio", "--target-bytes": "target_bytes",
+    "--target-psnr": "target_psnr", "--target-fps": "target_fps", "--max-drop": "max_drop",
+}  # fmt: skip
+"""Options that decide how much goes, and their fields."""
+
 
 @dataclass(frozen=True)
 class Recipe:
     """Options of a compression. InputError names the option of a value that cannot be.
 
-    A pruning rate is the share of the Gaussians that a step removes. With `target_ratio` the rates
-    are scaled together so that the packed model has that ratio to the scene's PLY; with `max_drop`
-    pruning ends where the loss on the views kept aside would pass it.
+    A pruning rate is the share of the Gaussians that a step removes. With a ratio to the scene's
+    PLY, bytes or frames a second as target the rates are scaled together so that the packed model
+    has them; with a PSNR or `max_drop` pruning ends where the loss on the views kept aside would
+    pass it. At most one of these decides.
     """
 
     schedule: tuple[float, ...] = (0.4, 0.4, 0.4, 0.2)
@@ -28,9 +35,12 @@ class Recipe:
     quantize_steps: int = 400  # under the packed model's numbers
     rate: float = 1.0  # learning rates, as a share of `trainable.REFINING`
     order: str = "distill-first"  # of ORDERS
-    degree: int | None = None  # of the packed model; None: by what view dependence is worth
+    degree: int | None = None  # of the packed model; None: chosen by trials (`choice`)
     quality: str | None = None  # of models of degree 2 and 3; None: "balanced"
     target_ratio: float | None = None
+    target_bytes: int | None = None  # of the packed model in memory
+    target_psnr: float | None = None  # dB
+    target_fps: float | None = None  # by the machine's cycle model
     max_drop: float | None = None  # dB
     seed: int = 0
 
@@ -53,17 +63,22 @@ class Recipe:
             require("--quality", self.quality in STEPPED, f"{self.quality} is none of {names}")
             steps = "is of models of degree 2 and 3; name one by --degree"
             require("--quality", self.in_steps, f"{self.quality} {steps}")
-        if self.target_ratio is not None:
-            require("--target-ratio", self.target_ratio > 1, f"{self.target_ratio:g} is not over 1")
-        if self.max_drop is not None:
-            require("--max-drop", self.max_drop > 0, f"{self.max_drop:g} dB is not over 0")
-        both = self.target_ratio is not None and self.max_drop is not None
-        require("--target-ratio, --max-drop", not both, "only one of them decides how much goes")
+        given = [option for option in TARGETS if getattr(self, TARGETS[option]) is not None]
+        for option in given:
+            value, least = getattr(self, TARGETS[option]), int(option == "--target-ratio")
+            require(option, value > least, f"{value:g} is not over {least}")
+        require(", ".join(given), len(given) < 2, "only one of them decides how much goes")
 
     @property
     def highest(self) -> int:
-        """The degree at which distillation ends, unless less is as good."""
+        """The degree at which distillation ends; where it is left open, that of compact models."""
         return COMPACT_DEGREE if self.degree is None else self.degree
+
+    @property
+    def targeted(self) -> bool:
+        """True if a target decides which rates the prunings have."""
+        fields = set(TARGETS.values()) - {"max_drop"}
+        return any(getattr(self, name) is not None for name in fields)
 
     @property
     def in_steps(self) -> bool:

@@ -4,7 +4,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
@@ -20,8 +19,10 @@ from splatcore.sim.common.cache import digest
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import open_source, parse_size
-from splatcore.sim.common.table import new_table, shown
+from splatcore.sim.common.table import shown
 from splatcore.sim.compression import run
+from splatcore.sim.compression.tables import table_of, trials_of
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
@@ -54,6 +55,9 @@ BesideOption = option(
 )
 ScheduleOption = option(str, "R,R,…", "Shares that the prunings remove, one by one.")
 RatioOption = option(float | None, "R", "So many times smaller than the scene's float32 PLY.")
+BytesOption = option(int | None, "N", "At most so many bytes in memory.")
+PsnrOption = option(float | None, "DB", "As small as keeps this PSNR on pictures kept aside.")
+FpsOption = option(float | None, "F", "So many frames a second of the machine, by its cycle model.")
 DropOption = option(float | None, "DB", "Lose at most this on photographs kept aside.")
 DistillOption = option(int, None, "Steps for each degree of harmonics that goes.", min=0)
 QuantizeOption = option(int, None, "Steps under the packed model's numbers.", min=0)
@@ -62,8 +66,7 @@ OrderOption = option(str, "ORDER", "distill-first: harmonics go first; or prune-
 DegreeOption = option(
     int | None,
     None,
-    "Of the model's harmonics; from 2 on it is packed in steps. Default: 1, or 0 where 1 is not "
-    "worth its bytes.",
+    "Of the model's harmonics; from 2 on it is packed in steps. Default: chosen by trials.",
     min=0,
     max=3,
 )
@@ -119,6 +122,9 @@ def compress_command(
     beside: BesideOption = None,
     schedule: ScheduleOption = "0.4,0.4,0.4,0.2",
     target_ratio: RatioOption = None,
+    target_bytes: BytesOption = None,
+    target_psnr: PsnrOption = None,
+    target_fps: FpsOption = None,
     max_drop: DropOption = None,
     steps: TuneStepsOption = Recipe.steps,
     distill_steps: DistillOption = Recipe.distill_steps,
@@ -139,38 +145,55 @@ def compress_command(
 ):
     """Compress a scene: distil harmonics, prune, quantise, fine-tune between; pack the result.
 
-    What matters is learned from photographs (--images), or else from the scene's own pictures: on
-    the path of given cameras (--cameras), or from all round. Steps are kept in a folder: the same
-    command goes on where it was stopped. Prints each step's size and loss, and what is lost on
-    pictures that were not learned from. Needs the extra `compress`.
+    Degree and number of Gaussians are chosen by trials for the least loss at the size; a target
+    out of reach is refused then, with what is not. It learns from photographs (--images), or from
+    the scene's own pictures: on the path of cameras (--cameras), or from all round. Steps are kept
+    in a folder: the same command goes on where it was stopped. Prints trials, each step's size and
+    loss, and the loss on pictures that were not learned from. Needs the extra `compress`.
     """
     run.check_installed()
-    if max_drop is not None and images is None:
-        raise InputError("--max-drop: needs photographs (--images); else choose --target-ratio")
     recipe = Recipe(
         parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, degree,
-        quality, target_ratio, max_drop, seed,
+        quality, target_ratio, target_bytes, target_psnr, target_fps, max_drop, seed,
     )  # fmt: skip
+    if max_drop is not None and images is None:
+        raise InputError("--max-drop: needs photographs (--images); else choose --target-psnr")
     config, pixels, share = find_preset(preset), parse_size(size), _beside(beside, cameras)
     original = _opened(scene)
     recipe.check(original, config)
-    learn, aside = _split(images, scale, hold_out) if images else ((), ())
     path = read_cameras(cameras) if cameras and not images else ()
-    if not images:
-        learn = _own_pictures(original, scene, path, views, pixels, seed, share)
-    arrays = [getattr(original, name) for name in ARRAYS]
-    key = f"{digest([arrays, learn])} {recipe!r} {config!r}"
-    checkpoints = Checkpoints(work or output.with_name(output.name + ".steps"), key)
+    learn, aside = _split(images, scale, hold_out) if images else ((), ())
+    learn = learn or _own_pictures(original, scene, path, views, pixels, seed, share)
+    place = work or output.with_name(output.name + ".steps")
+    checkpoints = Checkpoints(place, _key(original, learn, recipe, config))
     model = run.compressed(original, learn, recipe, checkpoints, config, scene)
     data = file_bytes(model, plain)
     files.write(output, data)
     facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
     facts |= facts_of(original, model, checkpoints)
-    console.print(table_of(checkpoints, facts["original_bytes"]))
+    _tell(checkpoints, facts)
     facts |= _loss(original, model.gaussians(), aside, pixels, seed, path)
-    says = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('says')}"
-    console.print(f"{output}: {says}", soft_wrap=True)
+    _end(facts)
     write_json(json, facts)
+
+
+def _tell(checkpoints: Checkpoints, facts: dict):
+    """What was tried, where there was a choice, and the steps."""
+    if facts["choice"]:
+        console.print(trials_of(facts["choice"]))
+    console.print(table_of(checkpoints, facts["original_bytes"]))
+
+
+def _end(facts: dict):
+    """The sizes and the loss, in a line; takes what it `says` out of the facts."""
+    says = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('says')}"
+    console.print(f"{facts['model']}: {says}", soft_wrap=True)
+
+
+def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
+    """Stands for all that decides on a compression."""
+    arrays = [getattr(scene, name) for name in ARRAYS]
+    return f"{digest([arrays, learn])} {recipe!r} {config!r}"
 
 
 def _beside(share: float | None, cameras: str | None) -> float:
@@ -231,7 +254,8 @@ def facts_of(scene: Scene, model: PackedModel, checkpoints: Checkpoints) -> dict
     return {
         "original_bytes": original, "bytes": len(model.image),
         "ratio": original / len(model.image), "gaussians": len(model),
-        "sh_degree": model.format.sh_degree, "steps": [asdict(s) for s in checkpoints.steps],
+        "sh_degree": model.format.sh_degree, "choice": checkpoints.choice,
+        "steps": [asdict(s) for s in checkpoints.steps],
     }  # fmt: skip
 
 
@@ -274,15 +298,3 @@ def _own(original: Gaussians, packed: Gaussians, views) -> float | None:
     with progress_bar(f"measuring the loss on {len(views)} views"):
         own = [Target(view, render(original, view).pixels, view.name) for view in views]
         return _decibels(packed, own)
-
-
-def table_of(checkpoints: Checkpoints, original: int) -> Table:
-    """A row for each step: size, loss, time."""
-    headings = ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds")
-    table = new_table("step", headings)
-    for step in checkpoints.steps:
-        table.add_row(
-            step.name, f"{step.gaussians:,}", str(step.sh_degree), f"{step.bytes:,}",
-            f"{original / step.bytes:.1f}", shown(step.loss, ".5f"), f"{step.seconds:.0f}",
-        )  # fmt: skip
-    return table

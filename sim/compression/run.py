@@ -7,14 +7,18 @@ from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
+from splatcore.golden import pipeline
 from splatcore.model.compress.checkpoint import Checkpoints, Step
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.colmap import read_points
 from splatcore.model.formats.photographs import held_out, read_photographs
 from splatcore.sim.common.cache import digest
 from splatcore.sim.common.output import messages, progress_bar
+from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.camera import Camera
-from splatcore.spec.config import Config
+from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
@@ -94,8 +98,12 @@ def compressed(
     """The scene's packed model; steps that are kept are not done again."""
     from splatcore.model.compress.compress import compress
 
+    def speed(model: PackedModel, cameras: Sequence[Camera]) -> float:
+        frames = [pipeline.render(config, model, camera) for camera in cameras]
+        return CLOCK_HZ / float(np.mean([frame_cycles(config, frame).frame for frame in frames]))
+
     with progress(label) as tell:
-        *_, last = compress(scene, targets, recipe, checkpoints, config, tell)
+        *_, last = compress(scene, targets, recipe, checkpoints, config, tell, None, speed)
     return checkpoints.load(last)
 
 
@@ -127,24 +135,23 @@ class Run:
 
         step = pick(self.checkpoints.steps)
         if step is None:
-            from splatcore.model.compress.compress import compress
+            from splatcore.model.compress.compress import compress, decide
 
-            self._begin()
             subject = self.subject
             with progress(subject.name) as tell:
-                step = pick(
-                    compress(
-                        subject.scene, subject.targets, self.recipe, self.checkpoints, self.config,
-                        tell, subject.ply_bytes,
-                    )
-                )  # fmt: skip
+                about = [
+                    subject.scene, subject.targets, self.recipe, self.checkpoints, self.config,
+                    tell, subject.ply_bytes,
+                ]  # fmt: skip
+                self._begin(decide(*about))
+                step = pick(compress(*about))
         return step
 
-    def _begin(self):
-        """Begin with distillation before all pruning, which all recipes of that order share: it is
-        a run of its own."""
-        goal = min(self.config.sh_degree, self.recipe.highest)
-        recipe = replace(self.recipe, schedule=(), target_ratio=None, steps=0)
+    def _begin(self, recipe: Recipe):
+        """Begin with distillation before all pruning, which all recipes of that order and degree
+        share: it is a run of its own. recipe: as `decide` left it."""
+        goal = min(self.config.sh_degree, recipe.highest)
+        recipe = replace(recipe, schedule=(), target_ratio=None, steps=0)
         shared = Run(self.folder, self.subject, recipe, self.config)
         if (
             self.recipe.order != "distill-first"

@@ -10,7 +10,8 @@ import torch
 from splatcore.golden.pipeline import render as golden_render
 from splatcore.golden.reference import render as reference
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
-from splatcore.model.compress.compress import Compression, compress, decibels
+from splatcore.model.compress.choice import decibels
+from splatcore.model.compress.compress import compress
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance, view_weights
@@ -25,13 +26,15 @@ from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS, Scene
 from tb.helpers.compression_scene import RECIPE, SIZE, nothing
 
+FIRST = replace(RECIPE, degree=1)
+
 
 @pytest.fixture(scope="module")
 def finished(scene, targets, tmp_path_factory):
     """The folder of a whole compression."""
     folder = tmp_path_factory.mktemp("whole") / "steps"
     checkpoints = Checkpoints(folder, "key")
-    assert tuple(compress(scene, targets, RECIPE, checkpoints)) == checkpoints.steps
+    assert tuple(compress(scene, targets, FIRST, checkpoints)) == checkpoints.steps
     return checkpoints
 
 
@@ -50,7 +53,7 @@ def test_steps(scene, finished):
 
 def test_as_the_paper_has_it(scene, targets, checkpoints):
     """Pruning first, harmonics afterwards."""
-    recipe = replace(RECIPE, order="prune-first")
+    recipe = replace(FIRST, order="prune-first")
     steps = list(islice(compress(scene, targets, recipe, checkpoints), 5))
     names = [step.name for step in steps]
     assert names == ["original", "prune 0.3", "prune 0.2", "distill 2", "distill 1"]
@@ -68,41 +71,28 @@ def test_the_machine_renders_it(finished):
         assert drawn.max() > 100
 
 
-def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path, monkeypatch):
+def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path):
     """Stopped after every step, it ends with the same model as without a stop."""
     for count, wanted in enumerate(finished.steps, 1):
         checkpoints = Checkpoints(tmp_path / "steps", "key")
-        *_, step = islice(compress(scene, targets, RECIPE, checkpoints), count)
+        *_, step = islice(compress(scene, targets, FIRST, checkpoints), count)
         assert step.name == wanted.name and len(checkpoints.steps) == count
     first, second = (each.load(each.last).image for each in (finished, checkpoints))
     assert np.array_equal(first, second)
-    monkeypatch.delattr(Compression, "worth_harmonics")  # decided already
-    assert tuple(compress(scene, targets, RECIPE, checkpoints)) == checkpoints.steps
+    assert tuple(compress(scene, targets, FIRST, checkpoints)) == checkpoints.steps
 
 
 def test_another_seed_is_another_model(scene, targets, finished, checkpoints):
-    *_, last = compress(scene, targets, replace(RECIPE, seed=1), checkpoints)
+    *_, last = compress(scene, targets, replace(FIRST, seed=1), checkpoints)
     images = checkpoints.load(last).image, finished.load(finished.last).image
     assert not np.array_equal(*images)
-
-
-@pytest.mark.parametrize("worth", [False, True])
-def test_harmonics_that_are_not_worth_it(scene, targets, checkpoints, monkeypatch, worth):
-    """They go before quantisation, and a second call comes to the same steps."""
-    monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: worth)
-    recipe = replace(RECIPE, schedule=())
-    steps = list(compress(scene, targets, recipe, checkpoints))
-    assert steps[-1].sh_degree == worth and bool(checkpoints.find("distill 0")) != worth
-    monkeypatch.setattr(Compression, "worth_harmonics", lambda *_: not worth)
-    again = Checkpoints(checkpoints.folder, "key")
-    assert list(compress(scene, targets, recipe, again)) == steps
 
 
 def test_target_ratio(scene, targets, checkpoints, tmp_path):
     *_, step = compress(scene, targets, replace(RECIPE, target_ratio=15.0), checkpoints)
     assert 15 <= ply_bytes(len(scene), 3) / step.bytes < 20
     far, empty = replace(RECIPE, target_ratio=1e6), Checkpoints(tmp_path / "b", "")
-    with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves"):
+    with pytest.raises(InputError, match="--target-ratio: leaves 0 bytes"):
         list(compress(scene, targets, far, empty))
 
 
@@ -122,11 +112,11 @@ def test_nan_in_the_loss(scene, targets, checkpoints, monkeypatch):
 
     monkeypatch.setattr(finetune_module, "difference", wrong)
     with pytest.raises(InputError, match=r"prune 0.2: the loss is nan at step 3 of 6.*steps"):
-        list(compress(scene, targets, RECIPE, checkpoints))
+        list(compress(scene, targets, FIRST, checkpoints))
     assert [step.name for step in checkpoints.steps][-2:] == ["distill 1", "prune 0.3"]
     assert np.isfinite(checkpoints.load(checkpoints.last).position).all()
     monkeypatch.undo()
-    *_, last = compress(scene, targets, RECIPE, checkpoints)
+    *_, last = compress(scene, targets, FIRST, checkpoints)
     assert last.kind == "quantize"
 
 
@@ -222,6 +212,9 @@ def test_rendered_parameters(scene):
     (
         ({"schedule": (0.4, 1.0)}, "--schedule"), ({"steps": -1}, "--steps"),
         ({"target_ratio": 0.5}, "--target-ratio"), ({"max_drop": 0.0}, "--max-drop"),
+        ({"target_bytes": 0}, "--target-bytes"), ({"target_psnr": -1.0}, "--target-psnr"),
+        ({"target_fps": 0.0}, "--target-fps"),
+        ({"target_fps": 9.0, "target_psnr": 9.0}, "--target-psnr, --target-fps"),
         ({"degree": 4}, "--degree"), ({"quality": "faithful"}, "--quality"),
         ({"degree": 1, "quality": "balanced"}, "--quality"),
         ({"degree": 3, "quality": "compact"}, "--quality"), ({"rate": 0.0}, "--rate"),

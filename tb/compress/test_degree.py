@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
@@ -10,40 +9,15 @@ from splatcore.golden.pipeline import render as golden_render
 from splatcore.golden.reference import render as reference
 from splatcore.model.compress import compress as compress_module
 from splatcore.model.compress.checkpoint import ply_bytes
-from splatcore.model.compress.compress import Compression, compress
+from splatcore.model.compress.compress import compress
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients.differentiable import render
 from splatcore.sim.common.metric import psnr
 from splatcore.spec.colour import COARSE, FINE, SECOND
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import model_format, step_format
 from splatcore.spec.preset import find_preset
-from tb.helpers.compression_scene import RECIPE, nothing
-
-
-def count(scene, targets, **changes) -> int:
-    """Gaussians at a ratio of 10."""
-    work = Compression(targets, replace(RECIPE, **changes), None, DEFAULT, nothing)
-    return work.count_at_ratio(ply_bytes(len(scene), 3), 10.0, scene)
-
-
-def test_room_for_the_larger_codebooks(scene, targets):
-    """A ratio is kept with harmonics and without."""
-    sizes = [model_format(DEFAULT, degree).layout(0).end for degree in (0, 1)]
-    one, other = (count(scene, targets, degree=degree) for degree in np.argsort(sizes))
-    assert one > other == count(scene, targets)
-
-
-def test_room_for_harmonics_in_steps(scene, targets):
-    """A Gaussian of degree 2 or 3 has a beat more than the base, at degree 3 "faithful" two."""
-    room, format = ply_bytes(len(scene), 3) / 10, step_format(DEFAULT, 3)
-    for degree, quality, beats in (
-        (2, None, 1), (2, "faithful", 1), (3, None, 1), (3, "faithful", 2),
-    ):  # fmt: skip
-        found = count(scene, targets, degree=degree, quality=quality)
-        assert format.layout(found, beats * found).end <= room
-        assert format.layout(found + 4, beats * (found + 4)).end > room
+from tb.helpers.compression_scene import RECIPE
 
 
 @pytest.mark.parametrize(

@@ -9,16 +9,15 @@ from splatcore.model.cameras.capture import NEARER, teacher_views
 from splatcore.model.cameras.orbit import GAP
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress import distill as distill_module
-from splatcore.model.compress.compress import Compression, decibels
+from splatcore.model.compress.compress import decibels
 from splatcore.model.compress.distill import degrees, distill, projected
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.teacher import pictures, teacher_targets
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
 from splatcore.spec.colour import SH_C0
-from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import COLOUR_OFFSET
-from tb.helpers.compression_scene import SIZE, nothing
+from tb.helpers.compression_scene import nothing
 
 SMALL = (48, 32)
 
@@ -79,17 +78,6 @@ def test_half_of_the_steps_are_beside_the_views(scene, cameras, monkeypatch):
         min(np.linalg.norm(camera.position - own.position) for own in cameras) for camera in beside
     ]
     assert min(away) > 0 and max(away) <= 2.0 * distill_module.MOVE
-
-
-def test_whether_harmonics_are_worth_it(scene):
-    """Not where there are none to speak of; where colours turn with the view, yes."""
-    for strength, worth in ((0.0, False), (0.4, True)):
-        sh = scene.sh[:, :4].copy()
-        sh[:, 1:] = strength * np.random.default_rng(0).choice([-1, 1], (3, 3))
-        own = replace(scene, sh=sh)
-        targets = teacher_targets(own, 6, SIZE, 0, nothing)
-        work = Compression(targets, Recipe(), None, DEFAULT, nothing)
-        assert work.worth_harmonics(own) == worth
 
 
 def test_from_all_round(garden):

@@ -42,7 +42,7 @@ def test_what_is_kept_aside_is_not_learned_from(scene, targets, checkpoints, mon
         return right(tensors, optimizers, targets, *rest)
 
     monkeypatch.setattr(compress_module, "finetune", noted)
-    steps = list(compress(scene, targets, replace(RECIPE, max_drop=30.0), checkpoints))
+    steps = list(compress(scene, targets, replace(RECIPE, degree=1, max_drop=30.0), checkpoints))
     assert seen == {target.name for k, target in enumerate(targets) if k not in (0, 7)}
     kinds = [step.kind for step in steps]
     assert kinds[:4] == ["original", "distill", "distill", "prune"]
@@ -54,7 +54,7 @@ def test_significance_is_remembered(scene, targets, cameras, monkeypatch):
     wanted = significance(scene, cameras)
     for _ in range(2):
         assert np.allclose(work.weights(scene, "x"), wanted)
-    monkeypatch.setattr(compress_module, "WEIGHED_BY", 3)
+    monkeypatch.setattr(compress_module, "WEIGHED", 3)
     other = scene[:300]
     some = significance(other, cameras[::3])
     assert np.allclose(work.weights(other, "x"), some)

@@ -9,7 +9,6 @@ from splatcore.model.compress import prune as pruning
 from splatcore.model.compress.prune import cheapest_pairs, prune, sound
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import ALPHA_MAX
-from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format, step_format
 from splatcore.spec.scene import ARRAYS
 from tb.helpers.scenes import random_scene
@@ -107,13 +106,20 @@ def test_scaled_schedule():
     assert np.isclose(pruning.scaled_schedule((), 100, 25)[0], 0.75)
 
 
-def test_count_for_ratio():
+def test_count_in():
     format = model_format(DEFAULT, 1)
-    count = pruning.count_for_ratio(10_000_000, 50, format)
+    count = pruning.count_in(200_000, format)
     assert format.layout(count).end <= 200_000 < format.layout(count + 3).end
     steps = step_format(DEFAULT, 3)
-    count = pruning.count_for_ratio(10_000_000, 50, steps, beats=2)
+    count = pruning.count_in(200_000, steps, beats=2)
     sizes = [steps.layout(n, 2 * n).end for n in (count, count + 3)]
     assert sizes[0] <= 200_000 < sizes[1]
-    with pytest.raises(InputError, match=r"--target-ratio: 1e\+06 leaves 10 bytes, and a packed"):
-        pruning.count_for_ratio(10_000_000, 1e6, format)
+    assert pruning.count_in(10, format) == 0
+
+
+def test_significances_of_what_stays():
+    """What was merged weighs as much together."""
+    scene = random_scene(60, 0)
+    weight = np.random.default_rng(0).uniform(0.1, 1, 60)
+    left, found = pruning.merged(scene, weight, 0.5)
+    assert len(left) == len(found) == 30 and found.sum() == pytest.approx(weight.sum())

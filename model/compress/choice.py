@@ -1,0 +1,287 @@
+"""What a model shall be: degree, quality and number of Gaussians, chosen by trials on the scene.
+
+A trial merges Gaussians and fits the harmonics that stay by least squares, without fine-tuning,
+packs the result and looks at it. Which model is best was the same before and after fine-tuning
+where they differ by more than half a dB (docs/compression.md).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from math import sqrt
+
+import numpy as np
+import torch
+
+from splatcore.model.compress.distill import projected
+from splatcore.model.compress.prune import count_in, merged, scaled_schedule
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.significance import significance
+from splatcore.model.formats.photographs import Target
+from splatcore.model.gradients import trainable
+from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.finetune import Tell, as_tensor
+from splatcore.model.pack.pack import layout_of, pack
+from splatcore.model.pack.quality import QUALITIES, STEPPED
+from splatcore.spec.camera import Camera
+from splatcore.spec.colour import LAYOUTS
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import COMPACT_DEGREE, model_format, step_format
+from splatcore.spec.metric import psnr_of_square
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Gaussians, Scene
+
+Speed = Callable[[PackedModel, Sequence[Camera]], float]
+"""Frames a second of a machine with a model, mean over cameras."""
+
+JUDGED = 6  # views by which trials are compared
+TIMED = 3  # views by which frames a second are told
+WEIGHED = 48  # views of which significance is the sum, at most
+
+TIE = 0.1
+"""dB by which a model has to be better than one of a lower degree."""
+
+LEARNED = 2.0
+"""dB that fine-tuning gives back, at least, of what a trial has lost (eleven models of four scenes:
+1.4 to 7); by so much a trial may miss the PSNR that is asked for."""
+
+REACHED = 6.0
+"""dB that a compact model of all Gaussians may gain by fine-tuning, at most."""
+
+LEAST = 0.01  # share of the Gaussians that a trial keeps at least
+HALVINGS = 6  # of the logarithm of the number of Gaussians, in a search
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model that was tried. psnr_db: against the pictures to be learned from, before it learns;
+    None if there was nothing to choose. fps: where these are asked for."""
+
+    degree: int
+    quality: str  # of QUALITIES
+    gaussians: int
+    bytes: int
+    psnr_db: float | None
+    fps: float | None = None
+
+
+@dataclass(eq=False)
+class Trials:
+    """Tries models of a scene; Gaussians are merged once for all trials of as many or fewer."""
+
+    scene: Scene
+    targets: Sequence[Target]
+    recipe: Recipe
+    config: Config
+    tell: Tell
+    speed: Speed | None = None
+    levels: list[tuple[Scene, np.ndarray]] = field(default_factory=list)  # with significances
+    done: list[Trial] = field(default_factory=list)
+
+    def __post_init__(self):
+        self.cameras = [target.camera for target in spread(self.targets, WEIGHED)]
+
+        def tell(done: int, total: int):
+            self.tell("choice: looking", done, total, None)
+
+        weight = significance(self.scene, self.cameras, tell)
+        if not weight.any():
+            raise InputError("none of the views shows a Gaussian")
+        self.levels.append((self.scene, weight))
+
+    def packings(self) -> list[tuple[int, str]]:
+        """Degrees and qualities that the model may have: the recipe's, or all that there are."""
+        if self.recipe.degree is not None:
+            return [(self.recipe.degree, self.recipe.packing["quality"])]
+        top = min(self.scene.sh_degree, self.config.sh_degree)
+        found = [(degree, QUALITIES[0]) for degree in range(min(top, COMPACT_DEGREE) + 1)]
+        if self.config.colours != "array":  # else it reads compact models only
+            found += [(degree, STEPPED[0]) for degree in range(COMPACT_DEGREE + 1, top + 1)]
+            found += [(degree, STEPPED[1]) for degree in range(3, top + 1)]
+        return found
+
+    def room_for(self, degree: int, quality: str, size: float) -> int:
+        """Gaussians of a model of so many bytes, at most those of the scene."""
+        return min(count_in(size, *sizes(self.config, degree, quality)), len(self.scene))
+
+    def merged(self, count: int) -> Scene:
+        """The scene with so many Gaussians."""
+        scene, weight = min((e for e in self.levels if len(e[0]) >= count), key=lambda e: len(e[0]))
+        if len(scene) > count:
+            self.tell(f"choice: {count} Gaussians", 0, 1, None)
+            self.levels.append(merged(scene, weight, 1 - count / len(scene)))
+            scene = self.levels[-1][0]
+        return scene
+
+    def model(self, degree: int, quality: str, count: int) -> PackedModel:
+        """The model, without fine-tuning."""
+        scene = self.merged(count)
+        if degree < scene.sh_degree:
+            scene = projected(scene, degree, self.cameras)
+        self.tell(f"choice: packing {count} Gaussians, degree {degree}", 0, 1, None)
+        return pack(scene, self.config, degree, quality=quality)[0]
+
+    def tried(self, degree: int, quality: str, count: int) -> Trial:
+        """What the model is worth."""
+        model = self.model(degree, quality, count)
+        worth = decibels(model.gaussians(), spread(self.targets, JUDGED))
+        fps = self.fps(model) if self.recipe.target_fps else None
+        self.done.append(Trial(degree, quality, count, len(model.image), worth, fps))
+        return self.done[-1]
+
+    def fps(self, model: PackedModel) -> float:
+        """Frames a second in the views that stand for all."""
+        self.tell(f"choice: cycles of {len(model)} Gaussians", 0, 1, None)
+        return self.speed(model, [target.camera for target in spread(self.targets, TIMED)])
+
+
+def choose(trials: Trials, original: int) -> dict:
+    """The `trials` (fields of `Trial`), which of them was `chosen`, and the `schedule` of prunings
+    that leaves its Gaussians. InputError if the recipe's target cannot be reached, with what can.
+
+    original: bytes that ratios are counted from.
+    """
+    recipe = trials.recipe
+    if recipe.target_psnr is not None:
+        best = for_psnr(trials, recipe.target_psnr)
+    elif recipe.target_fps is not None:
+        best = for_fps(trials, recipe.target_fps)
+    elif recipe.max_drop is not None:
+        best = best_of([trials.tried(*packing, len(trials.scene)) for packing in trials.packings()])
+    else:
+        best = for_bytes(trials, room(trials, original))
+    rates = scaled_schedule(recipe.schedule, len(trials.scene), best.gaussians)
+    rows = [asdict(trial) for trial in trials.done]
+    return {"trials": rows, "chosen": trials.done.index(best), "schedule": list(rates)}
+
+
+def resolved(recipe: Recipe, choice: dict) -> Recipe:
+    """The recipe with what was chosen in place of what was left open."""
+    trial = Trial(**choice["trials"][choice["chosen"]])
+    quality = None if trial.quality == QUALITIES[0] else trial.quality
+    rates = tuple(choice["schedule"]) if recipe.max_drop is None else recipe.schedule
+    return replace(
+        recipe, degree=trial.degree, quality=quality, schedule=rates, target_ratio=None,
+        target_bytes=None,
+    )  # fmt: skip
+
+
+def room(trials: Trials, original: int) -> float:
+    """Bytes that the model may have: those asked for, else what a compact one has after the
+    recipe's prunings."""
+    recipe = trials.recipe
+    if recipe.target_bytes is not None:
+        return recipe.target_bytes
+    if recipe.target_ratio is not None:
+        return original / recipe.target_ratio
+    left = round(len(trials.scene) * float(np.prod(1 - np.array(recipe.schedule))))
+    degree, quality = max(p for p in trials.packings() if p[1] == trials.packings()[0][1])
+    format, beats = sizes(trials.config, degree, quality)
+    return format.layout(max(left, 1), beats * max(left, 1)).end
+
+
+def for_bytes(trials: Trials, size: float) -> Trial:
+    """The best model of at most so many bytes."""
+    fits = [(trials.room_for(*packing, size), packing) for packing in trials.packings()]
+    least = min(format.layout(1, beats).end for format, beats in
+                (sizes(trials.config, *packing) for _, packing in fits))  # fmt: skip
+    fits = [found for found in fits if found[0]]
+    if not fits:
+        option = "--target-bytes" if trials.recipe.target_bytes is not None else "--target-ratio"
+        raise InputError(f"{option}: leaves {size:.0f} bytes, and a model has {least} at least")
+    if len(fits) == 1:  # nothing to choose
+        count, packing = fits[0]
+        trials.done.append(Trial(*packing, count, round(size), None))
+        return trials.done[0]
+    fits.sort(key=lambda found: -found[0])
+    return best_of([trials.tried(*packing, count) for count, packing in fits])
+
+
+def best_of(found: list[Trial]) -> Trial:
+    """The trial of the most dB, and of those that are as good the one of the lowest degree."""
+    most = max(trial.psnr_db for trial in found)
+    good = [trial for trial in found if trial.psnr_db >= most - TIE]
+    return min(good, key=lambda trial: (trial.degree, trial.bytes))
+
+
+def searched(trials: Trials, good: Callable[[int], Trial | None]) -> Trial | None:
+    """The trial of the fewest Gaussians for which `good` gives one, where more Gaussians are as
+    good; None if all of them are not enough."""
+    high = len(trials.scene)
+    best, low = good(high), max(round(LEAST * high), 1)
+    for _ in range(HALVINGS if best else 0):
+        middle = round(sqrt(low * high))
+        if low < middle < high:
+            found = good(middle)
+            best, low, high = (found, low, middle) if found else (best, middle, high)
+    return best
+
+
+def for_psnr(trials: Trials, wanted: float) -> Trial:
+    """The smallest model from which fine-tuning will come to so many dB."""
+    found = []
+    for packing in trials.packings():
+
+        def good(count: int, packing=packing) -> Trial | None:
+            trial = trials.tried(*packing, count)
+            return trial if trial.psnr_db >= wanted - LEARNED else None
+
+        found.append(searched(trials, good))
+    reached = [trial for trial in found if trial]
+    if reached:
+        return min(reached, key=lambda trial: trial.bytes)
+    best = best_of(trials.done)
+    if best.quality == QUALITIES[0] and best.psnr_db >= wanted - REACHED:
+        return best
+    what = f"degree {best.degree}, {best.quality}, has {best.psnr_db:.1f} dB before it learns"
+    raise InputError(f"--target-psnr: {wanted:g} dB: the best model of all Gaussians, {what}")
+
+
+def for_fps(trials: Trials, wanted: float) -> Trial:
+    """The best model with which the machine is so fast."""
+    cheapest, speeds = trials.packings()[0], {}
+
+    def fps(count: int) -> float:
+        if count not in speeds:
+            speeds[count] = trials.fps(trials.model(*cheapest, count))
+        return speeds[count]
+
+    low, high = max(round(LEAST * len(trials.scene)), 1), len(trials.scene)
+    if fps(high) < wanted:
+        if fps(low) < wanted:
+            what = f"with {low} Gaussians, 1 % of all, {trials.config.name} makes {speeds[low]:.0f}"
+            raise InputError(f"--target-fps: {wanted:g}: {what}")
+        for _ in range(HALVINGS):
+            middle = round(sqrt(low * high))
+            if low < middle < high:
+                low, high = (middle, high) if fps(middle) >= wanted else (low, middle)
+        high = low
+    found = [trials.tried(*packing, high) for packing in trials.packings()]
+    return best_of([trial for trial in found if trial.fps >= wanted] or found[:1])
+
+
+def sizes(config: Config, degree: int, quality: str) -> tuple:
+    """The format of a model, and beats of harmonics of each Gaussian."""
+    if quality == QUALITIES[0]:
+        return model_format(config, degree), 0
+    return step_format(config, degree), LAYOUTS[layout_of(quality, degree)].beats
+
+
+def spread(views: Sequence, most: int) -> Sequence:
+    """At most so many of the views, evenly."""
+    return views[:: -(-len(views) // most)]
+
+
+@torch.no_grad()
+def decibels(scene: Scene | Gaussians, targets: Sequence[Target]) -> float:
+    """PSNR in dB of the scene's pictures against the targets, over all their pixels."""
+    seen = scene.gaussians() if isinstance(scene, Scene) else scene
+    arrays = (seen.position, seen.factor, seen.opacity, seen.sh)
+    kind = {"dtype": torch.float32, "device": trainable.device()}
+    parameters = [torch.tensor(array, **kind) for array in arrays]
+    squares, count = 0.0, 0
+    for target in targets:
+        picture = render(*parameters, target.camera).image
+        squares += float(((picture.clamp(0, 1) - as_tensor(target.image, picture)) ** 2).sum())
+        count += target.image.size
+    return psnr_of_square(max(squares / count, np.finfo(float).tiny))

@@ -1,0 +1,163 @@
+"""What a model shall be: degree, quality and number of Gaussians by trials, and targets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.model.compress import choice as choice_module
+from splatcore.model.compress import compress as compress_module
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
+from splatcore.model.compress.choice import Trial, Trials, best_of, choose, decibels, resolved
+from splatcore.model.compress.compress import compress, decide
+from splatcore.model.compress.teacher import teacher_targets
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.error import InputError
+from splatcore.spec.memory import model_format, step_format
+from splatcore.spec.preset import find_preset
+from tb.helpers.compression_scene import RECIPE, SIZE, nothing
+
+
+def trials(scene, targets, config=DEFAULT, speed=None, **changes) -> Trials:
+    return Trials(scene, targets, replace(RECIPE, **changes), config, nothing, speed)
+
+
+def speed(model, cameras) -> float:
+    """A machine that needs 1,000 cycles for each Gaussian."""
+    assert len(cameras) == 3
+    return 8e5 / len(model)
+
+
+def test_degree_follows_what_harmonics_are_worth(scene):
+    """At the same size: none where there are none to speak of, all where colours turn much."""
+    rng = np.random.default_rng(0)
+    for strength, degrees in ((0.0, {0}), (0.4, {2, 3})):
+        sh = scene.sh.copy()
+        sh[:, 1:] = strength * rng.choice([-1, 1], (len(scene), 15, 3))
+        own = replace(scene, sh=sh)
+        found = trials(own, teacher_targets(own, 6, SIZE, 0, nothing), target_ratio=8.0)
+        size = ply_bytes(len(scene), 3)
+        chosen = choose(found, size)
+        one = chosen["trials"][chosen["chosen"]]
+        assert one["degree"] in degrees
+        assert {row["degree"] for row in chosen["trials"]} == {0, 1, 2, 3}
+        assert all(row["bytes"] <= size / 8 for row in chosen["trials"])
+        assert one["psnr_db"] >= max(row["psnr_db"] for row in chosen["trials"]) - 0.1
+        kept = np.prod(1 - np.array(chosen["schedule"]))
+        assert round(kept * len(scene)) == one["gaussians"]
+
+
+def test_lower_degree_of_two_that_are_as_good():
+    rows = [
+        Trial(degree, "compact", 9, 100 - degree, db)
+        for degree, db in ((0, 30.1), (1, 30.35), (2, 30.44), (3, 30.4))
+    ]
+    assert best_of(rows).degree == 1
+    assert best_of(rows[2:]).degree == 2
+
+
+def test_only_what_the_machine_reads(scene, targets):
+    """And only the degree that is asked for."""
+    every = [(0, "compact"), (1, "compact"), (2, "balanced"), (3, "balanced"), (3, "faithful")]
+    assert trials(scene, targets).packings() == every
+    assert trials(scene, targets, find_preset("PAPER")).packings() == every[:2]
+    assert trials(scene.with_sh_degree(2), targets).packings() == every[:3]
+    faithful = trials(scene, targets, degree=3, quality="faithful")
+    assert faithful.packings() == [(3, "faithful")]
+    assert trials(scene, targets, degree=0).packings() == [(0, "compact")]
+
+
+def test_room(scene, targets):
+    """A model is never larger than the room, and one Gaussian more would be."""
+    found = trials(scene, targets)
+    compact, steps = (model_format(DEFAULT, d) for d in (0, 1)), step_format(DEFAULT, 3)
+    for packing, format, beats in zip(
+        ((0, "compact"), (1, "compact"), (2, "balanced"), (3, "faithful")),
+        (*compact, steps, steps), (0, 0, 1, 2), strict=True,
+    ):  # fmt: skip
+        size = ply_bytes(len(scene), 3) / 10
+        count = found.room_for(*packing, size)
+        assert format.layout(count, beats * count).end <= size
+        assert format.layout(count + 4, beats * (count + 4)).end > size
+    assert found.room_for(1, "compact", 1e9) == len(scene)
+
+
+def test_without_a_target_it_is_as_large_as_the_schedule_leaves_it(scene, targets):
+    left = round(0.7 * 0.8 * len(scene))
+    assert (
+        choice_module.room(trials(scene, targets), 0) == model_format(DEFAULT, 1).layout(left).end
+    )
+
+
+def test_bytes(scene, targets, checkpoints):
+    *_, step = compress(scene, targets, replace(RECIPE, target_bytes=9000), checkpoints)
+    assert 8500 < step.bytes <= 9000
+    few = replace(RECIPE, target_bytes=100)
+    with pytest.raises(InputError, match=r"--target-bytes: leaves 100 bytes, and a model has \d+"):
+        list(compress(scene, targets, few, Checkpoints(checkpoints.folder / "few", "")))
+
+
+def test_frames_a_second(scene, targets, checkpoints):
+    """No more goes than has to; a scene that became slower by learning is pruned further."""
+    recipe = replace(RECIPE, target_fps=2000.0)
+    steps = list(compress(scene, targets, recipe, checkpoints, speed=speed))
+    assert 330 < steps[-1].gaussians <= 400
+    first = checkpoints.choice["trials"][checkpoints.choice["chosen"]]
+    assert first["fps"] == pytest.approx(8e5 / first["gaussians"]) and first["fps"] >= 2000
+
+    def slower(model, cameras) -> float:
+        return speed(model, cameras) * (0.8 if again.choice else 1)
+
+    again = Checkpoints(checkpoints.folder / "slower", "")
+    steps = list(compress(scene, targets, recipe, again, speed=slower))
+    assert 250 < steps[-1].gaussians <= 320
+    assert [step.name for step in steps].count("prune 0.1") == 1
+    with pytest.raises(InputError, match="garden: --target-fps: 200000: with 7 Gaussians, 1 %"):
+        compress_all = replace(RECIPE, target_fps=2e5)
+        list(
+            compress(scene, targets, compress_all, Checkpoints(again.folder / "b", ""), speed=speed)
+        )
+
+
+def test_fast_enough_as_it_is(scene, targets):
+    found = choose(trials(scene, targets, speed=speed, target_fps=500.0), 0)
+    assert not found["schedule"]
+    assert found["trials"][found["chosen"]]["gaussians"] == len(scene)
+
+
+def test_psnr(scene, targets, checkpoints):
+    """It is kept on what was not learned from; a smaller model than all Gaussians is enough."""
+    recipe = replace(RECIPE, target_psnr=27.0, steps=20, quantize_steps=20)
+    *_, step = compress(scene, targets, recipe, checkpoints)
+    assert decibels(checkpoints.load(step).gaussians(), targets[:: compress_module.ASIDE]) >= 27
+    assert step.gaussians < len(scene)
+    far = replace(recipe, target_psnr=90.0)
+    with pytest.raises(InputError, match="--target-psnr: 90 dB: the best model of all"):
+        list(compress(scene, targets, far, Checkpoints(checkpoints.folder / "far", "")))
+
+
+def test_a_smaller_target_takes_fewer_bytes(scene, targets):
+    found = [
+        choice_module.for_psnr(trials(scene, targets), wanted).bytes
+        for wanted in (38.0, 30.0, 24.0)
+    ]
+    assert found[0] > found[1] > found[2]
+
+
+def test_what_was_chosen_stands(scene, targets, checkpoints, monkeypatch):
+    recipe = replace(RECIPE, target_ratio=10.0)
+    first = decide(scene, targets, recipe, checkpoints)
+    assert first.degree is not None and first.target_ratio is None and first.schedule
+    monkeypatch.delattr(compress_module, "Trials")
+    again = Checkpoints(checkpoints.folder, checkpoints.key)
+    assert decide(scene, targets, recipe, again) == first
+    assert first == resolved(recipe, again.choice)
+    plain = replace(RECIPE, degree=1)
+    assert decide(scene, targets, plain, again) is plain  # nothing is left open
+
+
+def test_merged_once_for_all(scene, targets):
+    found = trials(scene, targets)
+    sizes = [len(found.merged(count)) for count in (600, 300, 450, 300, 700)]
+    assert sizes == [600, 300, 450, 300, 700] and len(found.levels) == 4
+    assert found.merged(300) is found.merged(300)
