@@ -21,7 +21,7 @@ from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import open_source, parse_size
 from splatcore.sim.common.table import shown
 from splatcore.sim.compression import run
-from splatcore.sim.compression.tables import table_of, trials_of
+from splatcore.sim.compression.steps_table import table_of, trials_of
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
@@ -146,10 +146,10 @@ def compress_command(
     """Compress a scene: distil harmonics, prune, quantise, fine-tune between; pack the result.
 
     Degree and number of Gaussians are chosen by trials for the least loss at the size; a target
-    out of reach is refused then, with what is not. It learns from photographs (--images), or from
-    the scene's own pictures: on the path of cameras (--cameras), or from all round. Steps are kept
-    in a folder: the same command goes on where it was stopped. Prints trials, each step's size and
-    loss, and the loss on pictures that were not learned from. Needs the extra `compress`.
+    out of reach is refused then. It learns from photographs (--images), or from the scene's own
+    pictures: on the path of cameras (--cameras), or from all round. Steps are kept in a folder, and
+    the same command goes on where it was stopped. Prints trials, steps, and the loss on pictures
+    that were not learned from. Needs the extra `compress`.
     """
     run.check_installed()
     recipe = Recipe(
@@ -173,8 +173,7 @@ def compress_command(
     facts |= facts_of(original, model, checkpoints)
     _tell(checkpoints, facts)
     facts |= _loss(original, model.gaussians(), aside, pixels, seed, path)
-    _end(facts)
-    write_json(json, facts)
+    _end(facts, json)
 
 
 def _tell(checkpoints: Checkpoints, facts: dict):
@@ -184,10 +183,11 @@ def _tell(checkpoints: Checkpoints, facts: dict):
     console.print(table_of(checkpoints, facts["original_bytes"]))
 
 
-def _end(facts: dict):
-    """The sizes and the loss, in a line; takes what it `says` out of the facts."""
+def _end(facts: dict, json: Path | None):
+    """The sizes and the loss, in a line, and the facts without what this `says`."""
     says = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('says')}"
     console.print(f"{facts['model']}: {says}", soft_wrap=True)
+    write_json(json, facts)
 
 
 def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:

@@ -6,17 +6,14 @@ from dataclasses import replace
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
+from statistics import mean
 
-import numpy as np
-
-from splatcore.golden import pipeline
 from splatcore.model.compress.checkpoint import Checkpoints, Step
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.colmap import read_points
 from splatcore.model.formats.photographs import held_out, read_photographs
 from splatcore.sim.common.cache import digest
 from splatcore.sim.common.output import messages, progress_bar
-from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError
@@ -96,11 +93,13 @@ def compressed(
     scene: Scene, targets: tuple, recipe, checkpoints, config, label: str
 ) -> PackedModel:
     """The scene's packed model; steps that are kept are not done again."""
+    from splatcore.golden import pipeline
     from splatcore.model.compress.compress import compress
+    from splatcore.sim.cycles.frame import frame_cycles
 
     def speed(model: PackedModel, cameras: Sequence[Camera]) -> float:
         frames = [pipeline.render(config, model, camera) for camera in cameras]
-        return CLOCK_HZ / float(np.mean([frame_cycles(config, frame).frame for frame in frames]))
+        return CLOCK_HZ / mean(frame_cycles(config, frame).frame for frame in frames)
 
     with progress(label) as tell:
         *_, last = compress(scene, targets, recipe, checkpoints, config, tell, None, speed)

@@ -1,4 +1,4 @@
-"""Tables of `splatcore bench compression`, on the terminal and as CSV, and of `splatcore compress`."""
+"""Tables of `splatcore bench compression`: on the terminal and as CSV."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -6,9 +6,8 @@ from pathlib import Path
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from splatcore.model.compress.checkpoint import Checkpoints
 from splatcore.sim.common.output import write
-from splatcore.sim.common.table import comma_separated, new_table, shown
+from splatcore.sim.common.table import comma_separated, shown
 from splatcore.sim.compression.bench import PARTS
 
 MEGABYTE, MILLI = 1e6, 1e-3
@@ -160,27 +159,3 @@ def write_csv(folder: Path, facts: dict):
                     rows[-1].pop(key, None)
         if rows:
             write(folder / f"{part}.csv", comma_separated(rows).encode())
-
-
-def trials_of(choice: dict) -> Table:
-    """A row for each model that was tried, before anything learned."""
-    table = new_table("tried", ("quality", "Gaussians", "bytes", "PSNR, dB", "FPS"))
-    for number, trial in enumerate(choice["trials"]):
-        chosen = ", chosen" if number == choice["chosen"] else ""
-        table.add_row(
-            f"degree {trial['degree']}{chosen}", trial["quality"], f"{trial['gaussians']:,}",
-            f"{trial['bytes']:,}", shown(trial["psnr_db"], ".2f"), shown(trial["fps"], ".0f"),
-        )  # fmt: skip
-    return table
-
-
-def table_of(checkpoints: Checkpoints, original: int) -> Table:
-    """A row for each step: size, loss, time."""
-    headings = ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds")
-    table = new_table("step", headings)
-    for step in checkpoints.steps:
-        table.add_row(
-            step.name, f"{step.gaussians:,}", str(step.sh_degree), f"{step.bytes:,}",
-            f"{original / step.bytes:.1f}", shown(step.loss, ".5f"), f"{step.seconds:.0f}",
-        )  # fmt: skip
-    return table
