@@ -15,6 +15,7 @@ from splatcore.model.compress.choice import (
     WEIGHED,
     Speed,
     Trials,
+    best_looking,
     choose,
     decibels,
     resolved,
@@ -175,7 +176,8 @@ class Compression:
             adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, recipe.rate)
             steps, seed = recipe.steps, recipe.seed
             loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name)
-            return sound(trainable.scene_of(tensors, scene.name)), loss
+            learned = sound(trainable.scene_of(tensors, scene.name))
+            return best_looking((smaller, learned), self.targets), loss
 
         return self.step(name, "prune", make)
 
@@ -213,6 +215,7 @@ class Compression:
     def quantised(self, scene: Scene, name: str) -> tuple[PackedModel, float | None]:
         """The packed model after fine-tuning under its numbers."""
         work = self.under_numbers(scene, name)
+        first = work.packed(scene.name)
         leaves, rates = work.leaves()
 
         def tell(what: str, done: int, total: int, loss: float | None):
@@ -226,7 +229,7 @@ class Compression:
             work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed,
             tell, name, work.rendered,
         )  # fmt: skip
-        return work.packed(scene.name), loss
+        return best_looking((first, work.packed(scene.name)), self.targets), loss
 
     def under_numbers(self, scene: Scene, name: str) -> Quantised:
         """The scene under the numbers of the model that it becomes."""

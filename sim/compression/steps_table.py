@@ -13,7 +13,8 @@ def trials_of(choice: dict) -> Table:
         chosen = ", chosen" if number == choice["chosen"] else ""
         table.add_row(
             f"degree {trial['degree']}{chosen}", trial["quality"], f"{trial['gaussians']:,}",
-            f"{trial['bytes']:,}", str(trial["steps"]), shown(trial["psnr_db"], ".2f"), shown(trial["fps"], ".0f"),
+            f"{trial['bytes']:,}", str(trial["steps"]), shown(trial["psnr_db"], ".2f"),
+            shown(trial["fps"], ".0f"),
         )  # fmt: skip
     return table
 
