@@ -1,8 +1,7 @@
 """What a model shall be: degree, quality and number of Gaussians, chosen by trials on the scene.
 
 A trial merges Gaussians and fits the harmonics that stay by least squares, packs the result and
-looks at it. Models that come close to the best one are looked at again after a short fine-tuning
-(docs/compression.md).
+looks at it, without fine-tuning, which changes hardly more than near ties (docs/compression.md).
 """
 
 from collections.abc import Callable, Sequence
@@ -13,13 +12,13 @@ import numpy as np
 import torch
 
 from splatcore.model.compress.distill import projected
-from splatcore.model.compress.prune import count_in, merged, scaled_schedule, sound
+from splatcore.model.compress.prune import count_in, merged, scaled_schedule
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.finetune import Tell, as_tensor, finetune
+from splatcore.model.gradients.finetune import Tell, as_tensor
 from splatcore.model.pack.pack import layout_of, pack
 from splatcore.model.pack.quality import QUALITIES, STEPPED
 from splatcore.spec.camera import Camera
@@ -41,11 +40,6 @@ WEIGHED = 48  # views of which significance is the sum, at most
 TIE = 0.1
 """dB by which a model has to be better than one of a lower degree."""
 
-NEAR = 1.5
-"""dB behind the best trial within which a model may overtake it by learning."""
-
-SHORT = 30  # steps of fine-tuning for trials that come so close
-
 LEARNED = 2.0
 """dB that fine-tuning gives back, at least, of what a trial has lost (eleven models of four scenes:
 1.4 to 7); by so much a trial may miss the PSNR that is asked for."""
@@ -59,8 +53,8 @@ HALVINGS = 6  # of the logarithm of the number of Gaussians, in a search
 
 @dataclass(frozen=True)
 class Trial:
-    """A model that was tried. psnr_db: against the pictures to be learned from, after so many steps
-    of fine-tuning; None if there was nothing to choose. fps: where these are asked for."""
+    """A model that was tried. psnr_db: against the pictures to be learned from, before it learns;
+    None if there was nothing to choose. fps: where these are asked for."""
 
     degree: int
     quality: str  # of QUALITIES
@@ -68,7 +62,6 @@ class Trial:
     bytes: int
     psnr_db: float | None
     fps: float | None = None
-    steps: int = 0
 
 
 @dataclass(eq=False)
@@ -119,37 +112,21 @@ class Trials:
             scene = self.levels[-1][0]
         return scene
 
-    def model(self, degree: int, quality: str, count: int, steps: int = 0) -> PackedModel:
-        """The model, after so many steps of fine-tuning."""
+    def model(self, degree: int, quality: str, count: int) -> PackedModel:
+        """The model, without fine-tuning."""
         scene = self.merged(count)
         if degree < scene.sh_degree:
             scene = projected(scene, degree, self.cameras)
-        if steps:
-            extent = trainable.extent_of([target.camera for target in self.targets])
-            tensors, recipe = trainable.tensors_of(scene), self.recipe
-            adams = trainable.optimizers(tensors, extent, trainable.REFINING, recipe.rate)
-            what = f"choice: degree {degree}, {count} Gaussians"
-            finetune(tensors, adams, self.targets, steps, recipe.seed, self.tell, what)
-            learned = sound(trainable.scene_of(tensors, scene.name))
-            scene = best_looking((scene, learned), self.targets)
         self.tell(f"choice: packing {count} Gaussians, degree {degree}", 0, 1, None)
         return pack(scene, self.config, degree, quality=quality)[0]
 
-    def tried(self, degree: int, quality: str, count: int, steps: int = 0) -> Trial:
+    def tried(self, degree: int, quality: str, count: int) -> Trial:
         """What the model is worth."""
-        model = self.model(degree, quality, count, steps)
+        model = self.model(degree, quality, count)
         worth = decibels(model.gaussians(), spread(self.targets, JUDGED))
         fps = self.fps(model) if self.recipe.target_fps else None
-        self.done.append(Trial(degree, quality, count, len(model.image), worth, fps, steps))
+        self.done.append(Trial(degree, quality, count, len(model.image), worth, fps))
         return self.done[-1]
-
-    def better(self, found: list[Trial]) -> Trial:
-        """The best of trials; where others come near it, after a short fine-tuning of all these."""
-        most, steps = max(trial.psnr_db for trial in found), min(SHORT, self.recipe.steps)
-        near = [trial for trial in found if trial.psnr_db >= most - NEAR]
-        if len(near) > 1 and steps:
-            near = [self.tried(t.degree, t.quality, t.gaussians, steps) for t in near]
-        return best_of(near)
 
     def fps(self, model: PackedModel) -> float:
         """Frames a second in the views that stand for all."""
@@ -170,7 +147,7 @@ def choose(trials: Trials, original: int) -> dict:
         best = for_fps(trials, recipe.target_fps)
     elif recipe.max_drop is not None:
         found = [trials.tried(*packing, len(trials.scene)) for packing in trials.packings()]
-        best = trials.better(found)
+        best = best_of(found)
     else:
         best = for_bytes(trials, room(trials, original))
     rates = scaled_schedule(recipe.schedule, len(trials.scene), best.gaussians)
@@ -217,7 +194,7 @@ def for_bytes(trials: Trials, size: float) -> Trial:
         trials.done.append(Trial(*packing, count, round(size), None))
         return trials.done[0]
     fits.sort(key=lambda found: -found[0])
-    return trials.better([trials.tried(*packing, count) for count, packing in fits])
+    return best_of([trials.tried(*packing, count) for count, packing in fits])
 
 
 def best_of(found: list[Trial]) -> Trial:
@@ -280,7 +257,7 @@ def for_fps(trials: Trials, wanted: float) -> Trial:
                 low, high = (middle, high) if fps(middle) >= wanted else (low, middle)
         high = low
     found = [trials.tried(*packing, high) for packing in trials.packings()]
-    return trials.better([trial for trial in found if trial.fps >= wanted] or found[:1])
+    return best_of([trial for trial in found if trial.fps >= wanted] or found[:1])
 
 
 def sizes(config: Config, degree: int, quality: str) -> tuple:

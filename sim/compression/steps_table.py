@@ -7,13 +7,13 @@ from splatcore.sim.common.table import new_table, shown
 
 
 def trials_of(choice: dict) -> Table:
-    """A row for each model that was tried."""
-    table = new_table("tried", ("quality", "Gaussians", "bytes", "steps", "PSNR, dB", "FPS"))
+    """A row for each model that was tried, before it learned."""
+    table = new_table("tried", ("quality", "Gaussians", "bytes", "PSNR, dB", "FPS"))
     for number, trial in enumerate(choice["trials"]):
         chosen = ", chosen" if number == choice["chosen"] else ""
         table.add_row(
             f"degree {trial['degree']}{chosen}", trial["quality"], f"{trial['gaussians']:,}",
-            f"{trial['bytes']:,}", str(trial["steps"]), shown(trial["psnr_db"], ".2f"),
+            f"{trial['bytes']:,}", shown(trial["psnr_db"], ".2f"),
             shown(trial["fps"], ".0f"),
         )  # fmt: skip
     return table
