@@ -12,6 +12,7 @@ from splatcore.spec.sort import (
     BUCKET_BITS,
     BUCKETS,
     LINE_SLOTS,
+    NARROWER,
     bucket_shift,
     full_enough,
     half_entries,
@@ -80,7 +81,8 @@ class Dealer:
                 low = max(base + (over << shift), least) if over else least
                 last = over == BUCKETS - 1
                 high = greatest if last else min(base + (over + 1 << shift) - 1, greatest)
-                base, shift = low, bucket_shift(high - low)
+                wanted = shift + 1 if last else max(shift - NARROWER, 0)
+                base, shift = low, min(wanted, bucket_shift(greatest - low))
                 if low == high:
                     found.jobs.append(Job(members[over][:half], False, [(over, half)]))
                     left = np.setdiff1d(left, members[over][:half], assume_unique=True)

@@ -17,12 +17,15 @@ before has been merged, at two cycles an entry. A round goes like this:
 2. The buckets before the first one that has more than `half_entries` are given out.
 3. If there is such a bucket b, the next round is about what follows from there on: keys from
 
-       low = base + (b << shift), or the least key of the round if that is greater or b = 0; up to
+       low = base + (b << shift), or the least key of the round if that is greater or b = 0
+
+   on, which is its base. Its buckets are 2^NARROWER times narrower, or twice as wide where b is the
+   last one, but none wider than for (greatest − low) >> shift < BUCKETS, up to the greatest key of
+   the round. If all keys of bucket b are equal, as low is also
+
        high = base + ((b + 1) << shift) − 1, or the greatest key if that is less or b is the last
 
-   with base = low and the smallest shift ≥ 0 with (high − low) >> shift < BUCKETS. If low = high
-   all keys of the bucket are equal: the `half_entries` that are kept are a job, and the next round
-   skips as many entries with this key.
+   the `half_entries` that are kept are a job, and the next round skips as many with this key.
 
 The first round of a list takes base and shift from all keys of the long list before: base is the
 least of them, shift as above up to the greatest; neighbouring groups, and frames, have much the
@@ -43,6 +46,11 @@ BUCKET_BITS = 5
 BUCKETS = 1 << BUCKET_BITS
 """Buckets of an area: twice as many as it takes, by the least and greatest key of the list before,
 that none has more entries than fit on chip (eleven views of trained scenes)."""
+
+NARROWER = 2
+"""Bits that the shift loses where a bucket has too many entries. So a round goes through the list
+for several of such buckets; with 5, which is one at a time, flowers at 320×178 is read 14 times
+instead of 4."""
 
 LINE_SLOTS = 4
 """Entries that are written to a bucket together."""

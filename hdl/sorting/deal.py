@@ -32,7 +32,7 @@ class State(enum.Enum):
     LOOK = 7  # a bucket is looked up,
     GIVE = 8  # and given out; or it has too many entries
     EDGE = 9  # the least and the greatest key of such a bucket are known
-    EXTENT = 10  # how far they are from each other
+    EXTENT = 10  # how far the greatest of the round is from there on
     REST = 11  # what is to be given out besides
     NEXT = 12  # the round is over
 
@@ -82,6 +82,7 @@ class Deal(wiring.Component):
         self.low, self.skip = Signal(key), Signal(COUNT_BITS)
         self.least, self.greatest = Signal(key), Signal(key)  # keys of the round
         self.high, self.extent = Signal(key), Signal(key)
+        self.equal = Signal()  # all keys of the bucket that has too many
         self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be given out
         self.bucket, self.looked_up = Signal(sort.BUCKET_BITS), Signal(sort.BUCKET_BITS)
         self.held, self.full = Signal(entry, reset_less=True), Signal()  # an entry being dealt
@@ -211,9 +212,13 @@ class Deal(wiring.Component):
                 with m.If(low != self.low):
                     m.d.sync += self.skip.eq(0)
             with m.Case(State.EXTENT):
-                m.d.sync += self.extent.eq(self.high - self.low)
+                m.d.sync += self.extent.eq(self.greatest - self.low)
+                m.d.sync += self.equal.eq(self.high == self.low)
             with m.Case(State.NEXT):
-                m.d.sync += [self.base.eq(self.low), self.shift.eq(shift)]
+                narrower = Mux(self.shift < sort.NARROWER, 0, self.shift - sort.NARROWER)
+                wanted = Mux(self.bucket.all(), self.shift + 1, narrower)
+                m.d.sync += self.base.eq(self.low)
+                m.d.sync += self.shift.eq(Mux(wanted < shift, wanted, shift))
 
     def _areas(self, m: Module):
         """An area is in use from its first job's being given out until its last one is over."""
@@ -290,7 +295,7 @@ class Deal(wiring.Component):
 
     def _give_rest(self, m: Module):
         """The round's last job; behind it, if keys are equal, some of a bucket with too many."""
-        equal, part = self.over & ~self.extent.any(), Signal()
+        equal, part = self.over & self.equal, Signal()
         with m.If(self.total.any()), m.If(self.job_room):
             self._give_job(m, self.total, ~self.left.any(), ~equal | part)
         with m.Elif(equal & ~part), m.If(self.lists_waiting.i.ready):

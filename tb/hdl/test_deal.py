@@ -36,6 +36,9 @@ MACHINES = {
 }
 
 
+KINDS = (*KEYS, "tied")
+
+
 def deal_rows(config, lists: list[np.ndarray], entries, found=None) -> tuple[dict, dict]:
     """Rows of the streams in, and of those that must come out, for lists with these keys; `entries`
     are those of all lists; found: what becomes of each list, if not what golden says."""
@@ -74,9 +77,17 @@ def deal_rows(config, lists: list[np.ndarray], entries, found=None) -> tuple[dic
     }
 
 
+def entries_for(config, kind: str, counts, seed: int):
+    """Entries by `KEYS`; "tied": half of them have the same key, which is not an extreme one."""
+    entries = entries_of(config, "random" if kind == "tied" else kind, counts, seed)
+    if kind == "tied":
+        entries["key"][::2] = 1 << config.sort_key_bits - 2
+    return entries
+
+
 def check(name: str, kind: str, counts, stall: float = 0, seed: int = 0):
     config = MACHINES[name]
-    entries = entries_of(config, kind, counts, seed)
+    entries = entries_for(config, kind, counts, seed)
     ends = np.cumsum(counts)
     lists = np.split(entries["key"], ends[:-1])
     inputs, expected = deal_rows(config, lists, entries)
@@ -86,7 +97,7 @@ def check(name: str, kind: str, counts, stall: float = 0, seed: int = 0):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", KEYS)
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("stall", [0, 0.4])
 def test_tiny_equals_golden(kind, stall):
     half = half_entries(TINY)
@@ -95,14 +106,14 @@ def test_tiny_equals_golden(kind, stall):
 
 @pytest.mark.parametrize("stall", [0, 0.4])
 def test_default_equals_golden(stall):
-    for seed, kind in enumerate(KEYS):
+    for seed, kind in enumerate(KINDS):
         check("DEFAULT", kind, [2048, 2049, 5, 5200, 7000], stall, seed)
 
 
 def check_stage(name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, **more):
     """Dealing, scratch memory and sorting together: every entry in its place."""
     config = MACHINES[name]
-    rows = stage_rows(config, np.array(counts), entries_of(config, kind, counts, seed))
+    rows = stage_rows(config, np.array(counts), entries_for(config, kind, counts, seed))
     return check_run(
         part or compiled(SortStage, config), rows.inputs, rows.expected, f"{kind} {counts}: ",
         constants={"stop": 0} | more, stall=stall, seed=seed, idle_max=100_000,
@@ -113,7 +124,7 @@ MIXED = (70, 3, 64, 65, 130, 300, 5, 129, 1, 66, 1000, 64, 70)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KEYS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_stage_equals_golden(kind):
     """Areas are not written while they are read, whoever waits."""
     for seed, stall in enumerate((0, 0.3, 0.7)):
@@ -123,11 +134,11 @@ def test_stage_equals_golden(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KEYS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_cycles_of_long_lists(kind):
     """As the model says, once depths are known from a list before."""
     for counts in ([2100], [5200] * 3, [3000, 500] * 4, [20_000]):
-        entries = entries_of(DEFAULT, kind, counts)
+        entries = entries_for(DEFAULT, kind, counts, 0)
         found = check_stage("DEFAULT", kind, counts).cycles
         lists = np.split(entries["key"], np.cumsum(counts)[:-1])
         assert abs(stage_cycles(DEFAULT, lists) - found) <= 0.03 * found, counts
@@ -142,6 +153,13 @@ FAULTS = {
     "equal keys are not skipped": ("_entry", "(key < self.low) | of_low", "key < self.low"),
     "keys below the base wrap": ("_memories", "Mux(offset[-1], 0, within)", "within"),
     "the first bucket begins at the base": ("_keys", "self.bucket.any() & ", ""),
+    "buckets as narrow as can be": ("_keys", "Mux(wanted < shift, wanted, shift)", "shift"),
+    "buckets never wider": ("_keys", "self.shift + 1", "self.shift"),
+    "a bucket's keys are equal if all are": (
+        "_keys",
+        "self.high == self.low",
+        "~self.extent.any()",
+    ),
     "a bucket has no last line": ("_lines", "ending & begun", "0"),
     "a bucket keeps too little": (
         "_entry",
@@ -170,7 +188,7 @@ class Held(wiring.Component):
 def check_all(part: Simulation, fault: int):
     """Runs that find every fault."""
     for seed, stall in enumerate((0, 0.5)):
-        for kind in ("equal", "clustered", "random"):
+        for kind in ("equal", "clustered", "random", "tied"):
             check_stage("NARROW", kind, MIXED, stall, seed, part, fault=fault, hold=0)
     hold = np.append(np.ones(8000, np.uint64), 0)
     check_stage("NARROW", "clustered", [65] * 24, 0, 0, part, fault=fault, hold=hold)
