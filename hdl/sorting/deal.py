@@ -82,15 +82,14 @@ class Deal(wiring.Component):
         self.low, self.skip = Signal(key), Signal(COUNT_BITS)
         self.least, self.greatest = Signal(key), Signal(key)  # keys of the round
         self.high, self.extent = Signal(key), Signal(key)
-        self.equal = Signal()  # all keys of the bucket that has too many
         self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be given out
         self.bucket, self.looked_up = Signal(sort.BUCKET_BITS), Signal(sort.BUCKET_BITS)
         self.held, self.full = Signal(entry, reset_less=True), Signal()  # an entry being dealt
         self.count = Signal(range(self.half + 2))  # of the bucket looked up
         self.through, self.keep, self.ignored = Signal(), Signal(), Signal()  # the entry held
         self.total = Signal(range(self.half + 1))  # of the buckets of the next job
-        self.ends_round, self.all_used = Signal(), Signal()
-        self.over, self.job_room = Signal(), Signal()  # a bucket has too many; a job may be given
+        self.ends_round, self.all_used, self.job_room = Signal(), Signal(), Signal()
+        self.over, self.equal = Signal(), Signal()  # a bucket has too many; all have the same key
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -53,6 +53,7 @@ COMMANDS = {
         "bench_quality",
         "Bytes a Gaussian against dB.",
     ),
+    "bench formats": ("bench_formats", "Bytes against dB of other formats, beside our models."),
     "bench coding": ("bench_coding", "Bytes of model files by the way of coding."),
     "bench compression": ("bench_compression", "Compress scenes and measure."),
     "bench differentiable": ("bench_differentiable", "Time the differentiable renderer."),

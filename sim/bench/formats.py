@@ -1,0 +1,108 @@
+"""`splatcore bench formats`: a scene in other compressed formats, beside our models of it.
+
+PlayCanvas' splat-transform (npm) writes the others; what its files hold is read by our readers.
+dB are of the reference's 8-bit pictures against those of the scene as it is.
+"""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+from splatcore.model.compress.checkpoint import ply_bytes
+from splatcore.model.formats.model_file import file_bytes, read_model
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.pack.pack import pack
+from splatcore.model.pack.quality import QUALITIES
+from splatcore.sim.bench.campaign import Task, collected
+from splatcore.sim.common.source import View, open_source
+from splatcore.sim.packing.choose import SAME_DB, Views
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Gaussians
+
+TOOL, PACKAGE = "splat-transform", "@playcanvas/splat-transform"
+
+OTHERS = {"SOG": ".sog", "compressed PLY": ".compressed.ply", "SPZ": ".spz"}
+"""Formats and the ends of their files' names, by which the tool knows them."""
+
+
+def find_tool(tool: str | None) -> str:
+    """The tool's path; InputError if it is not there."""
+    found = shutil.which(tool or TOOL)
+    if found is None:
+        what = f"{tool or TOOL}: there is no such program"
+        raise InputError(f"{what}; npm install -g {PACKAGE}, or name one by --tool")
+    return found
+
+
+def formats(
+    config: Config, views: list[View], tool: str, compressed: list[str], folder: Path,
+    scheduler: str | None,
+) -> dict:  # fmt: skip
+    """Measure all views; what is there already is kept. tool: as `find_tool` found it; compressed:
+    models that `splatcore compress` made of the scene, if there is but one."""
+    models = [(path, Path(path).read_bytes()) for path in compressed]
+    tasks = [
+        Task(
+            f"formats {view.name} {view.size}".replace("/", "-").replace(":", "-"),
+            f"{view} {config!r} {version(tool)} {models}", measure,
+            (config, view, tool, compressed, folder),
+        )
+        for view in views
+    ]  # fmt: skip
+    results, failed = collected(tasks, folder, scheduler, "formats")
+    rows = [row for task in tasks for row in results.get(task.name, {}).get("rows", ())]
+    facts = {"tool": version(tool), "preset": config.name, "size": views[0].size}
+    return facts | {"rows": rows, "failed": failed}
+
+
+def version(tool: str) -> str:
+    """What the tool says of itself."""
+    return called(tool, "--version").strip()
+
+
+def called(*words: str) -> str:
+    """What a program prints; InputError with what it says if it fails."""
+    done = subprocess.run(words, capture_output=True, text=True)
+    if done.returncode:
+        says = (done.stderr or done.stdout).strip().splitlines() or ["without a word"]
+        raise InputError(f"{words[0]}: failed with status {done.returncode}: {says[-1]}")
+    return done.stdout
+
+
+def measure(config: Config, view: View, tool: str, compressed: list[str], folder: Path) -> dict:
+    """{"rows": [a row for each format and model]} of a view; leaves the formats' files."""
+    source, camera = view.open()
+    scene, name = source.unpacked, Path(view.scene).name
+    seen, stem = Views.of(scene, [camera]), folder / name.split(".")[0]
+    original = ply_bytes(len(scene), scene.sh_degree)
+    about = {"scene": name, "camera": view.camera or camera.name}
+
+    def row(what: str, held: Gaussians, degree: int, stored: int, memory: int | None) -> dict:
+        db = seen.psnr_db(held)
+        return about | {
+            "format": what, "gaussians": len(held.position), "sh_degree": degree, "bytes": memory,
+            "file_bytes": stored, "ratio": original / stored,
+            "psnr_db": None if db == SAME_DB else db,
+        }  # fmt: skip
+
+    def ours(what: str, model: PackedModel, stored: int) -> dict:
+        degree = model.format.sh_degree
+        return row(what, model.gaussians(), degree, stored, len(model.image))
+
+    plain = stem.with_suffix(".formats.ply")
+    write_ply(plain, scene)
+    rows = []
+    for what, end in OTHERS.items():
+        path = stem.with_name(stem.name + end)
+        called(tool, "--quiet", "--overwrite", "--gpu", "cpu", str(plain), str(path))
+        held = open_source(str(path)).unpacked
+        rows.append(row(what, held.gaussians(), held.sh_degree, path.stat().st_size, None))
+    plain.unlink()
+    for quality in QUALITIES:
+        model = pack(scene, config, quality=quality)[0]
+        rows.append(ours(quality, model, len(file_bytes(model))))
+    for path in compressed:
+        rows.append(ours(Path(path).name, read_model(path), Path(path).stat().st_size))
+    return {"rows": rows}

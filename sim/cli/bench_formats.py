@@ -1,0 +1,46 @@
+"""The command `bench formats`: other compressed formats of a scene beside our models."""
+
+from splatcore.sim.cli import bench
+from splatcore.sim.cli.options import PresetOption, option
+from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+ToolOption = option(str | None, "PROGRAM", "PlayCanvas' splat-transform. Default: that on PATH.")
+ModelOption = option(list[str] | None, "MODEL", "Made of SCENE by `compress`; may be repeated.")
+
+
+@bench.bench.command("formats")
+def formats_command(
+    output: bench.FolderOption,
+    scene: bench.ScenesArgument = None,
+    cameras: bench.CamerasOption = None,
+    size: bench.PixelsOption = bench.SIZE,
+    tool: ToolOption = None,
+    model: ModelOption = None,
+    preset: PresetOption = "DEFAULT",
+    scheduler: bench.SchedulerOption = None,
+):
+    """Bytes against dB of a scene in other formats, beside our models of it.
+
+    SOG, compressed PLY and SPZ are written by PlayCanvas' splat-transform (npm install -g
+    @playcanvas/splat-transform), on the CPU. dB are of the reference's 8-bit pictures against the
+    scene as it is. Writes DIR/formats.json, and leaves the files there.
+    """
+    if model and len(scene or ()) != 1:
+        raise InputError("--model: goes with one SCENE")
+    from splatcore.sim.bench.formats import find_tool, formats
+
+    path, config = find_tool(tool), find_preset(preset)
+    views = bench.look(output, scene, cameras, size, [config])
+    facts = formats(config, views, path, list(model or ()), output, scheduler)
+    headings = "Gaussians|degree|MB in memory|MB of the file|times smaller|dB, scene".split("|")
+    table = new_table("view", headings, "files against the scene as it is", ["format"])
+    for row in facts["rows"]:
+        table.add_row(
+            f"{row['scene']} {row['camera']}", f"{row['gaussians']:,}", str(row["sh_degree"]),
+            shown(row["bytes"], ".3f", 1e6), f"{row['file_bytes'] / 1e6:.3f}",
+            f"{row['ratio']:.1f}", shown(row["psnr_db"], ".2f", none="∞"), row["format"],
+        )  # fmt: skip
+    print_whole(table)
+    bench.finish(output / "formats.json", facts)

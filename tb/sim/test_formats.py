@@ -1,0 +1,102 @@
+"""`splatcore bench formats`: other formats by a tool from outside, beside our models."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from splatcore.golden.reference import render
+from splatcore.model.compress.checkpoint import ply_bytes
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import generate
+from splatcore.sim.bench import formats
+from splatcore.sim.common.metric import psnr
+from splatcore.sim.common.source import View
+from tb.helpers.command import check_documented, load, run
+
+SPLAT_TRANSFORM = """#!/usr/bin/env python3
+import sys
+from pathlib import Path
+if sys.argv[1:] == ["--version"]:
+    print("stand-in v1")
+    sys.exit()
+assert sys.argv[1:5] == ["--quiet", "--overwrite", "--gpu", "cpu"], sys.argv
+if "BROKEN" in sys.argv[0]:
+    sys.exit("cannot be")
+Path(sys.argv[6]).write_bytes(Path(KEPT, "garden" + sys.argv[6].partition(".")[2]).read_bytes())
+"""
+
+
+@pytest.fixture
+def tool(tmp_path, monkeypatch):
+    """A program that gives out files which were there before: PLY and SPZ, and SOG as a PLY."""
+    monkeypatch.chdir(tmp_path)
+    kept = Path("kept")
+    kept.mkdir()
+    scene = generate("garden", 400)
+    for end in ("sog", "compressed.ply", "spz"):
+        write_ply(kept / f"garden{end}", scene[: 300 if end == "sog" else 400])
+    for name in ("tool", "BROKEN"):
+        text = SPLAT_TRANSFORM.replace("KEPT", repr(str(kept.resolve())))
+        Path(name).write_text(text)
+        os.chmod(name, 0o755)
+    write_ply(Path("garden.ply"), scene)
+    return scene
+
+
+def test_formats(tool, monkeypatch, capsys):
+    """A row for each format and model; dB are those of pictures, bytes those of files."""
+    monkeypatch.setattr(formats, "open_source", lambda path: PlyOf(path))
+    assert run("bench formats garden.ply -o out --size 96x54 --tool ./tool") == 0
+    assert "times smaller" in capsys.readouterr().out
+    facts = load(Path("out/formats.json"))
+    check_documented("## `splatcore bench formats`", [*facts, *facts["rows"][0]])
+    assert facts["tool"] == "stand-in v1" and not facts["failed"]
+    rows = {row["format"]: row for row in facts["rows"]}
+    assert list(rows) == ["SOG", "compressed PLY", "SPZ", "compact", "balanced", "faithful"]
+    assert rows["SPZ"]["file_bytes"] == Path("out/garden.spz").stat().st_size
+    assert rows["SPZ"]["bytes"] is None and rows["SOG"]["gaussians"] == 300
+    for row in rows.values():
+        assert row["ratio"] == ply_bytes(400, tool.sh_degree) / row["file_bytes"]
+    assert rows["SPZ"]["psnr_db"] is None or rows["SPZ"]["psnr_db"] > 80  # the scene as it is
+    assert rows["SOG"]["psnr_db"] < 80 and rows["compact"]["psnr_db"] < 80
+    assert rows["faithful"]["bytes"] > rows["faithful"]["file_bytes"]
+    assert not list(Path("out").glob("*.formats.ply"))
+
+
+class PlyOf:
+    """What a file of the stand-in's holds: it is a PLY, whatever its name says."""
+
+    def __init__(self, path: str):
+        plain = Path(path).with_suffix(".copy.ply")
+        plain.write_bytes(Path(path).read_bytes())
+        self.unpacked = read_scene(str(plain))
+
+
+def test_a_compressed_model_beside_them(tool, monkeypatch):
+    monkeypatch.setattr(formats, "open_source", lambda path: PlyOf(path))
+    assert run("pack garden.ply -o small.splatcore --quality compact --size 96x54") == 0
+    options = "-o out --size 96x54 --tool ./tool --model small.splatcore"
+    assert run(f"bench formats garden.ply {options}") == 0
+    rows = {row["format"]: row for row in load(Path("out/formats.json"))["rows"]}
+    assert rows["small.splatcore"] | {"format": "compact"} == rows["compact"]
+    assert run(f"bench formats garden.ply garden {options}") == 2
+
+
+def test_a_tool_that_fails_or_is_not_there(tool, capsys, monkeypatch):
+    assert run("bench formats garden.ply -o out --size 96x54 --tool ./BROKEN") == 2
+    assert "BROKEN: failed with status 1: cannot be" in " ".join(capsys.readouterr().err.split())
+    assert run("bench formats garden.ply -o out --tool ./none") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "./none: there is no such program; npm install -g @playcanvas/splat-transform" in told
+
+
+def test_decibels_are_those_of_pictures(tool, monkeypatch):
+    monkeypatch.setattr(formats, "open_source", lambda path: PlyOf(path))
+    assert run("bench formats garden.ply -o out --size 96x54 --tool ./tool") == 0
+    rows = {row["format"]: row for row in load(Path("out/formats.json"))["rows"]}
+    camera = View("garden.ply", "", "96x54").open()[1]
+    read = read_scene("garden.ply")
+    some, every = (render(each.gaussians(), camera).pixels / 255 for each in (read[:300], read))
+    assert rows["SOG"]["psnr_db"] == pytest.approx(psnr(some, every))
