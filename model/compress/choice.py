@@ -94,10 +94,8 @@ class Trials:
             return [(self.recipe.degree, self.recipe.packing["quality"])]
         top = min(self.scene.sh_degree, self.config.sh_degree)
         found = [(degree, QUALITIES[0]) for degree in range(min(top, COMPACT_DEGREE) + 1)]
-        if self.config.colours != "array":  # else it reads compact models only
-            found += [(degree, STEPPED[0]) for degree in range(COMPACT_DEGREE + 1, top + 1)]
-            found += [(degree, STEPPED[1]) for degree in range(3, top + 1)]
-        return found
+        found += [(degree, STEPPED[0]) for degree in range(COMPACT_DEGREE + 1, top + 1)]
+        return found + [(degree, STEPPED[1]) for degree in range(3, top + 1)]
 
     def room_for(self, degree: int, quality: str, size: float) -> int:
         """Gaussians of a model of so many bytes, at most those of the scene."""
