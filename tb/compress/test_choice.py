@@ -11,6 +11,7 @@ from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.choice import Trial, Trials, best_of, choose, decibels, resolved
 from splatcore.model.compress.compress import compress, decide
 from splatcore.model.compress.teacher import teacher_targets
+from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format, step_format
@@ -72,6 +73,16 @@ def test_only_what_the_machine_reads(scene, targets):
     faithful = trials(scene, targets, degree=3, quality="faithful")
     assert faithful.packings() == [(3, "faithful")]
     assert trials(scene, targets, degree=0).packings() == [(0, "compact")]
+
+
+def test_harmonics_that_stay_stand_for_those_that_go(scene):
+    """By least squares over the views: nearer than harmonics that are cut off."""
+    sh = np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1)
+    strong = replace(scene, sh=sh)
+    seen = teacher_targets(strong, 6, SIZE, 0, nothing)
+    cut = pack(strong, DEFAULT, 1)[0]
+    tried = trials(strong, seen).tried(1, "compact", len(strong))
+    assert tried.psnr_db > decibels(cut.gaussians(), seen) + 0.3
 
 
 def test_room(scene, targets):
