@@ -26,6 +26,9 @@ TOOL, PACKAGE = "splat-transform", "@playcanvas/splat-transform"
 OTHERS = {"SOG": ".sog", "compressed PLY": ".compressed.ply", "SPZ": ".spz"}
 """Formats and the ends of their files' names, by which the tool knows them."""
 
+TURNED = ("--rotate", "180,0,0")
+"""What brings a PLY's axes to those of SPZ (y up, z back): version 3.7 writes them as they are."""
+
 
 def find_tool(tool: str | None) -> str:
     """The tool's path; InputError if it is not there."""
@@ -96,7 +99,8 @@ def measure(config: Config, view: View, tool: str, compressed: list[str], folder
     rows = []
     for what, end in OTHERS.items():
         path = stem.with_name(stem.name + end)
-        called(tool, "--quiet", "--overwrite", "--gpu", "cpu", str(plain), str(path))
+        actions = TURNED if what == "SPZ" else ()
+        called(tool, "--quiet", "--overwrite", "--gpu", "cpu", str(plain), *actions, str(path))
         held = open_source(str(path)).unpacked
         rows.append(row(what, held.gaussians(), held.sh_degree, path.stat().st_size, None))
     plain.unlink()

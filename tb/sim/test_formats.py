@@ -24,7 +24,9 @@ if sys.argv[1:] == ["--version"]:
 assert sys.argv[1:5] == ["--quiet", "--overwrite", "--gpu", "cpu"], sys.argv
 if "BROKEN" in sys.argv[0]:
     sys.exit("cannot be")
-Path(sys.argv[6]).write_bytes(Path(KEPT, "garden" + sys.argv[6].partition(".")[2]).read_bytes())
+out = sys.argv[-1]
+assert sys.argv[6:-1] == (["--rotate", "180,0,0"] if out.endswith(".spz") else []), sys.argv
+Path(out).write_bytes(Path(KEPT, "garden" + out.partition(".")[2]).read_bytes())
 """
 
 
