@@ -6,6 +6,7 @@ looks at it, without fine-tuning, which changes hardly more than near ties (docs
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from math import sqrt
 
 import numpy as np
@@ -181,12 +182,12 @@ def room(trials: Trials, original: int) -> float:
 def for_bytes(trials: Trials, size: float) -> Trial:
     """The best model of at most so many bytes."""
     fits = [(trials.room_for(*packing, size), packing) for packing in trials.packings()]
-    least = min(format.layout(1, beats).end for format, beats in
-                (sizes(trials.config, *packing) for _, packing in fits))  # fmt: skip
+    smallest = min(format.layout(1, beats).end for format, beats in
+                   (sizes(trials.config, *packing) for _, packing in fits))  # fmt: skip
     fits = [found for found in fits if found[0]]
     if not fits:
         option = "--target-bytes" if trials.recipe.target_bytes is not None else "--target-ratio"
-        raise InputError(f"{option}: leaves {size:.0f} bytes, and a model has {least} at least")
+        raise InputError(f"{option}: leaves {size:.0f} bytes, and a model has {smallest} at least")
     if len(fits) == 1:  # nothing to choose
         count, packing = fits[0]
         trials.done.append(Trial(*packing, count, round(size), None))
@@ -202,30 +203,34 @@ def best_of(found: list[Trial]) -> Trial:
     return min(good, key=lambda trial: (trial.degree, trial.bytes))
 
 
-def searched(trials: Trials, good: Callable[[int], Trial | None]) -> Trial | None:
-    """The trial of the fewest Gaussians for which `good` gives one, where more Gaussians are as
-    good; None if all of them are not enough."""
-    high = len(trials.scene)
-    best, low = good(high), max(round(LEAST * high), 1)
-    for _ in range(HALVINGS if best else 0):
+def edge(low: int, high: int, over: Callable[[int], bool]) -> tuple[int, int]:
+    """Numbers of Gaussians close to each other, the second of which is `over`; as `high` is, and
+    `low` is not."""
+    for _ in range(HALVINGS):
         middle = round(sqrt(low * high))
         if low < middle < high:
-            found = good(middle)
-            best, low, high = (found, low, middle) if found else (best, middle, high)
-    return best
+            low, high = (low, middle) if over(middle) else (middle, high)
+    return low, high
+
+
+def least(trials: Trials) -> int:
+    """The fewest Gaussians that are tried in a search."""
+    return max(round(LEAST * len(trials.scene)), 1)
 
 
 def for_psnr(trials: Trials, wanted: float) -> Trial:
     """The smallest model from which fine-tuning will come to so many dB."""
-    found = []
+    reached = []
+
+    def good(packing: tuple[int, str], count: int) -> bool:
+        trial = trials.tried(*packing, count)
+        if trial.psnr_db >= wanted - LEARNED:
+            reached.append(trial)
+        return trial in reached
+
     for packing in trials.packings():
-
-        def good(count: int, packing=packing) -> Trial | None:
-            trial = trials.tried(*packing, count)
-            return trial if trial.psnr_db >= wanted - LEARNED else None
-
-        found.append(searched(trials, good))
-    reached = [trial for trial in found if trial]
+        if good(packing, len(trials.scene)):
+            edge(least(trials), len(trials.scene), partial(good, packing))
     if reached:
         return min(reached, key=lambda trial: trial.bytes)
     best = best_of(trials.done)
@@ -237,24 +242,19 @@ def for_psnr(trials: Trials, wanted: float) -> Trial:
 
 def for_fps(trials: Trials, wanted: float) -> Trial:
     """The best model with which the machine is so fast."""
-    cheapest, speeds = trials.packings()[0], {}
+    cheapest = trials.packings()[0]
 
     def fps(count: int) -> float:
-        if count not in speeds:
-            speeds[count] = trials.fps(trials.model(*cheapest, count))
-        return speeds[count]
+        return trials.fps(trials.model(*cheapest, count))
 
-    low, high = max(round(LEAST * len(trials.scene)), 1), len(trials.scene)
-    if fps(high) < wanted:
-        if fps(low) < wanted:
-            what = f"with {low} Gaussians, 1 % of all, {trials.config.name} makes {speeds[low]:.0f}"
+    low, count = least(trials), len(trials.scene)
+    if fps(count) < wanted:
+        most = fps(low)
+        if most < wanted:
+            what = f"with {low} Gaussians, 1 % of all, {trials.config.name} makes {most:.0f}"
             raise InputError(f"--target-fps: {wanted:g}: {what}")
-        for _ in range(HALVINGS):
-            middle = round(sqrt(low * high))
-            if low < middle < high:
-                low, high = (middle, high) if fps(middle) >= wanted else (low, middle)
-        high = low
-    found = [trials.tried(*packing, high) for packing in trials.packings()]
+        count, _ = edge(low, count, lambda some: fps(some) < wanted)
+    found = [trials.tried(*packing, count) for packing in trials.packings()]
     return best_of([trial for trial in found if trial.fps >= wanted] or found[:1])
 
 
