@@ -74,7 +74,7 @@ def _render_cuda(position, factor, opacity, sh, camera, shift, convention):
         covars=factor @ factor.transpose(1, 2),
     )  # fmt: skip
     if shift.requires_grad and found["means2d"].requires_grad:
-        found["means2d"].register_hook(lambda gradient: setattr(shift, "grad", gradient[0]))
+        found["means2d"].register_hook(lambda gradient: shift.backward(gradient[0]))
     visible = (found["radii"][0] > 0).all(-1).nonzero()[:, 0]
     return image[0], 1 - alpha[0, ..., 0], visible.cpu().numpy()
 

@@ -55,14 +55,15 @@ def test_the_call(monkeypatch, degree):
     wanted = np.random.default_rng(0).random((40, 50, 3))
     found = []
     for how in (render, None):
-        shift = torch.zeros((40, 2), dtype=torch.float64, requires_grad=True)
+        centre = torch.zeros((1, 40, 2), dtype=torch.float64, requires_grad=True)
+        shift = centre[0]  # as in training: a part of what has the gradient
         if how:
             drawn = how(*tensors, camera, shift)
             image, rest, visible = drawn.image, drawn.transmittance, drawn.visible
         else:
             image, rest, visible = _render_cuda(*tensors, camera, shift, SPLATCORE)
         (image * torch.tensor(wanted)).sum().backward()
-        found.append((image.detach(), rest.detach(), np.sort(visible), shift.grad))
+        found.append((image.detach(), rest.detach(), np.sort(visible), centre.grad))
     for cpu, cuda in zip(*found, strict=True):
         assert np.allclose(cpu, cuda, rtol=1e-5, atol=1e-9)
     assert found[0][3].abs().max() > 0

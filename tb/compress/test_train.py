@@ -148,3 +148,17 @@ def test_gradients_of_the_loss():
     assert torch.autograd.gradcheck(lambda image: photograph_loss(image, wanted), (picture,))
     planes = torch.tensor(rng.random((2, 9, 14)), requires_grad=True)
     assert torch.autograd.gradcheck(train_module.blur, (planes,))
+
+
+def test_planes_are_blurred_alike_on_every_device():
+    """The sum of shifted planes, which a CUDA device takes, and its gradient are the CPU's."""
+    rng = np.random.default_rng(5)
+    weight, found = torch.tensor(rng.random((2, 9, 14))), []
+    values = rng.random((2, 9, 14))
+    for blur in (train_module.blur, lambda p: train_module.shifted(train_module.shifted(p, 2), 1)):
+        planes = torch.tensor(values, requires_grad=True)
+        blurred = blur(planes)
+        (blurred * weight).sum().backward()
+        found.append((blurred.detach(), planes.grad))
+    for cpu, cuda in zip(*found, strict=True):
+        assert np.allclose(cpu, cuda, rtol=1e-12, atol=1e-14)
