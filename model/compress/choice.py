@@ -149,7 +149,8 @@ def choose(trials: Trials, original: int) -> dict:
         best = best_of(found)
     else:
         best = for_bytes(trials, room(trials, original))
-    rates = scaled_schedule(recipe.schedule, len(trials.scene), best.gaussians)
+    shape = recipe.schedule[:1] if recipe.at_once else recipe.schedule
+    rates = scaled_schedule(shape, len(trials.scene), best.gaussians)
     rows = [asdict(trial) for trial in trials.done]
     return {"trials": rows, "chosen": trials.done.index(best), "schedule": list(rates)}
 
@@ -159,9 +160,10 @@ def resolved(recipe: Recipe, choice: dict) -> Recipe:
     trial = Trial(**choice["trials"][choice["chosen"]])
     quality = None if trial.quality == QUALITIES[0] else trial.quality
     rates = tuple(choice["schedule"]) if recipe.max_drop is None else recipe.schedule
+    steps = recipe.steps * max(len(recipe.schedule), 1) if recipe.at_once else recipe.steps
     return replace(
-        recipe, degree=trial.degree, quality=quality, schedule=rates, target_ratio=None,
-        target_bytes=None,
+        recipe, degree=trial.degree, quality=quality, schedule=rates, steps=steps,
+        target_ratio=None, target_bytes=None,
     )  # fmt: skip
 
 

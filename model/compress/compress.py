@@ -30,7 +30,7 @@ from splatcore.model.compress.significance import significance
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
-from splatcore.model.gradients.finetune import Tell, finetune
+from splatcore.model.gradients.finetune import ROUND, Tell, finetune
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, Config
@@ -44,7 +44,8 @@ PRUNING_SHARE = 0.6
 """Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
 
 RATE_MIN = 0.05  # pruning rates below are not tried
-FASTER = 0.1  # share of the Gaussians that goes where a scene that learned is not fast enough
+FASTER, FASTER_STEPS = 0.1, 0.25
+"""Shares of the Gaussians and of the steps for a scene that learned and is not fast enough."""
 
 
 def compress(
@@ -166,15 +167,15 @@ class Compression:
         self.weighed = scene, found
         return found
 
-    def pruned(self, scene: Scene, rate: float) -> Steps:
-        """The scene after one pruning and fine-tuning."""
+    def pruned(self, scene: Scene, rate: float, share: float = 1.0) -> Steps:
+        """The scene after one pruning and fine-tuning, of a share of the recipe's steps."""
         name = f"prune {rate:.3g}"
 
         def make() -> tuple[Scene, float | None]:
             smaller = prune(scene, self.weights(scene, name), rate)
             tensors, recipe = trainable.tensors_of(smaller), self.recipe
             adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, recipe.rate)
-            steps, seed = recipe.steps, recipe.seed
+            steps, seed = round(share * recipe.steps), recipe.seed
             loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name)
             learned = sound(trainable.scene_of(tensors, scene.name))
             return best_looking((smaller, learned), self.targets), loss
@@ -187,7 +188,13 @@ class Compression:
 
         def make() -> tuple[Scene, float | None]:
             student, loss = distill(
-                scene, degree, self.cameras, self.extent, self.recipe, self.tell, name
+                scene,
+                degree,
+                spread(self.cameras, ROUND),
+                self.extent,
+                self.recipe,
+                self.tell,
+                name,
             )
             return sound(trainable.scene_of(student, scene.name)), loss
 
@@ -226,7 +233,7 @@ class Compression:
         rates = trainable.REFINING | rates
         adams = trainable.optimizers(leaves, self.extent, rates, self.recipe.rate)
         loss = finetune(
-            work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed,
+            work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed + 1,
             tell, name, work.rendered,
         )  # fmt: skip
         return best_looking((first, work.packed(scene.name)), self.targets), loss
@@ -244,13 +251,13 @@ class Compression:
         """The scene pruned further until the machine makes so many frames a second of it."""
         cameras = spread(self.cameras, TIMED)
         while self.speed(pack(scene, self.config, **self.recipe.packing)[0], cameras) < wanted:
-            scene = yield from self.pruned(scene, FASTER)
+            scene = yield from self.pruned(scene, FASTER, FASTER_STEPS)
         return scene
 
     def within(self, scene: Scene) -> Iterator[Step]:
         """Prune as far as the views kept aside allow; then the most pruned scene whose packed
         model has the PSNR that is asked for on them, or loses at most the drop."""
-        aside, drop = self.targets[::ASIDE], self.recipe.max_drop
+        aside, drop = spread(self.targets[::ASIDE], ROUND // 4), self.recipe.max_drop
         self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
         if not self.targets:
             raise InputError("one picture to learn from is too few: another is to be kept aside")

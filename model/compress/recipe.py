@@ -31,7 +31,7 @@ class Recipe:
 
     schedule: tuple[float, ...] = (0.4, 0.4, 0.4, 0.2)
     steps: int = 500  # of fine-tuning after each pruning
-    distill_steps: int = 400  # for each degree that goes
+    distill_steps: int = 0  # for each degree that goes; 0: least squares alone, which is as good
     quantize_steps: int = 400  # under the packed model's numbers
     rate: float = 1.0  # learning rates, as a share of `trainable.REFINING`
     order: str = "distill-first"  # of ORDERS
@@ -79,6 +79,11 @@ class Recipe:
         """True if a target decides which rates the prunings have."""
         fields = set(TARGETS.values()) - {"max_drop"}
         return any(getattr(self, name) is not None for name in fields)
+
+    @property
+    def at_once(self) -> bool:
+        """True if a size or a speed decides: all prunings are one then, with the steps of all."""
+        return self.targeted and self.target_psnr is None
 
     @property
     def in_steps(self) -> bool:

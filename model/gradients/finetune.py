@@ -21,15 +21,23 @@ DECAY_MEANS = 0.01  # the same of the positions' (3DGS: from 1.6e-4 to 1.6e-6)
 WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
 
+ROUND, LAPS = 96, 4
+"""Views of a round, at most, and how often each is seen before the next round. What makes its own
+pictures makes each once for all laps, and keeps those of a round only."""
+
 SMOOTHING = 0.95  # weight of the past in the moving average of the loss
 
 
 def views_in_turn(targets: Sequence, seed: int) -> Iterator:
-    """The targets in random order, all before one comes again; the same for the same seed."""
+    """The targets in random order, the same for the same seed: all of a round before one of it
+    comes again, and all rounds before one comes again."""
     rng = np.random.default_rng(seed)
     while True:
-        for index in rng.permutation(len(targets)):
-            yield targets[index]
+        order = rng.permutation(len(targets))
+        for some in np.array_split(order, -(-len(order) // ROUND)):
+            for _ in range(LAPS):
+                for index in rng.permutation(some):
+                    yield targets[index]
 
 
 def as_tensor(image: np.ndarray, like: torch.Tensor) -> torch.Tensor:

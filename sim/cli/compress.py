@@ -133,7 +133,7 @@ def compress_command(
     order: OrderOption = Recipe.order,
     degree: DegreeOption = None,
     quality: QualityOption = None,
-    views: ViewsOption = 96,
+    views: ViewsOption = 480,
     size: SizeOption = "1920x1080",
     scale: ScaleOption = 1.0,
     hold_out: HoldOutOption = 7,
@@ -163,7 +163,7 @@ def compress_command(
     recipe.check(original, config)
     path = read_cameras(cameras) if cameras and not images else ()
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
-    learn = learn or _own_pictures(original, scene, path, views, pixels, seed, share)
+    learn = learn or _own_pictures(original, path, views, pixels, seed, share)
     place = work or output.with_name(output.name + ".steps")
     checkpoints = Checkpoints(place, _key(original, learn, recipe, config))
     model = run.compressed(original, learn, recipe, checkpoints, config, scene)
@@ -191,9 +191,10 @@ def _end(facts: dict, json: Path | None):
 
 
 def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
-    """Stands for all that decides on a compression."""
+    """Stands for all that decides on a compression; a scene's own pictures follow from cameras."""
     arrays = [getattr(scene, name) for name in ARRAYS]
-    return f"{digest([arrays, learn])} {recipe!r} {config!r}"
+    seen = [each if isinstance(each, Target) else each.camera for each in learn]
+    return f"{digest([arrays, seen])} {recipe!r} {config!r}"
 
 
 def _beside(share: float | None, cameras: str | None) -> float:
@@ -210,11 +211,11 @@ def _opened(path: str) -> Scene:
 
 
 def _own_pictures(
-    scene: Scene, name: str, path, views: int, size: tuple[int, int], seed: int, beside: float
+    scene: Scene, path, views: int, size: tuple[int, int], seed: int, beside: float
 ) -> tuple:
     """The scene's own pictures, and from the cameras of a path, too."""
-    learn = run.teacher(scene, views, size, seed, name, path, beside)
-    return learn + run.pictures_at(scene, path, size, name) if path else learn
+    learn = run.teacher(scene, views, size, seed, path, beside)
+    return learn + run.pictures_at(scene, path, size) if path else learn
 
 
 def parse_schedule(text: str) -> tuple[float, ...]:

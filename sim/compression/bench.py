@@ -32,7 +32,6 @@ RESULT = "compression.json"
 
 RATIOS = (10, 15, 20, 30, 40, 51.6, 75, 100)
 
-ONE_STEP = 0.5  # a schedule of one pruning; its rate is what the ratio asks for
 SHORT_OF = 0.98  # share of a target ratio from which it counts as reached
 
 
@@ -136,10 +135,7 @@ class Bench:
         return {"steps_in_all": total, "rows": rows, "original": first}
 
     def curve(self) -> dict:
-        """Quality by ratio; what packing alone gives comes first.
-
-        Each point prunes the original in one step, which costs a quarter of the default schedule.
-        """
+        """Quality by ratio; what packing alone gives comes first."""
 
         def alone():
             return pack(self.subject.scene, self.config, **self.recipe.packing)[0]
@@ -161,7 +157,7 @@ class Bench:
                 note = f"packing alone gives {first['ratio']:.1f}×"
                 points.append({"target_ratio": ratio, "ratio": None, "note": note})
             else:
-                run = self.run(schedule=(ONE_STEP,), target_ratio=ratio)
+                run = self.run(target_ratio=ratio)
                 points.append(self.point(run, ratio))
         return {"recipe": asdict(self.recipe), "points": points}
 

@@ -64,7 +64,6 @@ def teacher(
     count: int,
     size: tuple[int, int],
     seed: int,
-    label: str,
     cameras: Sequence[Camera] = (),
     beside: float = 0.0,
 ) -> tuple:
@@ -72,21 +71,18 @@ def teacher(
     the share `beside` off it."""
     from splatcore.model.compress.teacher import teacher_targets
 
-    with progress(f"{label}: teacher") as tell:
-        return teacher_targets(scene, count, size, seed, tell, cameras, beside)
+    return teacher_targets(scene, count, size, seed, cameras, beside)
 
 
-def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int], label: str) -> tuple:
+def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int]) -> tuple:
     """The scene's own pictures from cameras, as wide as `size`."""
-    from splatcore.model.compress.prune import sound
     from splatcore.model.compress.teacher import pictures
 
-    cameras = [
+    sized = [
         camera.resized(size[0], max(round(camera.height * size[0] / camera.width), 1))
         for camera in cameras
     ]
-    with progress(f"{label}: teacher") as tell:
-        return tuple(pictures(sound(scene), cameras, tell))
+    return pictures(scene, sized)
 
 
 def compressed(

@@ -47,7 +47,7 @@ class Protocol:
     config: Config
     steps: int | None = None  # of fine-tuning after each pruning; None: the recipe's
     train_steps: int = 3000  # of a baseline
-    views: int = 96  # of a scene that is its own teacher
+    views: int = 480  # of a scene that is its own teacher
     view_size: tuple[int, int] = (1920, 1080)  # of these, width and height
     beside: float = compression_run.BESIDE_SHARE  # of these on a path: beside it
     size: tuple[int, int] = (1920, 1080)  # of the views by which a scene is judged
@@ -130,8 +130,8 @@ class Subject:
             return self.photographs[0]
         protocol = self.protocol
         return compression_run.teacher(
-            self.scene, protocol.views, protocol.view_size, protocol.seed, self.name,
-            self.path_cameras, protocol.beside,
+            self.scene, protocol.views, protocol.view_size, protocol.seed, self.path_cameras,
+            protocol.beside,
         )  # fmt: skip
 
     @cached_property

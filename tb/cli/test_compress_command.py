@@ -19,7 +19,7 @@ from splatcore.model.generate.generate import generate
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.colour import FINE, SH_C0
 from tb.helpers.command import check_documented, load, run
-from tb.helpers.compression_scene import garden_with_harmonics, nothing
+from tb.helpers.compression_scene import garden_with_harmonics
 
 pytestmark = pytest.mark.compress
 
@@ -43,7 +43,7 @@ def photographs(tmp_path_factory):
     sparse.mkdir(parents=True)
     (folder / "images").mkdir()
     lines, frames = [], []
-    for k, target in enumerate(pictures(garden, cameras, nothing)):
+    for k, target in enumerate(pictures(garden, cameras)):
         name = f"{k}.png"
         Image.fromarray(target.image).save(folder / "images" / name)
         camera = target.camera

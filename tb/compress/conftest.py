@@ -5,7 +5,7 @@ import pytest
 from splatcore.model.compress.checkpoint import Checkpoints
 from splatcore.model.generate.generate import generate
 from splatcore.spec.scene import Scene
-from tb.helpers.compression_scene import SIZE, garden_with_harmonics, nothing
+from tb.helpers.compression_scene import SIZE, garden_with_harmonics
 
 PLAIN = ("test_checkpoint.py", "test_prune.py")  # files of tests that run without PyTorch
 
@@ -40,7 +40,7 @@ def targets(scene):
     """The scene's own pictures; they need PyTorch."""
     from splatcore.model.compress.teacher import teacher_targets
 
-    return teacher_targets(scene, 8, SIZE, 0, nothing)
+    return teacher_targets(scene, 8, SIZE, 0)
 
 
 @pytest.fixture(scope="session")

@@ -36,7 +36,7 @@ def test_degree_follows_what_harmonics_are_worth(scene):
         sh = scene.sh.copy()
         sh[:, 1:] = strength * rng.choice([-1, 1], (len(scene), 15, 3))
         own = replace(scene, sh=sh)
-        found = trials(own, teacher_targets(own, 6, SIZE, 0, nothing), target_ratio=8.0)
+        found = trials(own, teacher_targets(own, 6, SIZE, 0), target_ratio=8.0)
         size = ply_bytes(len(scene), 3)
         chosen = choose(found, size)
         one = chosen["trials"][chosen["chosen"]]
@@ -46,6 +46,17 @@ def test_degree_follows_what_harmonics_are_worth(scene):
         assert one["psnr_db"] >= max(row["psnr_db"] for row in chosen["trials"]) - 0.1
         kept = np.prod(1 - np.array(chosen["schedule"]))
         assert round(kept * len(scene)) == one["gaussians"]
+
+
+def test_a_size_is_reached_by_one_pruning(scene, targets, checkpoints):
+    """With the steps of all that the schedule has; without a target there are all of these."""
+    recipe = replace(RECIPE, target_ratio=20.0)
+    found = decide(scene, targets, recipe, checkpoints)
+    assert len(recipe.schedule) == 2 and len(found.schedule) == 1
+    assert found.steps == 2 * recipe.steps and found.quantize_steps == recipe.quantize_steps
+    other = Checkpoints(checkpoints.folder / "other", "")
+    found = decide(scene, targets, replace(RECIPE, degree=None), other)
+    assert len(found.schedule) == 2 and found.steps == recipe.steps
 
 
 def test_lower_degree_of_two_that_are_as_good():
@@ -79,7 +90,7 @@ def test_harmonics_that_stay_stand_for_those_that_go(scene):
     """By least squares over the views: nearer than harmonics that are cut off."""
     sh = np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1)
     strong = replace(scene, sh=sh)
-    seen = teacher_targets(strong, 6, SIZE, 0, nothing)
+    seen = teacher_targets(strong, 6, SIZE, 0)
     cut = pack(strong, DEFAULT, 1)[0]
     tried = trials(strong, seen).tried(1, "compact", len(strong))
     assert tried.psnr_db > decibels(cut.gaussians(), seen) + 0.3

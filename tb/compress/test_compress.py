@@ -15,10 +15,16 @@ from splatcore.model.compress.compress import compress
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance, view_weights
-from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.gradients import finetune as finetune_module
-from splatcore.model.gradients.finetune import difference, finetune, optimise, views_in_turn
+from splatcore.model.gradients.finetune import (
+    LAPS,
+    ROUND,
+    difference,
+    finetune,
+    optimise,
+    views_in_turn,
+)
 from splatcore.model.gradients.trainable import optimizers, rendered, scene_of, tensors_of
 from splatcore.sim.common.metric import psnr
 from splatcore.spec.config import DEFAULT, TINY
@@ -167,6 +173,17 @@ def test_views_in_turn():
     assert [next(again) for _ in range(10)] == first
 
 
+def test_rounds_of_many_views():
+    """Every view, LAPS times in its round, and no round has more than ROUND."""
+    count = 2 * ROUND + 1
+    views = views_in_turn(list(range(count)), 0)
+    seen = [next(views) for _ in range(LAPS * count)]
+    assert all(seen.count(view) == LAPS for view in range(count))
+    size = -(-count // 3)
+    assert size <= ROUND and set(seen[: LAPS * size]) == set(seen[:size])
+    assert len(set(seen[:size])) == size and seen[LAPS * size] not in seen[:size]
+
+
 def test_difference_is_that_of_the_clipped_picture():
     picture = torch.tensor([[-0.5, 0.5, 1.5]], requires_grad=True)
     loss = difference(picture, torch.tensor([[0.0, 0.2, 1.0]]))
@@ -228,7 +245,6 @@ def test_recipes_that_cannot_be(change, option):
 
 
 def test_targets_are_the_scene_itself(scene, targets):
-    assert all(isinstance(target, Target) for target in targets)
     assert targets[0].image.shape == (SIZE[1], SIZE[0], 3)
     exact = reference(sound(scene).gaussians(), targets[0].camera).pixels
     off = np.abs(exact.astype(int) - targets[0].image)

@@ -9,10 +9,12 @@ from splatcore.model.cameras.capture import NEARER, teacher_views
 from splatcore.model.cameras.orbit import GAP
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.compress import distill as distill_module
+from splatcore.model.compress import teacher as teacher_module
 from splatcore.model.compress.compress import decibels
 from splatcore.model.compress.distill import degrees, distill, projected
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.teacher import pictures, teacher_targets
+from splatcore.model.gradients.differentiable import render as torch_render
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
 from splatcore.spec.colour import SH_C0
@@ -25,7 +27,7 @@ SMALL = (48, 32)
 def test_distilling(scene, cameras):
     """Fewer harmonics that were taught are better than fewer that were cut."""
     strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
-    wanted = list(pictures(strong, cameras, nothing))
+    wanted = list(pictures(strong, cameras))
     recipe = Recipe(rate=0.3, distill_steps=40)
     student, loss = distill(strong, 1, cameras, 1.0, recipe, nothing, "test")
     assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
@@ -83,13 +85,29 @@ def test_half_of_the_steps_are_beside_the_views(scene, cameras, monkeypatch):
 def test_from_all_round(garden):
     """Without cameras the views are `surrounding_views`; broken Gaussians do not matter."""
     broken = replace(garden, opacity=np.where(np.arange(700) < 3, np.nan, garden.opacity))
-    told = []
-    targets = teacher_targets(broken, 5, SMALL, 2, lambda *what: told.append(what))
+    targets = teacher_targets(broken, 5, SMALL, 2)
     wanted = surrounding_views(broken.gaussians(), 5, *SMALL, 2)
     for target, camera in zip(targets, wanted, strict=True):
         assert np.array_equal(target.camera.rotation, camera.rotation)
         assert np.allclose(target.camera.position, camera.position, rtol=1e-12)
-    assert [done for _, done, _, _ in told] == [1, 2, 3, 4, 5]
+
+
+def test_pictures_are_rendered_when_they_are_read(garden, monkeypatch):
+    """Once, as long as they are remembered; cameras and names without rendering."""
+    drawn = []
+
+    def counted(*given):
+        drawn.append(given[-1])
+        return torch_render(*given)
+
+    monkeypatch.setattr(teacher_module, "render", counted)
+    monkeypatch.setattr(teacher_module, "REMEMBERED", 2)
+    targets = teacher_targets(garden, 3, SMALL, 0)
+    cameras = [target.camera for target in targets]
+    assert all(isinstance(target.name, str) for target in targets) and not drawn
+    for k in (0, 1, 1, 0, 2, 2, 0, 1):
+        assert targets[k].image.shape == (SMALL[1], SMALL[0], 3)
+    assert drawn == [cameras[k] for k in (0, 1, 2, 1)]
 
 
 def test_on_the_path_of_cameras(garden):
@@ -120,6 +138,6 @@ def test_beside_the_path(garden):
 
 def test_pictures_are_the_scenes_own(garden):
     """The reference's 8-bit pictures, but for the last bit of single pixels in float32."""
-    for target in teacher_targets(garden, 3, SMALL, 0, nothing):
+    for target in teacher_targets(garden, 3, SMALL, 0):
         apart = np.abs(target.image - render(garden.gaussians(), target.camera).pixels.astype(int))
         assert apart.max() <= 1 and apart.mean() < 0.01 and target.image.std() > 10

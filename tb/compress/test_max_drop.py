@@ -9,6 +9,7 @@ from splatcore.model.compress import compress as compress_module
 from splatcore.model.compress.checkpoint import Checkpoints
 from splatcore.model.compress.compress import Compression, compress, decibels
 from splatcore.model.compress.significance import significance
+from splatcore.model.formats.photographs import Target
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from tb.helpers.compression_scene import RECIPE, nothing
@@ -20,7 +21,7 @@ def test_max_drop(scene, targets, checkpoints, tmp_path):
     noisy = []  # photographs are not what the scene draws
     for each in targets:
         image = np.clip(each.image + rng.normal(0, 12, each.image.shape), 0, 255)
-        noisy.append(replace(each, image=image.astype(np.uint8)))
+        noisy.append(Target(each.camera, image.astype(np.uint8), each.name))
     recipe = replace(RECIPE, max_drop=3.0, steps=20, quantize_steps=20)
     *_, step = compress(scene, noisy, recipe, checkpoints)
     aside = noisy[:: compress_module.ASIDE]

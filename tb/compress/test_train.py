@@ -26,7 +26,7 @@ def garden():
 
 @pytest.fixture(scope="module")
 def photographs(garden) -> list[Target]:
-    return list(pictures(garden, surrounding_views(garden.gaussians(), 5, 80, 60), nothing))
+    return list(pictures(garden, surrounding_views(garden.gaussians(), 5, 80, 60)))
 
 
 @pytest.fixture(scope="module")

@@ -103,7 +103,7 @@ def test_beside(fake, tmp_path, capsys):
     assert "15 degrees, dB" in capsys.readouterr().out
     assert "15 degrees psnr_db" in (Path("out") / "steps.csv").read_text().splitlines()[0]
     assert bench("a.ply", "--part", "steps", "--steps", "5", "--beside", "0.5") == 0
-    assert fake.calls.count("teacher 96 1920x1080 0, 2 cameras, 0.5 beside") == 1
+    assert fake.calls.count("teacher 480 1920x1080 0, 2 cameras, 0.5 beside") == 1
     write_ply("b.ply", small(300))
     assert bench("b.ply", "--part", "steps") == 0
     assert "psnr_db_beside" not in scenes()["b.ply"]["steps"]["rows"][-1]
@@ -116,7 +116,7 @@ def test_what_is_there_is_not_made_again(fake, tmp_path, monkeypatch):
     names = ("compression.json", "steps.csv", "schedule.csv", "curve.csv", "budget.csv")
     first = {name: (tmp_path / "out" / name).read_bytes() for name in names}
     done = list(fake.calls)
-    assert done.count("teacher 96 1920x1080 0, 2 cameras, 1 beside") == 1
+    assert done.count("teacher 480 1920x1080 0, 2 cameras, 1 beside") == 1
 
     def never(*_):
         raise AssertionError("rendered again")
