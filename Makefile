@@ -109,7 +109,7 @@ CAMERA ?= $(firstword $(wildcard $(addsuffix .cameras.json,$(basename $(SCENE) $
 
 size = $(addprefix --size ,$(SIZE))
 preset = $(addprefix --preset ,$(PRESET))
-few := --part steps,curve,power --ratios 20,60 --views 24 --view-size 960x540 --steps 40
+few := --part steps,curve,power --ratios 15,20,30,40,60,80 --view-size 960x540 --steps 40
 measure = mkdir -p $(@D) && $(SPLATCORE)
 
 campaigns := scenes/scenes.csv quality/quality.json budget.json sweep/sweep.json ablation/ablation.json work/work.json power.json

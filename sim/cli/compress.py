@@ -33,7 +33,9 @@ LOOKED_AT = 4  # views on which the loss is measured where there are no photogra
 FolderArgument = argument(str, "DIR", "COLMAP model with its photographs in images/.")
 OutputOption = option(Path, "SCENE.ply", "Where to write it.", "-o")
 StepsOption = option(int, None, "Steps of optimisation.", min=1)
-TuneStepsOption = option(int, None, "Steps after each pruning.", min=0)
+TuneStepsOption = option(
+    int, None, "Steps after each pruning; those of all after a single one.", min=0
+)
 ViewsOption = option(int, None, "Own pictures, without --images.", min=1)
 SizeOption = option(str, "WxH", "Of the own pictures: as it will be rendered.")
 ScaleOption = option(float, "S", "Shrink the photographs: 0.5 is half their size.")
@@ -53,13 +55,15 @@ BesideOption = option(
     min=0,
     max=1,
 )
-ScheduleOption = option(str, "R,R,…", "Shares that the prunings remove, one by one.")
+ScheduleOption = option(
+    str, "R,R,…", "Shares that the prunings remove, one by one; all at once where a target decides."
+)
 RatioOption = option(float | None, "R", "So many times smaller than the scene's float32 PLY.")
 BytesOption = option(int | None, "N", "At most so many bytes in memory.")
 PsnrOption = option(float | None, "DB", "As small as keeps this PSNR on pictures kept aside.")
 FpsOption = option(float | None, "F", "So many frames a second of the machine, by its cycle model.")
 DropOption = option(float | None, "DB", "Lose at most this on photographs kept aside.")
-DistillOption = option(int, None, "Steps for each degree of harmonics that goes.", min=0)
+DistillOption = option(int, None, "Steps for each degree that goes, after least squares.", min=0)
 QuantizeOption = option(int, None, "Steps under the packed model's numbers.", min=0)
 RateOption = option(float, "S", "Learning rates, as a share of those that suit most scenes.")
 OrderOption = option(str, "ORDER", "distill-first: harmonics go first; or prune-first.")

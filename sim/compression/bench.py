@@ -90,8 +90,13 @@ class Bench:
             for name in ("psnr_db", "ssim", "flip", "lpips")
         }  # fmt: skip
         size = {"bytes": step.bytes, "ratio": self.subject.ply_bytes / step.bytes}
+        size["bytes_each"] = step.bytes / len(self.subject.scene)
         row = {"gaussians": step.gaussians, "sh_degree": step.sh_degree} | size | found | change
         return row | (self.measure.beside(version) if self.subject.beside else {})
+
+    def worked(self, version: Version, step: Step) -> dict:
+        """The same, and the machine's work."""
+        return self.row(version, step) | {"work": self.measure.work(version)}
 
     def steps(self) -> dict:
         """Every step of the recipe: size, quality, the machine's work; the last one's pictures."""
@@ -101,7 +106,7 @@ class Bench:
             version = left_by(run, step)
             about = {"step": step.name, "kind": step.kind, "seconds": step.seconds}
             about |= {"loss": step.loss}
-            rows.append(about | self.row(version, step) | {"work": self.measure.work(version)})
+            rows.append(about | self.worked(version, step))
         self.sheet(version, rows[-1])
         return {"recipe": asdict(self.recipe), "rows": rows}
 
@@ -135,7 +140,7 @@ class Bench:
         return {"steps_in_all": total, "rows": rows, "original": first}
 
     def curve(self) -> dict:
-        """Quality by ratio; what packing alone gives comes first."""
+        """Quality and the machine's work by ratio; what packing alone gives comes first."""
 
         def alone():
             return pack(self.subject.scene, self.config, **self.recipe.packing)[0]
@@ -150,7 +155,7 @@ class Bench:
         facts = kept(self.folder / "measured", about, sizes)
         step = Step(name, "quantize", **facts, seconds=0.0, loss=None, file="")
         version = Version(name, about, self.config, alone)
-        first = {"target_ratio": None, "note": name} | self.row(version, step)
+        first = {"target_ratio": None, "note": name} | self.worked(version, step)
         points = [first]
         for ratio in sorted(self.ratios):
             if ratio <= first["ratio"]:
@@ -169,7 +174,7 @@ class Bench:
             if "target-ratio" not in str(error):
                 raise
             return {"target_ratio": ratio, "ratio": None, "note": str(error)}
-        point = {"target_ratio": ratio, "note": ""} | self.row(left_by(run, step), step)
+        point = {"target_ratio": ratio, "note": ""} | self.worked(left_by(run, step), step)
         if point["ratio"] < SHORT_OF * ratio:
             point["note"] = f"only {point['ratio']:.1f}× was reached"
         run.slim()

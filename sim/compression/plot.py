@@ -1,13 +1,14 @@
-"""Pictures of `splatcore bench compression`: the curve of ratio against loss, contact sheets."""
+"""Pictures of `splatcore bench compression`: curves of loss against ratio, bytes for each Gaussian
+of the scene and frames a second; contact sheets."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from splatcore.golden.reference import render
 from splatcore.model.formats.photographs import Target
@@ -19,8 +20,6 @@ from splatcore.sim.compression.subjects import Subject
 
 DOTS_PER_INCH = 120
 
-TICKS = (5, 7, 10, 15, 20, 30, 40, 50, 75, 100, 150, 200)
-
 AGAINST = {
     "photographs": ("psnr_db_change", "PSNR change on held-out photographs, dB", 51.6, -0.75),
     "original": ("psnr_db", "PSNR against the original, dB", 20, 30.0),
@@ -28,12 +27,21 @@ AGAINST = {
 """Value that is drawn of a scene, axis, and the bound: at least this ratio and this many dB."""
 
 
+ACROSS: dict[str, Callable[[dict], float]] = {
+    "smaller than the float32 PLY, times; a cross is packing alone": lambda point: point["ratio"],
+    "bytes for each Gaussian of the scene": lambda point: point["bytes_each"],
+    "frames a second at 800 MHz, by the cycle model": lambda point: point["work"]["fps_at_800mhz"],
+}
+"""Axes across, and what of a point lies along them; the bound is one of the first."""
+
+
 def write_curve(path: Path, scenes: dict[str, dict]):
-    """Ratio against loss of all scenes, a panel for each kind of truth; nothing without points.
+    """Loss of all scenes along each of `ACROSS`, a row for each kind of truth; nothing without
+    points.
 
     A cross is packing alone; a grey corner marks the bound.
     """
-    panels = {
+    rows = {
         against: {
             name: [point for point in scene["curve"]["points"] if point["ratio"]]
             for name, scene in scenes.items()
@@ -41,14 +49,15 @@ def write_curve(path: Path, scenes: dict[str, dict]):
         }
         for against in AGAINST
     }
-    panels = {against: found for against, found in panels.items() if found}
-    if not panels:
+    rows = {against: found for against, found in rows.items() if found}
+    if not rows:
         return
-    with figure_at(path, 5.6 * len(panels), 4.4) as figure:
-        for axes, (against, found) in zip(
-            figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
-        ):
-            _panel(axes, against, found)
+    with figure_at(path, 5.6 * len(ACROSS), 4.4 * len(rows)) as figure:
+        places = figure.subplots(len(rows), len(ACROSS), squeeze=False)
+        for panels, (against, found) in zip(places, rows.items(), strict=True):
+            for axes, label in zip(panels, ACROSS, strict=True):
+                _panel(axes, against, found, label)
+            _mark(panels[0], against)
 
 
 @contextmanager
@@ -60,28 +69,34 @@ def figure_at(path: Path, width: float, height: float) -> Iterator[Figure]:
         write_figure(path, figure, facecolor="white")
 
 
-def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]]):
+def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]], across: str):
     """The curves of the scenes that are judged alike."""
-    value, label, ratio, least = AGAINST[against]
+    value, label, _, _ = AGAINST[against]
+    of = ACROSS[across]
     for k, (name, points) in enumerate(scenes.items()):
-        drawn = sorted((p["ratio"], p[value]) for p in points if p[value] is not None)
+        drawn = sorted((of(p), p[value]) for p in points if p[value] is not None)
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         axes.plot(*zip(*drawn, strict=True), color=colour, marker=marker, label=name)
-        alone = [(p["ratio"], p[value]) for p in points if p["target_ratio"] is None]
+        alone = [(of(p), p[value]) for p in points if p["target_ratio"] is None]
         axes.plot(*zip(*alone, strict=True), "x", color=colour, markersize=10)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+    axes.set_xlabel(across)
+    axes.set_ylabel(label)
+    axes.legend(loc="best")
+
+
+def _mark(axes: Axes, against: str):
+    """The bound, a grey corner."""
+    _, _, ratio, least = AGAINST[against]
     axes.axhline(least, color=GREY, linestyle="--")
     axes.axvline(ratio, color=GREY, linestyle="--")
     axes.annotate(
         f"{ratio:g}× and {least:g} dB".replace("-", "−"), (ratio, least), (5, 5),
         textcoords="offset points", color=GREY,
     )  # fmt: skip
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(FixedLocator(TICKS))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}×"))
-    axes.set_xlabel("smaller than the float32 PLY; a cross is packing alone")
-    axes.set_ylabel(label)
-    axes.legend(loc="best")
 
 
 def write_sheet(path: Path, subject: Subject, view: Target, version: Version, row: dict):

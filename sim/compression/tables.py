@@ -71,7 +71,9 @@ def tables(name: str, scene: dict) -> Iterator[Table]:
         yield table(title, columns, rows)
     if rows := rows_of(scene, "curve"):
         columns = (
-            ("target", number("target_ratio", "g")), *SIZES, *metrics(rows),
+            ("target", number("target_ratio", "g")), *SIZES,
+            ("bytes each", number("bytes_each", ".2f")), *metrics(rows),
+            ("FPS", number("fps_at_800mhz", ".0f")),
             ("note", lambda row: row["note"]),
         )  # fmt: skip
         yield table(f"{judged}: ratio against loss", columns, rows)
@@ -139,11 +141,9 @@ def rows_of(scene: dict, part: str) -> list[dict]:
     found = scene.get(part)
     if not found:
         return []
-    if part == "steps":
-        return [row | row["work"] for row in found["rows"]]
     if part == "budget":
         return [{"error": name} | found[name] for name in ERRORS]
-    return found["points" if part == "curve" else "rows"]
+    return [row | row.get("work", {}) for row in found["points" if part == "curve" else "rows"]]
 
 
 def write_csv(folder: Path, facts: dict):

@@ -130,7 +130,10 @@ TABLES = {
             "scenes{scene}.steps.rows[]",
             f"step kind {MODEL} {BESIDE} seconds work.tile_pairs work.pairs work.fps_at_800mhz",
         ),
-        "curve": Sheet("scenes{scene}.curve.points[]", f"target_ratio {MODEL} {BESIDE} note"),
+        "curve": Sheet(
+            "scenes{scene}.curve.points[]",
+            f"target_ratio {MODEL} bytes_each {BESIDE} work.fps_at_800mhz note",
+        ),
         "power": Sheet(
             "scenes{scene}.power.rows[]",
             "step kind gaussians sh_degree bytes cycles fps_at_800mhz fps traffic_bytes power_w "
