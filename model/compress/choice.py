@@ -12,8 +12,9 @@ from math import sqrt
 import numpy as np
 import torch
 
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.distill import projected
-from splatcore.model.compress.prune import count_in, merged, scaled_schedule
+from splatcore.model.compress.prune import count_in, merged, scaled_schedule, sound
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.formats.photographs import Target
@@ -24,7 +25,7 @@ from splatcore.model.pack.pack import layout_of, pack
 from splatcore.model.pack.quality import QUALITIES, STEPPED
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS
-from splatcore.spec.config import Config
+from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import COMPACT_DEGREE, model_format, step_format
 from splatcore.spec.metric import psnr_of_square
@@ -133,6 +134,31 @@ class Trials:
         return self.speed(model, [target.camera for target in spread(self.targets, TIMED)])
 
 
+def decide(
+    scene: Scene,
+    targets: Sequence[Target],
+    recipe: Recipe,
+    checkpoints: Checkpoints,
+    config: Config = DEFAULT,
+    tell: Tell = lambda what, done, total, loss: None,
+    original: int | None = None,
+    speed: Speed | None = None,
+) -> Recipe:
+    """The recipe with what it leaves open chosen: the degree and quality of the model, and what
+    each pruning removes. Takes what `compress` takes; what was chosen once stands."""
+    if not targets:
+        raise InputError("there is no picture to learn from")
+    if recipe.degree is not None and not recipe.targeted:
+        return recipe
+
+    def make() -> dict:
+        kept = sound(scene)
+        size = original or ply_bytes(len(kept), kept.sh_degree)
+        return choose(Trials(kept, targets, recipe, config, tell, speed), size)
+
+    return resolved(recipe, checkpoints.choose(make))
+
+
 def choose(trials: Trials, original: int) -> dict:
     """The `trials` (fields of `Trial`), which of them was `chosen`, and the `schedule` of prunings
     that leaves its Gaussians. InputError if the recipe's target cannot be reached, with what can.
@@ -149,7 +175,7 @@ def choose(trials: Trials, original: int) -> dict:
         best = best_of(found)
     else:
         best = for_bytes(trials, room(trials, original))
-    shape = recipe.schedule[:1] if recipe.at_once else recipe.schedule
+    shape = recipe.schedule[:1] if recipe.targeted else recipe.schedule
     rates = scaled_schedule(shape, len(trials.scene), best.gaussians)
     rows = [asdict(trial) for trial in trials.done]
     return {"trials": rows, "chosen": trials.done.index(best), "schedule": list(rates)}
@@ -160,7 +186,7 @@ def resolved(recipe: Recipe, choice: dict) -> Recipe:
     trial = Trial(**choice["trials"][choice["chosen"]])
     quality = None if trial.quality == QUALITIES[0] else trial.quality
     rates = tuple(choice["schedule"]) if recipe.max_drop is None else recipe.schedule
-    steps = recipe.steps * max(len(recipe.schedule), 1) if recipe.at_once else recipe.steps
+    steps = recipe.steps * max(len(recipe.schedule), 1) if recipe.targeted else recipe.steps
     return replace(
         recipe, degree=trial.degree, quality=quality, schedule=rates, steps=steps,
         target_ratio=None, target_bytes=None,

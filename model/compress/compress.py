@@ -3,22 +3,22 @@
 Each step is kept in a folder (`model.compress.checkpoint`), from which the next run goes on.
 """
 
+import itertools
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
+from math import prod
 
 import numpy as np
 
-from splatcore.model.compress.checkpoint import Checkpoints, Result, Step, ply_bytes
+from splatcore.model.compress.checkpoint import Checkpoints, Result, Step
 from splatcore.model.compress.choice import (
     TIMED,
     WEIGHED,
     Speed,
-    Trials,
     best_looking,
-    choose,
     decibels,
-    resolved,
+    decide,
     spread,
 )
 from splatcore.model.compress.codebooks import in_codebooks
@@ -42,6 +42,11 @@ ASIDE = 7  # one view of so many is kept aside when a loss is to be kept (`max_d
 
 PRUNING_SHARE = 0.6
 """Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
+
+ATTEMPTS, CLOSE = 3, 0.5
+"""Models that are made for a PSNR if the first one has it, at most, and dB that end the search."""
+
+DOUBLED = 3.0  # dB that twice as many Gaussians bring, about (leica-sofort 3.5, skull 2.3)
 
 RATE_MIN = 0.05  # pruning rates below are not tried
 FASTER, FASTER_STEPS = 0.1, 0.25
@@ -72,8 +77,11 @@ def compress(
         recipe = decide(scene, targets, recipe, checkpoints, config, tell, original, speed)
         work = Compression(tuple(targets), recipe, checkpoints, config, tell, speed)
         start = yield from work.step("original", "original", lambda: (scene, None))
-        if recipe.max_drop is not None or recipe.target_psnr is not None:
-            yield from work.within(start)
+        if recipe.max_drop is not None:
+            yield from work.within(start, recipe.max_drop)
+            return
+        if recipe.target_psnr is not None:
+            yield from work.reaching(start, recipe.target_psnr)
             return
         start = yield from work.before_pruning(start)
         for rate in recipe.schedule:
@@ -84,31 +92,6 @@ def compress(
     except InputError as error:
         kept = f"; what came before is in {checkpoints.folder}" if checkpoints.steps else ""
         raise InputError(f"{scene.name}: {error}{kept}") from None
-
-
-def decide(
-    scene: Scene,
-    targets: Sequence[Target],
-    recipe: Recipe,
-    checkpoints: Checkpoints,
-    config: Config = DEFAULT,
-    tell: Tell = lambda what, done, total, loss: None,
-    original: int | None = None,
-    speed: Speed | None = None,
-) -> Recipe:
-    """The recipe with what it leaves open chosen: the degree and quality of the model, and what
-    each pruning removes. Takes what `compress` takes; what was chosen once stands."""
-    if not targets:
-        raise InputError("there is no picture to learn from")
-    if recipe.degree is not None and not recipe.targeted:
-        return recipe
-
-    def make() -> dict:
-        kept = sound(scene)
-        size = original or ply_bytes(len(kept), kept.sh_degree)
-        return choose(Trials(kept, targets, recipe, config, tell, speed), size)
-
-    return resolved(recipe, checkpoints.choose(make))
 
 
 Steps = Generator[Step, None, Scene]
@@ -254,24 +237,26 @@ class Compression:
             scene = yield from self.pruned(scene, FASTER, FASTER_STEPS)
         return scene
 
-    def within(self, scene: Scene) -> Iterator[Step]:
-        """Prune as far as the views kept aside allow; then the most pruned scene whose packed
-        model has the PSNR that is asked for on them, or loses at most the drop."""
-        aside, drop = spread(self.targets[::ASIDE], ROUND // 4), self.recipe.max_drop
+    def keep_aside(self) -> tuple[Target, ...]:
+        """Views by which models are judged; they are not learned from any more."""
+        aside = spread(self.targets[::ASIDE], ROUND // 4)
         self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
         if not self.targets:
             raise InputError("one picture to learn from is too few: another is to be kept aside")
         self.cameras, self.weighed = [target.camera for target in self.targets], None
-        least = pruning_until = self.recipe.target_psnr
-        if drop is not None:
-            best = decibels(scene, aside)
-            least, pruning_until = best - drop, best - PRUNING_SHARE * drop
+        return aside
+
+    def within(self, scene: Scene, drop: float) -> Iterator[Step]:
+        """Prune as far as the views kept aside allow; then the most pruned scene whose packed
+        model loses at most the drop on them."""
+        aside = self.keep_aside()
+        best = decibels(scene, aside)
         levels = [(yield from self.before_pruning(scene))]
         rates = self.recipe.schedule or (0.4,)
         rate = rates[0]
         while rate >= RATE_MIN and len(levels[-1]) > 1:
             smaller = yield from self.pruned(levels[-1], rate)
-            if decibels(smaller, aside) >= pruning_until:
+            if decibels(smaller, aside) >= best - PRUNING_SHARE * drop:
                 levels.append(smaller)
                 rate = rates[min(len(levels) - 1, len(rates) - 1)]
             else:
@@ -279,9 +264,33 @@ class Compression:
         for level in reversed(levels):
             model = yield from self.packed(level)
             found = decibels(model.gaussians(), aside)
-            if found >= least:
+            if found >= best - drop:
                 return
-        if drop is None:
-            raise InputError(f"--target-psnr: {least:g} dB: without pruning it is {found:.2f} dB")
         lost = f"{best - found:.2f} dB are lost without pruning"
         raise InputError(f"--max-drop: {drop:g} dB cannot be kept: {lost}")
+
+    def reaching(self, scene: Scene, wanted: float) -> Iterator[Step]:
+        """Models of as many Gaussians as the PSNR of the last one on the views kept aside lets
+        expect; ends with that of the fewest which has what is asked for."""
+        aside = self.keep_aside()
+        start = yield from self.before_pruning(scene)
+        count = round(len(start) * prod(1 - rate for rate in self.recipe.schedule))
+        enough, model_of_these, too_few = len(start), None, 0
+        for attempt in itertools.count(1):
+            name, some = self.next_name("quantize"), start
+            if count < len(start):
+                some = yield from self.pruned(start, 1 - count / len(start))
+            found = decibels((yield from self.packed(some)).gaussians(), aside)
+            if found >= wanted:
+                enough, model_of_these = count, name
+            elif count == len(start):
+                least = f"without pruning it is {found:.2f} dB"
+                raise InputError(f"--target-psnr: {wanted:g} dB: {least}")
+            else:
+                too_few = count
+            expected = count * 2 ** ((wanted + CLOSE / 2 - found) / DOUBLED)
+            near = attempt >= ATTEMPTS or 0 <= found - wanted <= CLOSE
+            count = min(max(round(expected), too_few + 1), enough)
+            if model_of_these and (near or count == enough):
+                break
+        yield self.checkpoints.find(model_of_these)

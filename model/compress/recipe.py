@@ -76,14 +76,10 @@ class Recipe:
 
     @property
     def targeted(self) -> bool:
-        """True if a target decides which rates the prunings have."""
+        """True if a target decides how much goes: all prunings are one then, with the steps of
+        all."""
         fields = set(TARGETS.values()) - {"max_drop"}
         return any(getattr(self, name) is not None for name in fields)
-
-    @property
-    def at_once(self) -> bool:
-        """True if a size or a speed decides: all prunings are one then, with the steps of all."""
-        return self.targeted and self.target_psnr is None
 
     @property
     def in_steps(self) -> bool:

@@ -9,7 +9,7 @@ from splatcore.model.compress import choice as choice_module
 from splatcore.model.compress import compress as compress_module
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.choice import Trial, Trials, best_of, choose, decibels, resolved
-from splatcore.model.compress.compress import compress, decide
+from splatcore.model.compress.compress import Compression, compress, decide
 from splatcore.model.compress.teacher import teacher_targets
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT
@@ -165,6 +165,46 @@ def test_psnr(scene, targets, checkpoints):
         list(compress(scene, targets, far, Checkpoints(checkpoints.folder / "far", "")))
 
 
+@pytest.mark.parametrize(
+    "wanted,slope,tried",
+    [
+        (27.0, 3.0, [392, 185]),  # the slope is as expected
+        (27.0, 5.0, [392, 185, 305]),  # too few, and not searched for ever
+        (32.9, 3.0, [392, 700]),  # the first has too few
+    ],
+)
+def test_search_for_psnr(scene, targets, monkeypatch, wanted, slope, tried):
+    """By what the last model had; the smallest that has the PSNR is the last one."""
+
+    class Fake(Compression):
+        def before_pruning(self, scene):
+            yield from ()
+            return scene
+
+        def pruned(self, scene, rate):
+            yield from ()
+            return scene[: round((1 - rate) * len(scene))]
+
+        def packed(self, scene):
+            self.names.append("quantize")
+            found.append(len(scene))
+            yield len(scene)
+            return scene
+
+    def named(gaussians, aside) -> float:
+        assert len(aside) == 2
+        return 30.5 + slope * np.log2(len(gaussians.opacity) / 392)
+
+    found = []
+    monkeypatch.setattr(compress_module, "decibels", named)
+    work = Fake(targets, RECIPE, None, DEFAULT, nothing)
+    work.checkpoints = type("", (), {"find": lambda self, name: name})()
+    *_, last = work.reaching(scene, wanted)
+    assert found == tried and last == f"quantize ({len(tried)})"
+    with pytest.raises(InputError, match="--target-psnr: 40 dB: without pruning it is 3"):
+        list(Fake(targets, RECIPE, None, DEFAULT, nothing).reaching(scene, 40.0))
+
+
 def test_a_smaller_target_takes_fewer_bytes(scene, targets):
     found = [
         choice_module.for_psnr(trials(scene, targets), wanted).bytes
@@ -177,7 +217,7 @@ def test_what_was_chosen_stands(scene, targets, checkpoints, monkeypatch):
     recipe = replace(RECIPE, target_ratio=10.0)
     first = decide(scene, targets, recipe, checkpoints)
     assert first.degree is not None and first.target_ratio is None and first.schedule
-    monkeypatch.delattr(compress_module, "Trials")
+    monkeypatch.delattr(choice_module, "Trials")
     again = Checkpoints(checkpoints.folder, checkpoints.key)
     assert decide(scene, targets, recipe, again) == first
     assert first == resolved(recipe, again.choice)
