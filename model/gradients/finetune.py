@@ -22,19 +22,19 @@ WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
 
 ROUND, LAPS = 96, 4
-"""Views of a round, at most, and how often each is seen before the next round. What makes its own
-pictures makes each once for all laps, and keeps those of a round only."""
+"""Views of a round of fine-tuning, at most, and how often each is seen before the next round: what
+renders its own pictures renders each once for all laps, and keeps those of a round only."""
 
 SMOOTHING = 0.95  # weight of the past in the moving average of the loss
 
 
-def views_in_turn(targets: Sequence, seed: int) -> Iterator:
+def views_in_turn(targets: Sequence, seed: int, most: int | None = None) -> Iterator:
     """The targets in random order, the same for the same seed: all of a round before one of it
-    comes again, and all rounds before one comes again."""
+    comes again, and all rounds before one comes again. A round has at most so many, or all."""
     rng = np.random.default_rng(seed)
     while True:
         order = rng.permutation(len(targets))
-        for some in np.array_split(order, -(-len(order) // ROUND)):
+        for some in np.array_split(order, -(-len(order) // (most or len(order)))):
             for _ in range(LAPS):
                 for index in rng.permutation(some):
                     yield targets[index]
@@ -92,7 +92,7 @@ def finetune(
 
     `parameters` makes of the tensors what is rendered.
     """
-    views = views_in_turn(targets, seed)
+    views = views_in_turn(targets, seed, ROUND)
 
     def loss_of() -> torch.Tensor:
         target = next(views)

@@ -176,7 +176,9 @@ def test_views_in_turn():
 def test_rounds_of_many_views():
     """Every view, LAPS times in its round, and no round has more than ROUND."""
     count = 2 * ROUND + 1
-    views = views_in_turn(list(range(count)), 0)
+    whole = islice(views_in_turn(list(range(count)), 0), count)
+    assert sorted(whole) == list(range(count))
+    views = views_in_turn(list(range(count)), 0, ROUND)
     seen = [next(views) for _ in range(LAPS * count)]
     assert all(seen.count(view) == LAPS for view in range(count))
     size = -(-count // 3)
