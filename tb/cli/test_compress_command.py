@@ -10,14 +10,18 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from splatcore.model.cameras.surround import surrounding_views
-from splatcore.model.compress.teacher import pictures
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.compress.teacher import OwnPicture, pictures
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.model_file import read_model
+from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate
+from splatcore.sim.cli import compress as compress_command
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.colour import FINE, SH_C0
+from splatcore.spec.config import DEFAULT
 from tb.helpers.command import check_documented, load, run
 from tb.helpers.compression_scene import garden_with_harmonics
 
@@ -187,6 +191,24 @@ def test_degree_above_the_scene_s(scene_file, tmp_path, capsys, monkeypatch):
     monkeypatch.delattr(compression_run, "teacher")
     assert run("compress", str(scene_file), "-o", str(tmp_path / "m"), "--degree", "2") == 2
     assert "small.ply: --degree 2 is above its degree 1" in capsys.readouterr().err
+
+
+def test_what_a_kept_step_is_of(scene_file):
+    """Of photographs' pixels; of own pictures without rendering them."""
+    scene, views = (
+        read_scene(scene_file),
+        surrounding_views(generate("garden").gaussians(), 2, 8, 8),
+    )
+
+    def key(*images) -> str:
+        learn = tuple(Target(view, image, "") for view, image in zip(views, images, strict=True))
+        return compress_command._key(scene, learn, Recipe(), DEFAULT)
+
+    black, white = np.zeros((8, 8, 3), np.uint8), np.ones((8, 8, 3), np.uint8)
+    assert key(black, black) == key(black, black) != key(black, white)
+    own = tuple(OwnPicture(view, None) for view in views)
+    keys = [compress_command._key(scene, some, Recipe(), DEFAULT) for some in (own, own[::-1])]
+    assert keys[0] != keys[1]
 
 
 def test_bad_input(scene_file, tmp_path, capsys):

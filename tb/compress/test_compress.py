@@ -186,6 +186,19 @@ def test_rounds_of_many_views():
     assert len(set(seen[:size])) == size and seen[LAPS * size] not in seen[:size]
 
 
+def test_every_view_is_learned_from(scene, targets, monkeypatch):
+    seen, right = [], finetune_module.render
+
+    def noted(*given):
+        seen.append(given[-1])
+        return right(*given)
+
+    monkeypatch.setattr(finetune_module, "render", noted)
+    tensors = tensors_of(scene)
+    finetune(tensors, optimizers(tensors, 1.0), targets, len(targets), 0, nothing, "test")
+    assert {*seen} == {target.camera for target in targets} and len(seen) == len(targets)
+
+
 def test_difference_is_that_of_the_clipped_picture():
     picture = torch.tensor([[-0.5, 0.5, 1.5]], requires_grad=True)
     loss = difference(picture, torch.tensor([[0.0, 0.2, 1.0]]))

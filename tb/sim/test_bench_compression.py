@@ -72,6 +72,7 @@ def test_steps(fake, tmp_path, capsys):
     assert row["flip"] == pytest.approx(np.mean(flips), abs=1e-4) == row["flip_change"]
     assert row["ssim_change"] == pytest.approx(row["ssim"] - 1) and row["psnr_db_change"] is None
     assert row["ratio"] == ply_bytes(600, 3) / ply_bytes(216, 1)
+    assert row["bytes_each"] == ply_bytes(216, 1) / 600
     frames = [pipeline.render(DEFAULT, pack(cut, DEFAULT)[0], camera) for camera in held_out()]
     work = row["work"]
     assert work["splats"] == np.mean([frame.counts["splats"] for frame in frames])
