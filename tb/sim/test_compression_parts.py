@@ -16,9 +16,9 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.pack.pack import pack
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.picture import read_png
+from splatcore.sim.compression import plot
 from splatcore.sim.compression import run as compression_run
 from splatcore.sim.compression.bench import SCHEDULES, equal_rates, left
-from splatcore.sim.compression.plot import write_curve
 from splatcore.sim.compression.subjects import Protocol
 from splatcore.spec.config import DEFAULT
 from tb.helpers.compression_stand_in import bench, held_out, installed, scenes, small
@@ -137,22 +137,37 @@ def test_schedule(fake, tmp_path, capsys):
     assert later and not any(call.startswith("prune") for call in later), "its run goes on"
 
 
-def test_curve_of_both_kinds(tmp_path):
-    """Photographs and originals have a panel each; without points nothing is drawn."""
+def test_curve_of_both_kinds(tmp_path, monkeypatch):
+    """A row each for photographs and originals, and in each PSNR along ratio, bytes and speed;
+    without points nothing is drawn."""
 
     def scene(against: str) -> dict:
         points = [
             {"target_ratio": r if k else None, "ratio": r, "psnr_db": 40 - k, "psnr_db_change": -k}
+            | {"bytes_each": 300 / r, "work": {"fps_at_800mhz": 100.0 * (k + 1)}}
             for k, r in enumerate((8.0, 20.0, 51.6))
         ]
         return {"against": against, "curve": {"points": [*points, {"ratio": None}]}}
 
-    write_curve(tmp_path / "none.png", {"a": {"against": "original"}})
+    drawn, write = {}, plot.write_figure
+
+    def noted(path, figure, **options):
+        drawn[path.name] = [axes.lines[0].get_xydata() for axes in figure.axes]
+        write(path, figure, **options)
+
+    monkeypatch.setattr(plot, "write_figure", noted)
+    plot.write_curve(tmp_path / "none.png", {"a": {"against": "original"}})
     assert not (tmp_path / "none.png").exists()
-    write_curve(tmp_path / "one.png", {"a": scene("original")})
-    write_curve(tmp_path / "two.png", {"a": scene("original"), "b": scene("photographs")})
+    plot.write_curve(tmp_path / "one.png", {"a": scene("original")})
+    plot.write_curve(tmp_path / "two.png", {"a": scene("original"), "b": scene("photographs")})
     one, two = (read_png(tmp_path / name) for name in ("one.png", "two.png"))
-    assert two.shape[1] == pytest.approx(2 * one.shape[1], abs=2)
+    assert two.shape[0] == pytest.approx(2 * one.shape[0], abs=2)
+    ratio, each, speed = drawn["one.png"]
+    assert ratio.tolist() == [[8.0, 40], [20.0, 39], [51.6, 38]]
+    assert each.tolist() == [[300 / 51.6, 38], [15.0, 39], [37.5, 40]]
+    assert speed.tolist() == [[100.0, 40], [200.0, 39], [300.0, 38]]
+    changes = [line[:, 1].tolist() for line in drawn["two.png"][:3]]
+    assert changes == [[0, -1, -2], [-2, -1, 0], [0, -1, -2]]
 
 
 def test_budget_tells_model_from_machine(fake, tmp_path):
