@@ -133,7 +133,7 @@ COMMANDS = {
     "--json DIR/hard-paper/hard.json",
     "fpga-tiny": "fpga --preset TINY --json DIR/fpga-tiny.json",
     "fpga": "fpga --json DIR/fpga.json PRESET",
-    "compression": "bench compression --part steps,curve,power --ratios 20,60 --views 24 "
+    "compression": "bench compression --part steps,curve,power --ratios 15,20,30,40,60,80 "
     "--view-size 960x540 --steps 40 --out DIR/compression SCENES",
 }
 
