@@ -92,7 +92,7 @@ check: install
 # SPLATCORE_SCENES by name, and generated scenes. Default: all in that folder, without that the
 # garden at 640x360. SIZE, PRESET: WxH, and NAME or FILE. SCENE, CAMERA: the view of `power`. POINTS:
 # machines of the sweep. Compression needs `make .venv/compress` first, and is measured with few
-# views and steps; docs/compression.md has longer runs.
+# steps; docs/compression.md has longer runs.
 REPORT ?= out/report
 only := $(addprefix --results ,$(RESULTS))
 RESULTS ?= $(REPORT)/results

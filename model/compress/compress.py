@@ -38,7 +38,7 @@ from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
-ASIDE = 7  # one view of so many is kept aside when a loss is to be kept (`max_drop`)
+ASIDE = 7  # one view of so many is kept aside where a PSNR or a loss is asked for
 
 PRUNING_SHARE = 0.6
 """Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
@@ -170,14 +170,9 @@ class Compression:
         name = f"distill {degree}"
 
         def make() -> tuple[Scene, float | None]:
+            cameras = spread(self.cameras, ROUND)
             student, loss = distill(
-                scene,
-                degree,
-                spread(self.cameras, ROUND),
-                self.extent,
-                self.recipe,
-                self.tell,
-                name,
+                scene, degree, cameras, self.extent, self.recipe, self.tell, name
             )
             return sound(trainable.scene_of(student, scene.name)), loss
 
@@ -238,7 +233,7 @@ class Compression:
         return scene
 
     def keep_aside(self) -> tuple[Target, ...]:
-        """Views by which models are judged; they are not learned from any more."""
+        """Views by which models are judged, some of those that are not learned from any more."""
         aside = spread(self.targets[::ASIDE], ROUND // 4)
         self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
         if not self.targets:

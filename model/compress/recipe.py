@@ -23,14 +23,15 @@ TARGETS = {
 class Recipe:
     """Options of a compression. InputError names the option of a value that cannot be.
 
-    A pruning rate is the share of the Gaussians that a step removes. With a ratio to the scene's
-    PLY, bytes or frames a second as target the rates are scaled together so that the packed model
-    has them; with a PSNR or `max_drop` pruning ends where the loss on the views kept aside would
-    pass it. At most one of these decides.
+    A pruning rate is the share of the Gaussians that a step removes. A target decides how many go:
+    at once, with the steps of all prunings of the schedule. A ratio to the scene's PLY, bytes and
+    frames a second are those of the packed model; a PSNR is that on views kept aside. With
+    `max_drop` pruning goes on by the schedule's rates until the loss on such views would pass it.
+    At most one of these decides.
     """
 
     schedule: tuple[float, ...] = (0.4, 0.4, 0.4, 0.2)
-    steps: int = 500  # of fine-tuning after each pruning
+    steps: int = 500  # of fine-tuning after each pruning of the schedule
     distill_steps: int = 0  # for each degree that goes; 0: least squares alone, which is as good
     quantize_steps: int = 400  # under the packed model's numbers
     rate: float = 1.0  # learning rates, as a share of `trainable.REFINING`
