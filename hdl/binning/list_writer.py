@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.shift import plus_one
 from splatcore.spec import binning
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, entry_record
@@ -165,7 +166,8 @@ class ListWriter(wiring.Component):
         """An entry, or with `flushing` the end of a group."""
         burst_bits = exact_log2(self.burst)
         offset, bursts, groups = row.position[:burst_bits], self.bursts, self.groups
-        page_full, fresh = row.position.all(), row.count == 0
+        # Positions in a page that is in use begin with 1, behind the entry that took the page.
+        page_full, fresh = row.position.all(), row.position == 0
         turn = page_full | fresh
         whole = Mux(flushing, offset != 0, offset.all())
         written = whole & (row.page < self.pages)
@@ -191,9 +193,9 @@ class ListWriter(wiring.Component):
         m.d.sync += had_group.eq(~through & (had_group | (groups.valid & groups.ready)))
         m.d.comb += [
             self.new.page.eq(Mux(turn, self.needed, row.page)),
-            self.new.position.eq(Mux(turn, 1, row.position + 1)),
+            self.new.position.eq(Mux(turn, 1, plus_one(row.position))),
             self.new.first.eq(Mux(fresh, self.needed, row.first)),
-            self.new.count.eq(row.count + 1),
+            self.new.count.eq(plus_one(row.count)),
             self.slot.eq(Mux(turn, 0, offset)),
             write_row.en.eq(through),
             write_row.data.eq(Mux(self.taking, Value.cast(self.new), 0)),

@@ -36,6 +36,12 @@ def lowest(value: Value) -> Value:
     return value & (~value + 1)[: len(value)]
 
 
+def plus_one(value: Value) -> Value:
+    """value + 1 in as many bits. Each carry is the AND of all bits below, so that synthesis makes
+    trees; of an adder of one it makes a chain."""
+    return Cat(bit ^ value[:k].all() if k else ~bit for k, bit in enumerate(value))
+
+
 def encoded(one_hot: Value) -> Value:
     """The index of the one bit that is 1."""
     width = max((len(one_hot) - 1).bit_length(), 1)

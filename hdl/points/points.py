@@ -8,7 +8,7 @@ from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Fork, Queue, passes
+from splatcore.hdl.lib.stream import Fork, Queue, Slot, passes
 from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.cull import Cull
@@ -26,7 +26,7 @@ CHUNKS_WAITING = 2
 
 CHUNKS_INSIDE = 4 * CHUNKS_WAITING
 """More chunks than can be between the first part and the last: no queue holds more than
-`CHUNKS_WAITING`, and the fork one."""
+`CHUNKS_WAITING`, the fork one, and the slot before the last part one."""
 
 
 class Front(wiring.Component):
@@ -127,7 +127,12 @@ class Points(wiring.Component):
             m.submodules[f"{name}_chunks"] = queue
             m.d.comb += [queue.i.payload.eq(o.payload[name]), queue.i.valid.eq(o.valid)]
             m.d.comb += o.ready.eq(queue.i.ready)
-            connect(m, queue.o, part.chunks)
+            source = queue.o
+            if part is self.project:  # what it makes of a chunk takes long
+                m.submodules[f"{name}_chunk"] = slot = Slot(layout(record[name]))
+                connect(m, queue.o, slot.i)
+                source = slot.o
+            connect(m, source, part.chunks)
         last = fork.o[len(parts)]
         m.d.comb += self.fetch.payload.eq(last.payload.fetch)
         m.d.comb += [self.fetch.valid.eq(last.valid), last.ready.eq(self.fetch.ready)]

@@ -43,8 +43,8 @@ class Blend(wiring.Component):
         log2_alphas: of its pixels. colour: the splat's.
         inside: pixels within the image; the others have ended from the start.
         rest: all that is left of T is blended with the colour.
-        busy: `block` is not to be blended now. entered: one has been taken the cycle before, to be
-            blended.
+        busy: `block` is not to be blended now. entered: one has been taken in the two cycles
+            before, to be blended.
         blended: of block `blended_block`, at the moment: ended: all pixels have ended; level: for
             each level of `spec.raster.mark_min` from 1 on, the block is at it, or at a higher one.
         o: 8-bit colours of block `given_block`, when it is given out: `given`.
@@ -55,8 +55,8 @@ class Blend(wiring.Component):
     block's pixels each.
     """
 
-    BUSY = 3
-    LATENCY = 3  # cycles from a block to its colours at `o`
+    BUSY = 4
+    LATENCY = 4  # cycles from a block to its colours at `o`
 
     def __init__(self, config: Config, blocks: int, pixels: int = PIXELS):
         self.config, self.blocks, self.pixels = config, blocks, pixels
@@ -90,14 +90,18 @@ class Blend(wiring.Component):
         pixels = data.ArrayLayout(self.config.transmittance + 1, self.pixels)
         m.submodules.transmittances = memory = Memory(shape=pixels, depth=self.blocks, init=[])
         stored, kept = memory.read_port(), memory.write_port()
-        read = self._look_up(m, stored)
-        product = self._multiply(m, stored.data, *read)
+        asked = self._look_up(m, stored)
+        read = self._read(m, stored.data, *asked)
+        product = self._multiply(m, *read)
         taken = self._subtract(m, kept, *product)
-        on_the_way = (valid & stage.give for valid, stage in (read, product, taken))
-        m.d.comb += self.giving.eq(Cat(on_the_way).any())
-        m.d.comb += self.entered.eq(read[0] & read[1].blends)
-        same = [valid & (stage.block == self.block) for valid, stage in (read, product)]
-        m.d.comb += self.busy.eq(same[0] | same[1])
+        on_the_way = (valid & stage.give for valid, stage in (asked, read, product, taken))
+        entered = (valid & stage.blends for valid, stage in (asked, read))
+        same = (valid & (stage.block == self.block) for valid, stage in (asked, read, product))
+        m.d.comb += [
+            self.giving.eq(Cat(on_the_way).any()),
+            self.entered.eq(Cat(entered).any()),
+            self.busy.eq(Cat(same).any()),
+        ]
         self._add(m, *product, *taken)
         return m
 
@@ -113,39 +117,46 @@ class Blend(wiring.Component):
         return stage_valid, stage
 
     def _look_up(self, m: Module, stored: ReadPort) -> tuple[Signal, data.View]:
-        """Read T; alpha's mantissas from the table."""
-        config = self.config
+        """Ask for T."""
         fire = self.valid & ~self.busy
         m.d.comb += [stored.en.eq(fire), stored.addr.eq(self.block)]
         self.untouched = ~self.touched.bit_select(self.block, 1)
-        table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
-        lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1, "inside": 1}
-        valid, read = self._stage(m, "read", lane, fire, self)
-        for pixel, lane in enumerate(read.lanes):
-            log2_alpha = self.log2_alphas[pixel]
-            m.d.sync += lane.mantissa.eq(table[log2_alpha.step])
-            m.d.sync += [lane.halvings.eq(log2_alpha.halvings), lane.seen.eq(log2_alpha.seen)]
+        lane = {"log2_alpha": log2_alpha_layout(self.config), "inside": 1}
+        valid, asked = self._stage(m, "asked", lane, fire, self)
+        for pixel, lane in enumerate(asked.lanes):
+            m.d.sync += lane.log2_alpha.eq(self.log2_alphas[pixel])
             m.d.sync += lane.inside.eq(self.inside[pixel])
-        return valid, read
+        return valid, asked
 
-    def _multiply(self, m: Module, stored: data.View, valid: Signal, read: data.View) -> tuple:
-        """T · mantissa."""
+    def _read(self, m: Module, stored: data.View, valid: Signal, asked: data.View) -> tuple:
+        """T; alpha's mantissas from the table."""
         config = self.config
         with m.If(valid):
-            m.d.sync += self.touched.bit_select(read.block, 1).eq(read.blends)
+            m.d.sync += self.touched.bit_select(asked.block, 1).eq(asked.blends)
+        lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1}
+        lane |= {"rest": config.transmittance, "ended": 1}
+        read_valid, read = self._stage(m, "read", lane, valid, asked)
+        table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
+        full, fresh = (1 << config.transmittance) - 1, asked.untouched | asked.give
+        for pixel, (lane, to) in enumerate(zip(asked.lanes, read.lanes, strict=True)):
+            m.d.sync += [
+                to.mantissa.eq(table[lane.log2_alpha.step]),
+                to.halvings.eq(lane.log2_alpha.halvings),
+                to.seen.eq(lane.log2_alpha.seen),
+                to.rest.eq(Mux(fresh, full, stored[pixel][: config.transmittance])),
+                to.ended.eq(Mux(fresh, ~lane.inside, stored[pixel][-1])),
+            ]
+        return read_valid, read
+
+    def _multiply(self, m: Module, valid: Signal, read: data.View) -> tuple:
+        """T · mantissa."""
+        config = self.config
         lane = {"product": config.transmittance + config.power_mantissa, "halvings": HALVING_BITS}
         lane |= {"rest": config.transmittance, "ended": 1, "seen": 1}
         product_valid, product = self._stage(m, "product", lane, valid, read)
-        full, fresh = (1 << config.transmittance) - 1, read.untouched | read.give
-        for pixel, (lane, to) in enumerate(zip(read.lanes, product.lanes, strict=True)):
-            rest = Mux(fresh, full, stored[pixel][: config.transmittance])
-            m.d.sync += [
-                to.product.eq(rest * lane.mantissa),
-                to.rest.eq(rest),
-                to.ended.eq(Mux(fresh, ~lane.inside, stored[pixel][-1])),
-                to.halvings.eq(lane.halvings),
-                to.seen.eq(lane.seen),
-            ]
+        for lane, to in zip(read.lanes, product.lanes, strict=True):
+            m.d.sync += to.product.eq(lane.rest * lane.mantissa)
+            m.d.sync += [to[name].eq(lane[name]) for name in ("rest", "ended", "halvings", "seen")]
         return product_valid, product
 
     def _subtract(self, m: Module, kept: WritePort, valid: Signal, before: data.View) -> tuple:

@@ -77,12 +77,16 @@ class Evaluate(wiring.Component):
         columns = [base + (times(along_x, a) - times(xx, a * a)) for a in STEPS]
         rows = [times(along_y, b) - times(yy, b * b) for b in STEPS]
         columns, rows = ([line[:width].as_signed() for line in lines] for lines in (columns, rows))
-        *lines, xy = pipeline.cut("lines", *columns, *rows, xy)
-        columns, rows = lines[:BLOCK], lines[BLOCK:]
+        factors = sorted({abs(a * b) for a, b in product(STEPS, STEPS)})
+        lines = pipeline.cut("lines", *columns, *rows, *(times(xy, f) for f in factors))
+        columns, rows, multiples = lines[:BLOCK], lines[BLOCK : 2 * BLOCK], lines[2 * BLOCK :]
+        multiples = dict(zip(factors, multiples, strict=True))
         log2_alphas = []
         positions = product(zip(rows, STEPS, strict=True), zip(columns, STEPS, strict=True))
         for (row, b), (column, a) in islice(positions, self.pixels):
-            exponent = (column + row + times(xy, a * b))[:width].as_signed()
+            part = multiples[abs(a * b)]
+            exponent = column + row + part if a * b > 0 else column + row - part
+            exponent = exponent[:width].as_signed()
             log2_alphas.append(self._log2_alpha(m, exponent))
         m.d.comb += self.log2_alphas.eq(Cat(*pipeline.cut("exponents", *log2_alphas)))
         return m

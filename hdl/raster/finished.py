@@ -60,7 +60,11 @@ class Finished(wiring.Component):
         m.d.sync += o.valid.eq(reads | (o.valid & ~o.ready))
         with m.If(reads):
             m.d.sync += number.eq(number + 1)
-        comes, leaves = Cat(self._bits(self.valid, self.block)), Cat(self._bits(reads, block))
+        # A place is free a cycle after its block has left: `reads` comes late.
+        left, left_block = Signal(), Signal.like(number)
+        m.d.sync += [left.eq(reads), left_block.eq(block)]
+        comes = Cat(self._bits(self.valid, self.block))
+        leaves = Cat(self._bits(left, left_block))
         m.d.sync += self.taken.eq((self.taken & ~leaves) | comes)
         holds(m, "place", ~(comes & self.taken).any(), "a finished block comes to a place in use")
         return m

@@ -232,15 +232,17 @@ class Raster(wiring.Component):
     def _live(self, m: Module, name: str, ends: Value) -> Signal:
         """Tiles with live pixels, as far as known, of the group at some point of the pipeline.
 
-        ends: a group's end passes that point.
+        A register holds them: they only become fewer in a group, so those of the cycle before will
+        do, but for the next group. ends: a group's end passes that point.
         """
-        group, live = Signal(raster.GROUP_BITS, name=name), Signal(self.config.group**2)
+        tiles = self.config.group**2
+        group, live = Signal(raster.GROUP_BITS, name=name), Signal(tiles, init=(1 << tiles) - 1)
         with m.If(ends):
             m.d.sync += group.eq(group + 1)
         behind = ~Cat(self._at(part, group) for part in self.rasterizers).all()
-        for tile in range(self.config.group**2):
+        for tile in range(tiles):
             blocks = Cat(part.live[tile] for part in self.rasterizers)
-            m.d.comb += live[tile].eq(blocks.any() | behind)
+            m.d.sync += live[tile].eq(blocks.any() | behind | ends)
         return live
 
     def _count(self, m: Module):

@@ -30,11 +30,12 @@ class State(enum.Enum):
     WRITE = 5  # and its last line written
     SETTLE = 6  # until all that was written is in memory
     LOOK = 7  # a bucket is looked up,
-    GIVE = 8  # and given out; or it has too many entries
-    EDGE = 9  # the least and the greatest key of such a bucket are known
-    EXTENT = 10  # how far the greatest of the round is from there on
-    REST = 11  # what is to be given out besides
-    NEXT = 12  # the round is over
+    COUNT = 8  # its entries are counted,
+    GIVE = 9  # and given out; or they are too many
+    EDGE = 10  # the least and the greatest key of such a bucket are known
+    EXTENT = 11  # how far the greatest of the round is from there on
+    REST = 12  # what is to be given out besides
+    NEXT = 13  # the round is over
 
 
 class Deal(wiring.Component):
@@ -87,6 +88,7 @@ class Deal(wiring.Component):
         self.held, self.full = Signal(entry, reset_less=True), Signal()  # an entry being dealt
         self.count = Signal(range(self.half + 2))  # of the bucket looked up
         self.through, self.keep, self.ignored = Signal(), Signal(), Signal()  # the entry held
+        self.counted = Signal.like(self.count)  # the same, a cycle later
         self.total = Signal(range(self.half + 1))  # of the buckets of the next job
         self.ends_round, self.all_used, self.job_room = Signal(), Signal(), Signal()
         self.over, self.equal = Signal(), Signal()  # a bucket has too many; all have the same key
@@ -116,8 +118,7 @@ class Deal(wiring.Component):
             self.keep.eq(~self.ignored & (self.count < self.half)),
         ]
         with m.If(~self.full):
-            m.d.sync += self.full.eq(entries.valid & entries.ready)
-            m.d.sync += self.held.eq(entries.payload)
+            m.d.sync += [self.full.eq(entries.valid & entries.ready), self.held.eq(entries.payload)]
         with m.Elif(self.through):
             m.d.sync += [self.full.eq(0), self.rest.eq(self.rest - 1), seen.eq(seen + of_low)]
         with m.If(self.state == State.BEGIN):
@@ -132,7 +133,7 @@ class Deal(wiring.Component):
         within = Mux(steps[sort.BUCKET_BITS :].any(), sort.BUCKETS - 1, steps[: sort.BUCKET_BITS])
         m.d.comb += bucket.eq(Mux(dealing, Mux(offset[-1], 0, within), self.bucket))
         with m.If(~self.full):
-            m.d.sync += self.looked_up.eq(bucket)
+            m.d.sync += [self.looked_up.eq(bucket), self.counted.eq(self.count)]
         m.submodules.counts = counts = Memory(shape=self.count.shape(), depth=sort.BUCKETS, init=[])
         write, read = counts.write_port(), counts.read_port()
         ports, found = [write, read], []
@@ -223,8 +224,7 @@ class Deal(wiring.Component):
         """An area is in use from its first job's being given out until its last one is over."""
         m.submodules.inside = self.inside = Queue(1, JOBS_INSIDE)  # jobs: the last of a round?
         m.submodules.used = used = Credit(sort.AREAS, "areas in use")
-        begins = Signal()
-        job, inside = self.jobs_waiting.i, self.inside
+        job, inside, begins = self.jobs_waiting.i, self.inside, Signal()
         m.d.comb += [
             inside.i.valid.eq(job.valid),
             inside.i.payload.eq(self.ends_round),
@@ -269,16 +269,16 @@ class Deal(wiring.Component):
                 self._give(m)
             with m.Case(State.REST):
                 self._give_rest(m)
-            for before in (State.RANGE, State.FLUSH, State.LOOK, State.EDGE, State.EXTENT):
-                with m.Case(before):
-                    m.d.sync += state.eq(before.value + 1)
+            for name in "RANGE FLUSH LOOK COUNT EDGE EXTENT".split():
+                with m.Case(State[name]):
+                    m.d.sync += state.eq(State[name].value + 1)
             with m.Case(State.NEXT):
                 m.d.comb += self.groups.ready.eq(~self.left.any())
                 m.d.sync += state.eq(Mux(self.left.any(), State.BEGIN, State.LIST))
 
     def _give(self, m: Module):
         """A bucket joins those of the next job, if there is room."""
-        count = self.count
+        count = self.counted
         room = (self.total + count <= self.half) & (self.total < sort.full_enough(self.config))
         fits = room | ~count.any()
         with m.If(count > self.half):

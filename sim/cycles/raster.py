@@ -220,10 +220,11 @@ def _deal(
                     time = max(time, room[name])
                     owed[r] -= 1
                     gone[r] = time
-                for back in range(BUSY):
+                busy = last.shape[1]
+                for back in range(busy):
                     if last[r, back] == name:
-                        time = max(time, lanes[r, back] + BUSY)
-                for back in range(BUSY - 1, 0, -1):
+                        time = max(time, lanes[r, back] + busy)
+                for back in range(busy - 1, 0, -1):
                     last[r, back] = last[r, back - 1]
                     lanes[r, back] = lanes[r, back - 1]
                 last[r, 0], lanes[r, 0] = name, time

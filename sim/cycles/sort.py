@@ -19,7 +19,8 @@ BEGUN = 3  # from the beginning of a merge to its first entry, besides one for e
 MARKED = 4  # from the last entry of a merge to the group's mark being taken
 RELEASED = 5  # from the last entry of a merge to the half and the merge being free
 DEALT = 2  # of an entry in each round, with memory that takes lines at once
-LOOKED_UP = 2  # a bucket's, for its last line to be written; and again, for it to be given out
+LOOKED_UP = 2  # a bucket's, for its last line to be written
+GIVEN_OUT = 3  # a bucket's
 ROUND = 8  # of a round besides, and the memory's latency
 LISTED = 4  # a bucket's, however few entries it has
 
@@ -72,9 +73,9 @@ class Timeline:
         written = begin + dealt + LOOKED_UP * BUCKETS
         last = begin
         for job in part.jobs:
-            self.deal = written + LOOKED_UP * (job.buckets[-1][0] + 1)
+            self.deal = written + GIVEN_OUT * (job.buckets[-1][0] + 1)
             last = self._job(len(job.order), max(len(job.order), LISTED * len(job.buckets)))
-        self.deal = max(self.deal, written + LOOKED_UP * BUCKETS)
+        self.deal = max(self.deal, written + GIVEN_OUT * BUCKETS)
         self.areas.append(last + RELEASED) if part.jobs else self.areas.appendleft(begin)
         return last
 

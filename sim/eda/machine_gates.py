@@ -39,11 +39,12 @@ PATHS = {
     "stage 0": {"chunk": r"preprocess\.points\.chunk", "cull": r"preprocess\.points\.cull"},
     "stage 1": {
         "place": r"preprocess\.points\.place",
+        "codebook": r"preprocess\.points\.project\.colour\.codebook",
         "colour": r"preprocess\.points\.project\.colour",
         "project": r"preprocess\.points\.project",
         "points, the rest": r"preprocess\.points",
     },
-    "binning": {"bin": r"preprocess\.bin"},
+    "binning": {"list_writer": r"preprocess\.bin\.lists", "bin": r"preprocess\.bin"},
     "stage 2": {
         "sub_sorter": r"render\.sort\.runs\.sorter\d+",
         "merge": r"render\.sort\.merge",

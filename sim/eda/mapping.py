@@ -7,7 +7,7 @@ from splatcore.sim.eda.liberty import Library
 from splatcore.sim.eda.synth import UNMAPPED, Netlist
 
 MAP = (
-    UNMAPPED.replace("expose -evert\n", "")
+    UNMAPPED.replace("expose -evert\n", "").replace("synth ", "synth {sums} ")
     + """
 dfflibmap -liberty cells.lib {left_out}
 opt_clean
@@ -23,7 +23,12 @@ RECIPE = f"""
 strash
 ifraig
 st
-if -g -K 6
+if -g -C 24 -K 6
+st
+dch -f
+map -B 0.9
+st
+if -g -C 24 -K 6
 st
 dch -f
 map -B 0.9
@@ -32,9 +37,16 @@ buffer -p -N {FANOUT_MAX}
 upsize -D 1
 dnsize -D 1
 """
-"""`if -g` balances logic before it is mapped. `buffer -p -N` makes trees behind what has a larger
-fan-out, registers (-p) included; `buffer -c` buffers every gate of a critical path instead. The
-time asked for, 1 ps, is never reached: all that makes paths shorter is done."""
+"""`if -g` balances logic before it is mapped; a second time from the gates found so. `buffer -p -N`
+makes trees behind what has a larger fan-out, registers (-p) included; `buffer -c` buffers every
+gate of a critical path instead. The time asked for, 1 ps, is never reached: all that makes paths
+shorter is done."""
+
+SUMS = ("", "-booth", "-extra-map +/choices/kogge-stone.v")
+"""How sums and products are made, as options of yosys's `synth`: carries by Brent and Kung's tree
+and products from a row for each bit; products from Booth's rows, half as many; carries by Kogge and
+Stone's tree, which has a smaller fan-out and more gates. Which is fastest depends on what is around
+them."""
 
 CONSTRAINTS = """\
 set_driving_cell {driver}
@@ -57,14 +69,15 @@ class Mapped:
     names: dict[str, str]
 
 
-def mapped(netlist: Netlist, library: Library) -> Mapped:
-    """A netlist in cells of a library; synthesised unless it is known."""
+def mapped(netlist: Netlist, library: Library, sums: str = "") -> Mapped:
+    """A netlist in cells of a library, sums made in a way of `SUMS`; synthesised unless known."""
     left_out = " ".join(f"-dont_use {name}" for name in library.left_out())
     load = 1000 * sum(library.flip_flop.inputs[library.flip_flop.data]) / 2
     constraints = CONSTRAINTS.format(driver=library.driver.name, load=load)
     files = {"cells.lib": library.text, "recipe": RECIPE, "constraints": constraints}
     pins = {cell.name: (*cell.inputs, *cell.functions) for cell in library.cells.values()}
-    return Mapped(**netlist.run(MAP.format(left_out=left_out), lambda f: _summary(f, pins), files))
+    script = MAP.format(left_out=left_out, sums=sums)
+    return Mapped(**netlist.run(script, lambda found: _summary(found, pins), files))
 
 
 def _summary(files: dict[str, str], pins: dict[str, tuple[str, ...]]) -> dict:

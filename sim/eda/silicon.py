@@ -4,7 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from amaranth.lib import wiring
@@ -14,7 +14,7 @@ from splatcore.sim.eda.cell_netlist import MEMORY, CellNetlist, put_together
 from splatcore.sim.eda.hierarchy import Hierarchy
 from splatcore.sim.eda.liberty import Library
 from splatcore.sim.eda.machine_gates import Part, part_around, placed_pieces
-from splatcore.sim.eda.mapping import Mapped, mapped
+from splatcore.sim.eda.mapping import SUMS, Mapped, mapped
 from splatcore.sim.eda.static_timing import Assumed, Path, Timing
 from splatcore.sim.eda.synth import Netlist
 
@@ -88,7 +88,24 @@ class Silicon:
 def silicon(component: wiring.Component, library: Library) -> Silicon:
     """A component on its own, mapped to a library; registers stand on the other side of its
     ports."""
-    return Silicon.of(put_together(library, {"": mapped(Netlist.of(component), library)}))
+    return Silicon.of(put_together(library, {"": fastest(Netlist.of(component), library)}))
+
+
+def fastest(netlist: Netlist, library: Library) -> Mapped:
+    """A netlist in cells, its sums made in that way of `SUMS` that gives the smallest netlist of
+    those whose longest path is not above `LONG_FO4`; the fastest one if all are.
+
+    Of blocks that are no memory nothing is known here: paths end at them.
+    """
+    assumed = Assumed.of(library, False)
+
+    def cost(piece: Mapped) -> tuple[float, float]:
+        blocks = [block for block in piece.blocks if block[0].startswith(MEMORY)]
+        alone = put_together(library, {"": replace(piece, blocks=blocks)})
+        path = Timing(alone, assumed).longest
+        return max(path.time / assumed.fo4 if path else 0, LONG_FO4), alone.area
+
+    return min((mapped(netlist, library, sums) for sums in SUMS), key=cost)
 
 
 @dataclass(frozen=True)
@@ -134,7 +151,7 @@ def machine_silicon(
     found = {}
     advance(0, len(order) + 2, "mapping the machine")
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        work = pool.map(lambda text: mapped(unique[text], library), order)
+        work = pool.map(lambda text: fastest(unique[text], library), order)
         for done, (text, piece) in enumerate(zip(order, work, strict=True)):
             found[text] = piece
             advance(done + 1, len(order) + 2, "mapping the machine")

@@ -190,7 +190,7 @@ def test_table_of_the_machine(monkeypatch, capsys):
     facts = synthesise_machine(DEFAULT)
     printed = capsys.readouterr()
     assert re.search(r"stage 0 +6\.0 +6\.4 +11 +12\.9", printed.out)
-    assert re.search(r"sub_sorter +2 +1\.5 +3\.0 +3\.2 +17", printed.out)
+    assert re.search(r"sub_sorter +2 +1\.5 +3\.0 +3\.2 +19", printed.out)
     assert re.search(rf"all +{3 * len(PARTS)}\.0 .* 1,143\.8", printed.out)
     assert "none: 1" in printed.out.replace("\n", " ") and "latch there" in printed.err
     assert facts["nand2"] == 3000 * len(PARTS) and facts["faults"] == ["latch there"]

@@ -1,0 +1,24 @@
+"""Helpers of `hdl.lib.shift` that are simulated on their own."""
+
+import pytest
+from amaranth.hdl import Module, Signal
+from amaranth.sim import Simulator
+
+from splatcore.hdl.lib.shift import plus_one
+
+
+@pytest.mark.parametrize("width", [1, 2, 7])
+def test_plus_one(width):
+    """Every value, the one that wraps included."""
+    m = Module()
+    value, more = Signal(width), Signal(width)
+    m.d.comb += more.eq(plus_one(value))
+
+    async def counting(context):
+        for number in range(1 << width):
+            context.set(value, number)
+            assert context.get(more) == (number + 1) % (1 << width)
+
+    simulator = Simulator(m)
+    simulator.add_testbench(counting)
+    simulator.run()
