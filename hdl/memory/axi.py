@@ -169,13 +169,10 @@ class Axi(wiring.Component):
         """A bit for each client: its half's."""
         return Cat(bits[half] for half in clients.values())
 
-    def _count(self, m: Module, count: Signal, begins: Value, ends: Value) -> Signal:
-        """Counts what has begun and not ended; a register: no more can be counted."""
-        full = Signal(name=f"{count.name}_full")
+    def _count(self, m: Module, count: Signal, begins: Value, ends: Value):
+        """Counts what has begun and not ended."""
         with m.If(begins ^ ends):
             m.d.sync += count.eq(count + Mux(begins, 1, -1))
-            m.d.sync += full.eq(begins & (count == (1 << len(count)) - 2))
-        return full
 
     def _return(self, m: Module) -> Value:
         """Beats that come back; a bit for each half: it has the last one of a burst.
@@ -206,6 +203,7 @@ class Axi(wiring.Component):
         ]
         with m.If(stray):
             m.d.comb += [self.stray.valid.eq(1), self.stray.client.eq(client)]
+            m.d.comb += self.stray.written.eq(0)
         for k, (o, half) in enumerate(zip(self.data, spec.READERS.values(), strict=True)):
             m.d.comb += [o.payload.eq(beat), o.valid.eq(target[k] & ~self.failing[half])]
         with m.If(m_axi.rready):
@@ -236,8 +234,8 @@ class Axi(wiring.Component):
         for k, i in enumerate(self.reads):
             m.d.comb += i.ready.eq(began[k])
         for half in HALVES:
-            begins = began & of_half(spec.READERS, half)
-            self._count(m, self.asked[half], begins.any(), returned[half])
+            begins = (began & of_half(spec.READERS, half)).any()
+            self._count(m, self.asked[half], begins, returned[half])
 
     def _answers(self, m: Module) -> Value:
         """Answers to bursts written; a bit for each writer.
@@ -246,7 +244,8 @@ class Axi(wiring.Component):
         those whose last beat waits or is still to come.
         """
         m_axi = self.m_axi
-        full, error, client = Signal(), Signal(), Signal(spec.ID_BITS, reset_less=True)
+        full, error = Signal(), Signal()
+        client = Signal(spec.ID_BITS, reset_less=True)
         m.d.sync += [full.eq(m_axi.bvalid), client.eq(m_axi.bid), error.eq(m_axi.bresp[ERROR])]
         mine, answered = Signal(len(spec.WRITERS)), Signal(len(spec.WRITERS))
         count, addresses, lasts = Signal(OUTSTANDING_BITS), Signal(2), Signal(2)
@@ -316,5 +315,5 @@ class Axi(wiring.Component):
             m.d.sync += [left.eq(Mux(inside, left - 1, given.length)), owner.eq(current)]
         for k, i in enumerate(self.writes):
             m.d.comb += i.ready.eq(self.beats_written[k] & ~abandoned)
-            m.d.comb += full[k].eq(self._count(m, self.bursts[k], began[k], answered[k]))
-            m.d.comb += self.settled[k].eq(self.bursts[k] == 0)
+            self._count(m, self.bursts[k], began[k], answered[k])
+            m.d.comb += [full[k].eq(self.bursts[k].all()), self.settled[k].eq(self.bursts[k] == 0)]
