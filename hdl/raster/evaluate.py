@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.raster.mark import times
+from splatcore.hdl.raster.mark import plus, times
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.raster import (
@@ -80,13 +80,11 @@ class Evaluate(wiring.Component):
         factors = sorted({abs(a * b) for a, b in product(STEPS, STEPS)})
         lines = pipeline.cut("lines", *columns, *rows, *(times(xy, f) for f in factors))
         columns, rows, multiples = lines[:BLOCK], lines[BLOCK : 2 * BLOCK], lines[2 * BLOCK :]
-        multiples = dict(zip(factors, multiples, strict=True))
+        multiples = {("xy", f): part for f, part in zip(factors, multiples, strict=True)}
         log2_alphas = []
         positions = product(zip(rows, STEPS, strict=True), zip(columns, STEPS, strict=True))
         for (row, b), (column, a) in islice(positions, self.pixels):
-            part = multiples[abs(a * b)]
-            exponent = column + row + part if a * b > 0 else column + row - part
-            exponent = exponent[:width].as_signed()
+            exponent = plus(column + row, multiples, "xy", a * b, 0)[:width].as_signed()
             log2_alphas.append(self._log2_alpha(m, exponent))
         m.d.comb += self.log2_alphas.eq(Cat(*pipeline.cut("exponents", *log2_alphas)))
         return m

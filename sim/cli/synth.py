@@ -49,8 +49,8 @@ def synth_command(
     assumed.
 
     top is the whole machine, part by part, and checked for latches, loops, wires of several drivers
-    and of none; with --liberty paths lead across parts. It takes a quarter of an hour the first
-    time; parts are kept (see `splatcore cache`).
+    and of none; with --liberty paths lead across parts. It takes up to half an hour the first time;
+    parts are kept (see `splatcore cache`).
     """
     config = find_preset(preset)
     check_known("--stage", ("top", *PARTS), *stage)
