@@ -104,7 +104,7 @@ def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
     format, of = header.format, _layout_numbers(header, harmonics)
     found = [
         Table("positions", (format.position_record,), len(header)),
-        Table("attributes", (format.attribute_record,), len(header)),
+        Table("attributes", (format.stored_record,), len(header)),
     ]
     for number, layout in enumerate(LAYOUTS):
         if layout.beats:
@@ -130,7 +130,7 @@ def rows_of(model: PackedModel) -> Iterator[tuple[Table, np.ndarray]]:
     positions, attributes, *others, colours, sh = others
     codes = dict(zip("xyz", model.stored_positions.T, strict=True))
     yield positions, positions.records[0].pack(codes)
-    yield attributes, model.attribute_beats(model.beats)
+    yield attributes, model.stored_attributes
     of = _layout_numbers(model, harmonics)
     for table, number in zip(others, _with_beats(), strict=True):
         beats = model.beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
@@ -165,12 +165,16 @@ def image_of(header: ModelHeader, harmonics: np.ndarray, rows: list[np.ndarray])
     put(0, header.image[: HEADER.size])
     put(layout.chunks, chunks)
     put(layout.positions, pack_bits(codes.reshape(-1), record["x"].width))
-    width = memory.ATTRIBUTE_BITS // 8
-    stored = image[layout.attributes :][: (len(of) + int(size.sum())) * width].reshape(-1, width)
-    stored[beats] = attributes
-    for part, number in zip(others, _with_beats(), strict=True):
-        places = beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
-        stored[places] = part.reshape(*places.shape, width)
+    if header.format.small:
+        put(layout.attributes, attributes)
+    else:
+        width = memory.ATTRIBUTE_BITS // 8
+        stored = image[layout.attributes :][: (len(of) + int(size.sum())) * width]
+        stored = stored.reshape(-1, width)
+        stored[beats] = attributes
+        for part, number in zip(others, _with_beats(), strict=True):
+            places = beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
+            stored[places] = part.reshape(*places.shape, width)
     put(layout.colours, colours)
     put(layout.sh, sh)
     return image

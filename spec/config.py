@@ -80,6 +80,7 @@ class Config:
     position: Literal["chunk", "absolute"] = "chunk"
     colour_index: tuple[tuple[int, ...], ...] = ((9, 9), (7, 6))
     sh_index: tuple[tuple[int, ...], ...] = ((), (7, 7))
+    small_models: bool = True  # reads those with half a beat of attributes, too (`spec.small`)
 
     # Stages 0 and 1: cull and project.
     arithmetic: Float = FP24
@@ -211,6 +212,7 @@ PAPER = Config(
     name="PAPER",
     sh_degree=1,
     colours="array",
+    small_models=False,
     position="absolute",
     colour_index=((9,), (9,)),
     sh_index=((), (8,)),

@@ -26,6 +26,10 @@ and its colour, in one of two ways (`spec.colour` has the arithmetic):
   behind the first, as many as the chunk's header says (`spec.colour.LAYOUTS`), which has the steps.
 
 Attributes of a chunk follow those of the chunk before.
+
+Small models have codebooks and half a beat of attributes for each Gaussian, so two share a beat:
+L as integers of 4 bits times a power of two that its elements share, and the opacity in coarser
+steps. `spec.small` makes the fields of a whole beat of them, exactly.
 """
 
 from dataclasses import dataclass
@@ -70,6 +74,10 @@ ABSOLUTE = FP16
 ABSOLUTE_EXPONENT = 1 - ABSOLUTE.bias - ABSOLUTE.fraction
 """All of them are multiples of 2^this."""
 
+ON_DIAGONAL = ("l00", "l11", "l22")
+BELOW = ("l10", "l20", "l21")
+"""Elements of L by row and column."""
+
 FACTOR = Float(5, 10)
 DIAGONAL = Float(5, 10, signed=False)
 """Elements of L below and on its diagonal: FP16's bits without infinities."""
@@ -79,6 +87,19 @@ OPACITY = Fixed(3, 5)
 
 ATTRIBUTE_BITS = 128
 """One AXI beat."""
+
+SMALL_BITS = ATTRIBUTE_BITS // 2
+"""Attributes of a Gaussian of a small model."""
+
+MAGNITUDE = Bits(4)
+SIGNED_MAGNITUDE = Bits(MAGNITUDE.width + 1)
+"""Elements of L of a small model on its diagonal, and below it with the sign on top."""
+
+SHARED_EXPONENT = Bits(5)
+"""What these are multiplied with: 2^(code + `spec.small.UNIT`)."""
+
+SMALL_OPACITY = Fixed(3, 2)
+"""−log2(opacity) of a small model."""
 
 COMPONENT = Fixed(11, 0, signed=True)
 SLOPE = Fixed(9, 0, signed=True)
@@ -99,7 +120,8 @@ HEADER = Record(
         "magic": Bits(32),
         "version": Bits(16),
         "sh_degree": Bits(8),
-        "position": Bits(8),
+        "position": Bits(7),
+        "small": Bits(1),  # attributes take half a beat each
         "count": Bits(32),
         "checksum": Bits(32),  # CRC-32 of everything but this field
         "position_exponent": Fixed(15, 0, signed=True),
@@ -148,13 +170,14 @@ class ModelFormat:
     """Formats of a model's parts: everything but the number of Gaussians and of their beats.
 
     `colour_index` and `sh_index` hold the index bits of each codebook stage; there are none in
-    models in steps.
+    models in steps. `small`: attributes take half a beat.
     """
 
     sh_degree: int
     position: str
     colour_index: tuple[int, ...]
     sh_index: tuple[int, ...]
+    small: bool = False
 
     @property
     def codebooks(self) -> bool:
@@ -170,14 +193,26 @@ class ModelFormat:
     @property
     def attribute_record(self) -> Record:
         """The first beat of a Gaussian's attributes."""
-        fields: dict[str, Format] = {name: DIAGONAL for name in ("l00", "l11", "l22")}
-        fields |= {name: FACTOR for name in ("l10", "l20", "l21")}
-        fields["opacity"] = OPACITY
+        fields: dict[str, Format] = dict.fromkeys(ON_DIAGONAL, DIAGONAL)
+        fields |= dict.fromkeys(BELOW, FACTOR)
+        return self._filled(fields | {"opacity": OPACITY}, ATTRIBUTE_BITS)
+
+    @property
+    def stored_record(self) -> Record:
+        """What of it lies in memory: all, or in small models what `spec.small` makes it of."""
+        if not self.small:
+            return self.attribute_record
+        fields: dict[str, Format] = {"exponent": SHARED_EXPONENT}
+        fields |= dict.fromkeys(ON_DIAGONAL, MAGNITUDE) | dict.fromkeys(BELOW, SIGNED_MAGNITUDE)
+        return self._filled(fields | {"opacity": SMALL_OPACITY}, SMALL_BITS)
+
+    def _filled(self, fields: dict[str, Format], bits: int) -> Record:
+        """A record of so many bits of these fields and those of the colour."""
         for part, stages in (("colour", self.colour_index), ("sh", self.sh_index)):
-            fields |= {f"{part}{stage}": Bits(bits) for stage, bits in enumerate(stages)}
+            fields |= {f"{part}{stage}": Bits(own) for stage, own in enumerate(stages)}
         if not self.codebooks:
             fields |= dict.fromkeys(CHANNELS, BASE)
-        spare = ATTRIBUTE_BITS - sum(format.width for format in fields.values())
+        spare = bits - sum(format.width for format in fields.values())
         if spare < 0:
             raise ValueError(f"{self}: attributes are {-spare} bits too wide")
         return Record("attribute", fields | ({"reserved": Bits(spare)} if spare else {}))
@@ -223,7 +258,7 @@ class ModelFormat:
             HEADER.size,
             chunk_count(count) * CHUNK_HEADER.size,
             chunks * self.position_stride + -(-rest * self.position_record.width // 8),
-            (count + harmonics) * ATTRIBUTE_BITS // 8,
+            count * self.stored_record.size + harmonics * ATTRIBUTE_BITS // 8,
             self.colour_entries * COLOUR_ENTRY.size,
             self.sh_entries * SH_ENTRY.size,
         )
@@ -243,11 +278,10 @@ class Layout:
     end: int
 
 
-def model_format(config: Config, degree: int) -> ModelFormat:
-    """The format in which a machine wants its compact models of that SH degree, 0 or 1."""
-    return ModelFormat(
-        degree, config.position, config.colour_index[degree], config.sh_index[degree]
-    )
+def model_format(config: Config, degree: int, small: bool = False) -> ModelFormat:
+    """The format in which a machine wants its compact or small models of that SH degree, 0 or 1."""
+    indices = config.colour_index[degree], config.sh_index[degree]
+    return ModelFormat(degree, config.position, *indices, small)
 
 
 def compact_degrees(config: Config) -> range:

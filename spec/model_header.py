@@ -44,6 +44,8 @@ class ModelHeader:
             if self.header[field].max() > 16:
                 self.refuse(field, f"of {self.header[field].max()} bits is over 16")
         codebooks = self.format.codebooks
+        if self.format.small and not codebooks:
+            self.refuse("small", "goes with codebooks only")
         if codebooks and degree > memory.COMPACT_DEGREE:
             self.refuse("colour_index", f"names codebooks, which do not go with SH degree {degree}")
         if bool(self.header["sh_index"].any()) != (codebooks and degree > 0):
@@ -54,7 +56,7 @@ class ModelHeader:
         if not all(least <= e <= end for e, end in zip(self.exponents, most, strict=True)):
             self.refuse("exponent", f"{self.exponents} is not within {least} … {most}")
         try:
-            _ = self.format.attribute_record
+            _ = self.format.attribute_record, self.format.stored_record
         except ValueError as error:
             self.refuse("colour_index", str(error))
 
@@ -80,7 +82,8 @@ class ModelHeader:
             f: tuple(int(b) for b in self.header[f][0] if b) for f in ("colour_index", "sh_index")
         }
         position = memory.POSITION_FORMATS[self.value("position")]
-        return ModelFormat(self.value("sh_degree"), position, **stages)
+        small = bool(self.value("small"))
+        return ModelFormat(self.value("sh_degree"), position, **stages, small=small)
 
     @property
     def exponents(self) -> list[int]:

@@ -27,6 +27,7 @@ from splatcore.spec.memory import (
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.record import Record, unpack_bits
 from splatcore.spec.scene import Gaussians
+from splatcore.spec.small import expanded
 
 
 def offsets(stored: np.ndarray, octant_end: np.ndarray) -> np.ndarray:
@@ -81,8 +82,18 @@ class PackedModel(ModelHeader):
     @cached_property
     def beats(self) -> np.ndarray:
         """The first beat [N] of each Gaussian's attributes, counted from their beginning on."""
+        if self.format.small:
+            return np.arange(len(self)) // 2
         beats = np.repeat(self.chunk_beats, CHUNK)[: len(self)]
         return np.cumsum(beats) - beats
+
+    def attribute_bursts(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First beats and numbers of beats in which the attributes of Gaussians lie, one burst
+        after the other. index [M], ascending: a small model's neighbours may share one."""
+        if self.format.small:
+            first = np.unique(index // 2)
+            return first, np.ones_like(first)
+        return self.beats[index], self.chunk_beats[index // CHUNK]
 
     def _records(self, record: Record, start: int, count: int) -> dict[str, np.ndarray]:
         part = self.image[start : start + count * record.size]
@@ -111,10 +122,20 @@ class PackedModel(ModelHeader):
         part, size = self.image[self.layout.attributes :], memory.ATTRIBUTE_BITS // 8
         return part[: len(part) // size * size].reshape(-1, size)[index]
 
+    @property
+    def stored_attributes(self) -> np.ndarray:
+        """A Gaussian's first attributes as they lie in memory, uint8 [N, 16], or [N, 8] of small
+        models."""
+        if not self.format.small:
+            return self.attribute_beats(self.beats)
+        size = self.format.stored_record.size
+        return self.image[self.layout.attributes :][: len(self) * size].reshape(-1, size)
+
     @cached_property
     def attributes(self) -> dict[str, np.ndarray]:
-        """Codes of the first beats of attributes, by field [N]."""
-        return self.format.attribute_record.unpack(self.attribute_beats(self.beats))
+        """Codes of a Gaussian's first beat of attributes, by field [N]."""
+        codes = self.format.stored_record.unpack(self.stored_attributes)
+        return expanded(codes) if self.format.small else codes
 
     @property
     def position(self) -> np.ndarray:

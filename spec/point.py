@@ -59,7 +59,8 @@ def placing_record(config: Config) -> Record:
 
 
 def projecting_record() -> Record:
-    """A chunk's fields that stage 1 needs. attributes: beats of those of the chunks before it."""
+    """A chunk's fields that stage 1 needs. attributes: beats of those of the chunks before it, or
+    half beats of a small model."""
     colour = {name: CHUNK_HEADER[name] for name in ("harmonics", "step")}
     return Record("projecting", {"attributes": Bits(BEATS_BITS)} | colour)
 

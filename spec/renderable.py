@@ -15,7 +15,9 @@ def check_renderable(config: Config, model: PackedModel):
         why = f"has colours in steps, {preset} renders compact models only"
     elif format.position != config.position:
         why = f"has positions of the kind '{format.position}', {preset} '{config.position}'"
-    elif format.codebooks and format != model_format(config, format.sh_degree):
+    elif format.small and not config.small_models:
+        why = f"has attributes in half a beat, {preset} reads whole ones only"
+    elif format.codebooks and format != model_format(config, format.sh_degree, format.small):
         why = f"has codebooks of other sizes than those of {preset}"
     else:
         return

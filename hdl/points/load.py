@@ -27,7 +27,8 @@ class Load(wiring.Component):
         write: the codebook memory's words.
         gaussians, position_exponent, exponent: what the header says.
         sh: the model's degree is above 0. codebooks: it is compact; a machine with colours in the
-            array renders no others and has no such bit.
+            array renders no others and has no such bit. small: it has half a beat of attributes for
+            each Gaussian, if the machine knows such models.
         positions, attributes: addresses of these parts in beats.
         loaded: the header, and codebooks if there are any, have been read, until the next start.
         error, detail: `ErrorCode`, not NONE: the header does not fit; nothing more happens.
@@ -66,7 +67,8 @@ class Load(wiring.Component):
             "error": Out(CODE_BITS),
             "detail": Out(DETAIL_BITS),
         }
-        super().__init__(ports | ({"codebooks": Out(1)} if self.steps else {}))
+        own = {"codebooks": self.steps, "small": config.small_models}
+        super().__init__(ports | {name: Out(1) for name, has in own.items() if has})
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -135,6 +137,7 @@ class Load(wiring.Component):
             m.d.comb += self.detail.eq(names.index("MODEL"))
         kept = {"count": self.gaussians, "sh_degree": degree}
         kept |= {"position_exponent": self.position_exponent}
+        kept |= {"small": self.small} if self.config.small_models else {}
         kept = {name: (target, field(name)) for name, target in kept.items()}
         parts = {"positions": self.positions, "attributes": self.attributes, "colours": colours}
         kept |= {name: (target, self._address(field(name))) for name, target in parts.items()}
@@ -176,7 +179,10 @@ class Load(wiring.Component):
         per_unit = memory.ALIGNMENT // BEAT
         chunks = (self.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
         headers = (memory.HEADER.size + chunks * memory.CHUNK_HEADER.size) // BEAT
-        attributes = (self.gaussians + per_unit - 1) >> exact_log2(per_unit)
+        beats = self.gaussians
+        if self.config.small_models:
+            beats = Mux(self.small, self.gaussians + 1 >> 1, beats)
+        attributes = (beats + per_unit - 1) >> exact_log2(per_unit)
         end = self._address(field("end"))
         named = Mux(self.codebooks if self.steps else 1, Array(self.words)[self.sh], 0)
         unordered = {
@@ -194,8 +200,8 @@ class Load(wiring.Component):
         for part in ("colour_index", "sh_index"):
             stages = memory.HEADER[part].length
             bits = [getattr(format, part) for format in self.formats]
-            known = [Cat(Const(k, 8) for k in b + (0,) * (stages - len(b))) for b in bits]
-            codes[part] = Mux(self.sh, known[-1], known[0])
+            sizes = [Cat(Const(k, 8) for k in b + (0,) * (stages - len(b))) for b in bits]
+            codes[part] = Mux(self.sh, sizes[-1], sizes[0])
         position, index = memory.POSITION_FORMATS.index(self.config.position), field("colour_index")
         compact = (index == codes["colour_index"]) & (degree <= memory.COMPACT_DEGREE)
         sh_index = Mux(self.codebooks, codes["sh_index"], 0) if self.steps else codes["sh_index"]
@@ -203,11 +209,14 @@ class Load(wiring.Component):
         most[1] = Mux(index.any(), SH_EXPONENT_MAX, EXPONENT_MAX)
         scale = field("position_exponent").as_signed()
         each = zip(exponents(field), most, strict=True)
+        known = self.config.small_models
+        stepped = ~index.any() & ~self.small if known else ~index.any()
         return {
             "position": field("position") == position,
+            "small": Const(1) if known else ~field("small"),
             "position_exponent": (scale >= -memory.EXPONENT_MAX) & (scale <= memory.EXPONENT_MAX),
             "exponent": Cat((e >= EXPONENT_MIN) & (e <= end) for e, end in each).all(),
-            "colour_index": compact | ~index.any() if self.steps else compact,
+            "colour_index": compact | stepped if self.steps else compact,
             "sh_index": field("sh_index") == sh_index,
         }
 

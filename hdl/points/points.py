@@ -1,6 +1,6 @@
 """Stages 0 and 1 connected: chunk headers, positions and attributes to splats."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -173,10 +173,15 @@ class Points(wiring.Component):
         m.d.comb += [
             chunks.comes.eq(passes(self.chunk.o)),
             chunks.goes.eq(passes(project.chunks)),
-            splats.comes.eq(passes(project.wanted)),
+            splats.comes.eq(self._inside()),
             splats.goes.eq(passes(project.o)),
             self.idle.eq(~(chunks.any | splats.any)),
         ]
+
+    def _inside(self) -> Value:
+        """A point takes a slot."""
+        placed = self.project.i
+        return passes(placed) & placed.payload.kept
 
     def _count(self, m: Module):
         o = self.cull.o
@@ -185,7 +190,7 @@ class Points(wiring.Component):
             "skipped": self.chunk.taken & ~self.chunk.o.valid,
             "points": self.cull.taken,
             "front": passes(o) & o.payload.kept,
-            "inside": passes(self.project.wanted),
+            "inside": self._inside(),
             "projected": self.project.entered,
             "starved": self.project.starved,
             "blocked": self.project.blocked,

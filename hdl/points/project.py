@@ -27,8 +27,8 @@ FACTOR = ("l00", "l10", "l11", "l20", "l21", "l22", "attenuation")
 
 SPARE = 2  # rows of the output queue beyond what the array can hold: what passing through it takes
 
-TABLES = ("write", "sh", "codebooks", "exponent")
-"""Ports of what makes colours that come from outside."""
+TABLES = ("write", "sh", "codebooks", "exponent", "small")
+"""Ports that come from the model's header and codebooks."""
 
 
 class Project(wiring.Component):
@@ -42,7 +42,7 @@ class Project(wiring.Component):
     or are made in the array from what is looked up.
 
     Members
-        i, chunks, wanted, attributes: those of `hdl.points.slots`.
+        i, chunks, wanted, attributes, small: those of `hdl.points.slots`.
         write, sh, codebooks, exponent: those of `hdl.points.colour` or `hdl.points.look_up`.
         constants: registers of the frame.
         o: stream of `splat_record`, in the order of `i`.
@@ -86,12 +86,12 @@ class Project(wiring.Component):
             if self.ask < 0:
                 raise ValueError(f"{config.name}: colours are wanted before they can be looked up")
         members = self.colour.signature.members
-        self.tables = [name for name in TABLES if name in members]
+        inner = self.slots.signature.members
+        self.tables = [name for name in TABLES if name in members or name in inner]
         self.splats_inside = self.array.round_count + SPARE
         """Splats in the array and in the queue behind it, at most."""
-        inner = self.slots.signature.members
         ports = {name: inner[name] for name in ("i", "chunks", "wanted", "attributes")}
-        ports |= {name: members[name] for name in self.tables}
+        ports |= {name: (members if name in members else inner)[name] for name in self.tables}
         ports |= {
             "constants": In(codes(config, self.program.constants)),
             "o": Out(stream.Signature(layout(splat_record(config)))),
@@ -112,7 +112,8 @@ class Project(wiring.Component):
         connect(m, flipped(self).write, self.colour.write)
         for name in self.tables:
             if name != "write":
-                m.d.comb += getattr(self.colour, name).eq(getattr(self, name))
+                part = self.slots if name == "small" else self.colour
+                m.d.comb += getattr(part, name).eq(getattr(self, name))
         m.d.comb += self.array.constants.eq(self.constants)
         room = self._output(m)
         self._enter(m, room)

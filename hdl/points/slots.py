@@ -12,11 +12,12 @@ from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.codebook import FACTOR_BITS, INDEX_BITS
 from splatcore.hdl.points.colour import BEATS, RAY, RAYS, STEPS
+from splatcore.hdl.points.small import expanded
 from splatcore.spec.colour import BASIS, LAYOUTS
 from splatcore.spec.config import Config
 from splatcore.spec.depth import low_format
-from splatcore.spec.memory import ATTRIBUTE_BITS
-from splatcore.spec.point import WANTED, point_record, projecting_record
+from splatcore.spec.memory import ATTRIBUTE_BITS, SMALL_BITS
+from splatcore.spec.point import PLACE_BITS, WANTED, point_record, projecting_record
 
 POINT = ("x", "y", "z")
 
@@ -46,6 +47,8 @@ class Slots(wiring.Component):
         beat: {valid, address, word}: a beat behind a Gaussian's first, and its address in
             `hdl.points.colour`. Machines that make colours in the array have none.
         ready: stream of slots that are complete.
+        small: the model has half a beat of attributes for each Gaussian; stays for a frame. Two
+            neighbours have their beat asked for once.
         release: the oldest slot is free again.
         read: for each of `parts` a slot and whether to read it; found: the answers a cycle later,
             which stay until the next reading.
@@ -72,6 +75,8 @@ class Slots(wiring.Component):
             address = range(BEATS * config.projection_slots)
             line = {"valid": 1, "address": address, "word": ATTRIBUTE_BITS}
             ports["beat"] = Out(data.StructLayout(line))
+        if config.small_models:
+            ports["small"] = In(1)
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -85,21 +90,22 @@ class Slots(wiring.Component):
         point = self.i.payload
         push, taken = Signal(), Signal()
         room = (free - oldest)[: len(free)] != self.config.projection_slots
+        enters = self.i.valid & self.chunks.valid & point.kept & room
+        again = self._again(m, push)
         m.d.comb += [
-            self.wanted.valid.eq(self.i.valid & self.chunks.valid & point.kept & room),
-            self.i.ready.eq(self.chunks.valid & (~point.kept | (room & self.wanted.ready))),
+            self.wanted.valid.eq(enters & ~again),
+            push.eq(enters & (again | self.wanted.ready)),
+            self.i.ready.eq(self.chunks.valid & (~point.kept | push)),
             self.chunks.ready.eq(self.i.valid & self.i.ready & point.last),
             self.ready.valid.eq(entering != filled),
             self.ready.payload.eq(entering),
-            push.eq(self.wanted.valid & self.wanted.ready),
-            taken.eq(self.attributes.valid & self.attributes.ready),
         ]
         self._want(m)
-        beat, last = Const(0), Const(1)
-        if self.beside:
-            beat, last = self._beats(m, push, taken, filled)
-        else:
-            m.d.comb += self.attributes.ready.eq(filled != free)
+        waits = self._waiting(m, push, again)
+        attributes = self._taken(m, waits, taken, filled != free)
+        beat, last = self._beats(m, waits, taken, filled) if self.beside else (Const(0), Const(1))
+        if waits:
+            m.d.comb += waits.o.ready.eq(taken & last)
         freed = ~self.release | (oldest != entering)
         holds(m, "release", freed, "a slot is freed that is not in the array")
         first = taken & (beat == 0)
@@ -112,7 +118,6 @@ class Slots(wiring.Component):
             with m.If(steps):
                 m.d.sync += pointer.eq(pointer + 1)
 
-        attributes = self.attributes.payload
         sources = {
             "point": (push, free, Cat(point[name] for name in POINT)),
             "depth": (push, free, Cat(point[name] for name in self.parts["depth"].members)),
@@ -135,27 +140,62 @@ class Slots(wiring.Component):
                 with m.If(chunk.harmonics == number):
                     m.d.comb += count.eq(1 + one.beats)
         before = sum(Mux(count[k], place << k, 0) for k in range(len(count)))
-        m.d.comb += [wanted.beat.eq(chunk.attributes + before), wanted.count.eq(count)]
+        first = chunk.attributes + before
+        if self.config.small_models:
+            first = Mux(self.small, first >> 1, first)
+        m.d.comb += [wanted.beat.eq(first), wanted.count.eq(count)]
 
-    def _beats(self, m: Module, push: Value, taken: Value, filled: Value) -> tuple[Value, Value]:
+    def _again(self, m: Module, push: Value) -> Value:
+        """The point's attributes are the upper half of the beat that was asked for last."""
+        if not self.config.small_models:
+            return Const(0)
+        point, asked, begun = self.i.payload, Signal(PLACE_BITS - 1), Signal()
+        with m.If(self.i.valid & self.i.ready & point.last):
+            m.d.sync += begun.eq(0)
+        with m.Elif(push):
+            m.d.sync += [begun.eq(1), asked.eq(point.place[1:])]
+        return self.small & begun & (asked == point.place[1:])
+
+    def _waiting(self, m: Module, push: Value, again: Value) -> Queue | None:
+        """What is known of the beats of Gaussians that wait for them, as far as they differ."""
+        fields = {"count": self.wanted.payload.count} if self.beside else {}
+        if self.config.small_models:
+            fields |= {"upper": self.i.payload.place[0], "again": again}
+        if not fields:
+            return None
+        shape = data.StructLayout({name: len(value) for name, value in fields.items()})
+        m.submodules.waiting = queue = Queue(shape, self.config.projection_slots, memory=True)
+        m.d.comb += [queue.i.payload[name].eq(value) for name, value in fields.items()]
+        m.d.comb += queue.i.valid.eq(push)
+        never_waits(m, "waiting", queue.i, "a slot's number of beats")
+        return queue
+
+    def _taken(self, m: Module, waits: Queue | None, taken: Signal, owed: Value) -> Value:
+        """Take a beat of the oldest Gaussian that waits, or half of the one before; returns it, or
+        what half a beat stands for."""
+        whole, expected = self.attributes.payload, waits.o.valid if waits else owed
+        if not self.config.small_models:
+            m.d.comb += self.attributes.ready.eq(expected)
+            m.d.comb += taken.eq(self.attributes.valid & expected)
+            return whole
+        of, high = waits.o.payload, Signal(SMALL_BITS, reset_less=True)
+        m.d.comb += self.attributes.ready.eq(expected & ~of.again)
+        m.d.comb += taken.eq(expected & (of.again | self.attributes.valid))
+        with m.If(taken & ~of.again):
+            m.d.sync += high.eq(whole[SMALL_BITS:])
+        half = Mux(of.again, high, Mux(of.upper, whole[SMALL_BITS:], whole[:SMALL_BITS]))
+        return Mux(self.small, expanded(half), whole)
+
+    def _beats(self, m: Module, waits: Queue, taken: Value, filled: Value) -> tuple[Value, Value]:
         """The number of a Gaussian's beat, and whether it is its last; those behind the first go
         outside."""
-        count = self.wanted.payload.count
-        m.submodules.counts = counts = Queue(
-            count.shape(), self.config.projection_slots, memory=True
-        )
         beat, last = Signal(range(BEATS + 1)), Signal()
         m.d.comb += [
-            counts.i.payload.eq(count),
-            counts.i.valid.eq(push),
-            self.attributes.ready.eq(counts.o.valid),
-            last.eq(beat + 1 == counts.o.payload),
-            counts.o.ready.eq(taken & last),
+            last.eq(beat + 1 == waits.o.payload.count),
             self.beat.valid.eq(taken & (beat != 0)),
             self.beat.address.eq(Cat(beat[1], filled[:-1])),
             self.beat.word.eq(self.attributes.payload),
         ]
-        never_waits(m, "counts", counts.i, "a slot's number of beats")
         with m.If(taken):
             m.d.sync += beat.eq(Mux(last, 0, beat + 1))
         return beat, last

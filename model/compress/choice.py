@@ -10,32 +10,28 @@ from functools import partial
 from math import sqrt
 
 import numpy as np
-import torch
 
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.distill import projected
+from splatcore.model.compress.judge import JUDGED, decibels, spread
 from splatcore.model.compress.prune import count_in, merged, scaled_schedule, sound
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.formats.photographs import Target
-from splatcore.model.gradients import trainable
-from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.finetune import Tell, as_tensor
-from splatcore.model.pack.pack import layout_of, pack
-from splatcore.model.pack.quality import QUALITIES, STEPPED
+from splatcore.model.gradients.finetune import Tell
+from splatcore.model.pack.pack import format_of, layout_of, pack, qualities_of
+from splatcore.model.pack.quality import COMPACT, INDEXED, STEPPED
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import COMPACT_DEGREE, model_format, step_format
-from splatcore.spec.metric import psnr_of_square
+from splatcore.spec.memory import COMPACT_DEGREE
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Gaussians, Scene
+from splatcore.spec.scene import Scene
 
 Speed = Callable[[PackedModel, Sequence[Camera]], float]
 """Frames a second of a machine with a model, mean over cameras."""
 
-JUDGED = 6  # views by which trials are compared
 TIMED = 3  # views by which frames a second are told
 WEIGHED = 48  # views of which significance is the sum, at most
 
@@ -92,10 +88,13 @@ class Trials:
 
     def packings(self) -> list[tuple[int, str]]:
         """Degrees and qualities that the model may have: the recipe's, or all that there are."""
-        if self.recipe.degree is not None:
-            return [(self.recipe.degree, self.recipe.packing["quality"])]
-        top = min(self.scene.sh_degree, self.config.sh_degree)
-        found = [(degree, QUALITIES[0]) for degree in range(min(top, COMPACT_DEGREE) + 1)]
+        recipe, top = self.recipe, min(self.scene.sh_degree, self.config.sh_degree)
+        if recipe.quality or recipe.in_steps:
+            return [tuple(recipe.packing.values())]
+        indexed = [quality for quality in qualities_of(self.config) if quality in INDEXED]
+        if recipe.degree is not None:
+            return [(recipe.degree, quality) for quality in indexed]
+        found = [(d, quality) for d in range(min(top, COMPACT_DEGREE) + 1) for quality in indexed]
         found += [(degree, STEPPED[0]) for degree in range(COMPACT_DEGREE + 1, top + 1)]
         return found + [(degree, STEPPED[1]) for degree in range(3, top + 1)]
 
@@ -184,11 +183,10 @@ def choose(trials: Trials, original: int) -> dict:
 def resolved(recipe: Recipe, choice: dict) -> Recipe:
     """The recipe with what was chosen in place of what was left open."""
     trial = Trial(**choice["trials"][choice["chosen"]])
-    quality = None if trial.quality == QUALITIES[0] else trial.quality
     rates = tuple(choice["schedule"]) if recipe.max_drop is None else recipe.schedule
     steps = recipe.steps * max(len(recipe.schedule), 1) if recipe.targeted else recipe.steps
     return replace(
-        recipe, degree=trial.degree, quality=quality, schedule=rates, steps=steps,
+        recipe, degree=trial.degree, quality=trial.quality, schedule=rates, steps=steps,
         target_ratio=None, target_bytes=None,
     )  # fmt: skip
 
@@ -202,7 +200,8 @@ def room(trials: Trials, original: int) -> float:
     if recipe.target_ratio is not None:
         return original / recipe.target_ratio
     left = round(len(trials.scene) * float(np.prod(1 - np.array(recipe.schedule))))
-    degree, quality = max(p for p in trials.packings() if p[1] == trials.packings()[0][1])
+    packings = trials.packings()
+    degree, quality = max([p for p in packings if p[1] == COMPACT] or packings)
     format, beats = sizes(trials.config, degree, quality)
     return format.layout(max(left, 1), beats * max(left, 1)).end
 
@@ -262,7 +261,7 @@ def for_psnr(trials: Trials, wanted: float) -> Trial:
     if reached:
         return min(reached, key=lambda trial: trial.bytes)
     best = best_of(trials.done)
-    if best.quality == QUALITIES[0] and best.psnr_db >= wanted - REACHED:
+    if best.quality in INDEXED and best.psnr_db >= wanted - REACHED:
         return best
     what = f"degree {best.degree}, {best.quality}, has {best.psnr_db:.1f} dB before it learns"
     raise InputError(f"--target-psnr: {wanted:g} dB: the best model of all Gaussians, {what}")
@@ -288,33 +287,5 @@ def for_fps(trials: Trials, wanted: float) -> Trial:
 
 def sizes(config: Config, degree: int, quality: str) -> tuple:
     """The format of a model, and beats of harmonics of each Gaussian."""
-    if quality == QUALITIES[0]:
-        return model_format(config, degree), 0
-    return step_format(config, degree), LAYOUTS[layout_of(quality, degree)].beats
-
-
-def spread(views: Sequence, most: int) -> Sequence:
-    """At most so many of the views, evenly."""
-    return views[:: -(-len(views) // most)]
-
-
-def best_looking(versions: Sequence, targets: Sequence[Target]):
-    """The scene or packed model that comes nearest to the targets, by some of them: what learns
-    from next to no loss can lose by it."""
-    some = spread(targets, JUDGED)
-    return max(versions, key=lambda version: decibels(version.gaussians(), some))
-
-
-@torch.no_grad()
-def decibels(scene: Scene | Gaussians, targets: Sequence[Target]) -> float:
-    """PSNR in dB of the scene's pictures against the targets, over all their pixels."""
-    seen = scene.gaussians() if isinstance(scene, Scene) else scene
-    arrays = (seen.position, seen.factor, seen.opacity, seen.sh)
-    kind = {"dtype": torch.float32, "device": trainable.device()}
-    parameters = [torch.tensor(array, **kind) for array in arrays]
-    squares, count = 0.0, 0
-    for target in targets:
-        picture = render(*parameters, target.camera).image
-        squares += float(((picture.clamp(0, 1) - as_tensor(target.image, picture)) ** 2).sum())
-        count += target.image.size
-    return psnr_of_square(max(squares / count, np.finfo(float).tiny))
+    beats = LAYOUTS[layout_of(quality, degree)].beats if quality in STEPPED else 0
+    return format_of(config, quality, degree), beats

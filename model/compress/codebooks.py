@@ -10,6 +10,7 @@ from splatcore.model.compress.quantize import Quantised, round_fixed
 from splatcore.model.gradients.trainable import RATES, Tensors, scene_of, tensors_of
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.pack import appearance, pack
+from splatcore.model.pack.quality import COMPACT
 from splatcore.spec.colour import SH_C0, SH_C1, SH_EXPONENT_MAX
 from splatcore.spec.config import Config
 from splatcore.spec.convention import COLOUR_OFFSET
@@ -87,10 +88,13 @@ class InCodebooks(Quantised):
         with torch.no_grad():
             sh = self.harmonics_of(self.tensors)
         scene = scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, name)
-        return pack(scene, self.config, scene.sh_degree, codebooks=codebooks)[0]
+        degree, quality = scene.sh_degree, self.quality
+        return pack(scene, self.config, degree, codebooks=codebooks, quality=quality)[0]
 
 
-def in_codebooks(scene: Scene, weight: np.ndarray, config: Config, seed: int) -> InCodebooks:
+def in_codebooks(
+    scene: Scene, weight: np.ndarray, config: Config, seed: int, quality: str = COMPACT
+) -> InCodebooks:
     """A scene of degree 0 or 1 with codebooks by k-means weighted by significance [N]."""
     format = model_format(config, scene.sh_degree)
     colours, slopes = appearance(scene)
@@ -101,4 +105,4 @@ def in_codebooks(scene: Scene, weight: np.ndarray, config: Config, seed: int) ->
     of_slopes = weight if len(slopes) else None
     harmonics = quantise(slopes, format.sh_index, SLOPE, seed, of_slopes, SH_EXPONENT_MAX)
     stages = Stages.of(colour, COMPONENT, like), Stages.of(harmonics, SLOPE, like)
-    return InCodebooks(tensors, config, *stages)
+    return InCodebooks(tensors, config, quality, *stages)

@@ -12,17 +12,10 @@ from math import prod
 import numpy as np
 
 from splatcore.model.compress.checkpoint import Checkpoints, Result, Step
-from splatcore.model.compress.choice import (
-    TIMED,
-    WEIGHED,
-    Speed,
-    best_looking,
-    decibels,
-    decide,
-    spread,
-)
+from splatcore.model.compress.choice import TIMED, WEIGHED, Speed, decide
 from splatcore.model.compress.codebooks import in_codebooks
 from splatcore.model.compress.distill import degrees, distill
+from splatcore.model.compress.judge import best_looking, decibels, spread
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.quantize import REFRESH, Quantised
 from splatcore.model.compress.recipe import Recipe
@@ -218,12 +211,12 @@ class Compression:
 
     def under_numbers(self, scene: Scene, name: str) -> Quantised:
         """The scene under the numbers of the model that it becomes."""
-        recipe = self.recipe
+        recipe, quality = self.recipe, self.recipe.packing["quality"]
         if recipe.in_steps:
             self.tell(f"{name}: steps", 0, 1, None)
-            return InSteps(trainable.tensors_of(scene), self.config, recipe.packing["quality"])
+            return InSteps(trainable.tensors_of(scene), self.config, quality)
         self.tell(f"{name}: codebooks", 0, 1, None)
-        return in_codebooks(scene, self.weights(scene, name), self.config, recipe.seed)
+        return in_codebooks(scene, self.weights(scene, name), self.config, recipe.seed, quality)
 
     def fast_enough(self, scene: Scene, wanted: float) -> Steps:
         """The scene pruned further until the machine makes so many frames a second of it."""

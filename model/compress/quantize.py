@@ -7,18 +7,20 @@ Gradients pass the rounding unchanged (straight-through estimator; Bengio et al.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from math import isqrt
 
 import numpy as np
 import torch
 
 from splatcore.model.gradients.trainable import Tensors, rotation, scene_of
 from splatcore.model.pack.chunk import Chunks
-from splatcore.model.pack.pack import largest_factor, stored_order
+from splatcore.model.pack.pack import factor_exponent, format_of, stored_order
 from splatcore.spec.config import Config
-from splatcore.spec.memory import ABSOLUTE, FACTOR, OPACITY
+from splatcore.spec.memory import ABSOLUTE, FACTOR, ModelFormat
 from splatcore.spec.number import Fixed, Float
 from splatcore.spec.packed import PackedModel, grid_points, offsets
 from splatcore.spec.scene import Scene
+from splatcore.spec.small import EXPONENT_LAST, LARGEST, UNIT
 
 REFRESH = 50
 """Steps after which the chunks, their grids and steps, and L's unit are taken anew: they change
@@ -48,6 +50,15 @@ def round_float(value: torch.Tensor, format: Float) -> torch.Tensor:
     return straight(value, rounded)
 
 
+def round_shared(lower: torch.Tensor) -> torch.Tensor:
+    """`spec.small.rounded_factor` as an operation of torch."""
+    with torch.no_grad():
+        exponent = torch.frexp(lower.abs().amax((1, 2)) / (LARGEST + 0.5)).exponent
+        step = torch.exp2(exponent.clamp(UNIT, EXPONENT_LAST + UNIT).to(lower))[:, None, None]
+        rounded = torch.round(lower / step).clamp(-LARGEST, LARGEST) * step
+    return straight(lower, rounded)
+
+
 def lower_factor(tensors: Tensors) -> torch.Tensor:
     """L [N, 3, 3] of the Gaussians: row by row Gram–Schmidt on R·S.
 
@@ -70,15 +81,19 @@ def lower_factor(tensors: Tensors) -> torch.Tensor:
 
 @dataclass(eq=False)
 class Quantised(ABC):
-    """A scene under the numbers of a machine's packed model."""
+    """A scene under the numbers of a machine's packed model, of a quality of `QUALITIES`."""
 
     tensors: Tensors
     config: Config
+    quality: str
+    format: ModelFormat = field(init=False)
     position_error: torch.Tensor = field(init=False)  # [N, 3] stored − optimised, scene units
     stored: torch.Tensor = field(init=False)  # [N] 1, and 0 for Gaussians that packing drops
     factor_exponent: int = field(init=False)
 
     def __post_init__(self):
+        degree = isqrt(1 + self.tensors["shN"].shape[1]) - 1
+        self.format = format_of(self.config, self.quality, degree)
         self.refresh()
 
     @torch.no_grad()
@@ -94,16 +109,19 @@ class Quantised(ABC):
         self.position_error = means.new_tensor(position - scene.position)
         self.stored = means.new_tensor(np.isin(np.arange(len(scene)), order))
         largest = float(lower_factor(self.tensors).abs().max())
-        self.factor_exponent = int(np.frexp(largest / largest_factor(self.config.arithmetic))[1])
+        self.factor_exponent = factor_exponent(self.config, self.format, largest)
         self.refresh_colours(scene, order)
 
     def rendered(self, tensors: Tensors) -> tuple[torch.Tensor, ...]:
         """Position, L, opacity and harmonics as the machine reads them."""
         position = tensors["means"] + self.position_error
         unit = 2.0**self.factor_exponent
-        factor = round_float(lower_factor(tensors) / unit, FACTOR) * unit
+        factor = lower_factor(tensors) / unit
+        factor = round_shared(factor) if self.format.small else round_float(factor, FACTOR)
+        factor = factor * unit
         opacity = torch.sigmoid(tensors["opacities"])
-        opacity = torch.exp2(-round_fixed(-torch.log2(opacity), OPACITY)) * self.stored
+        steps = self.format.stored_record["opacity"]
+        opacity = torch.exp2(-round_fixed(-torch.log2(opacity), steps)) * self.stored
         return position, factor, opacity, self.harmonics_of(tensors)
 
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from splatcore.model.pack.quality import QUALITIES, STEPPED
+from splatcore.model.pack.quality import COMPACT, QUALITIES, STEPPED
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import COMPACT_DEGREE
@@ -37,7 +37,8 @@ class Recipe:
     rate: float = 1.0  # learning rates, as a share of `trainable.REFINING`
     order: str = "distill-first"  # of ORDERS
     degree: int | None = None  # of the packed model; None: chosen by trials (`choice`)
-    quality: str | None = None  # of models of degree 2 and 3; None: "balanced"
+    # Of `QUALITIES`; None: "balanced" of degree 2 and 3, of others chosen by trials for a target.
+    quality: str | None = None
     target_ratio: float | None = None
     target_bytes: int | None = None  # of the packed model in memory
     target_psnr: float | None = None  # dB
@@ -60,10 +61,12 @@ class Recipe:
         require("--rate", 0 < self.rate <= 10, f"{self.rate:g} is not in 0 … 10")
         require("--degree", self.degree in (None, 0, 1, 2, 3), f"{self.degree} is not in 0 … 3")
         if self.quality is not None:
-            names = " and ".join(STEPPED)
-            require("--quality", self.quality in STEPPED, f"{self.quality} is none of {names}")
-            steps = "is of models of degree 2 and 3; name one by --degree"
-            require("--quality", self.in_steps, f"{self.quality} {steps}")
+            names = ", ".join(QUALITIES)
+            require("--quality", self.quality in QUALITIES, f"{self.quality} is none of {names}")
+            stepped = self.quality in STEPPED
+            degrees = f"is of models of degree {'2 and 3' if stepped else '0 and 1'}; name one by"
+            fits = self.degree is not None and stepped == self.in_steps
+            require("--quality", fits, f"{self.quality} {degrees} --degree")
         given = [option for option in TARGETS if getattr(self, TARGETS[option]) is not None]
         for option in given:
             value, least = getattr(self, TARGETS[option]), int(option == "--target-ratio")
@@ -90,8 +93,8 @@ class Recipe:
     @property
     def packing(self) -> dict:
         """Degree and quality as `model.pack.pack.pack` takes them."""
-        quality = (self.quality or STEPPED[0]) if self.in_steps else QUALITIES[0]
-        return {"sh_degree": self.highest, "quality": quality}
+        quality = STEPPED[0] if self.in_steps else COMPACT
+        return {"sh_degree": self.highest, "quality": self.quality or quality}
 
     def check(self, scene: Scene, config: Config):
         """InputError if the model's degree is above that of the scene or of the machine."""

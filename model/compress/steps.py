@@ -36,7 +36,6 @@ class Grid:
 class InSteps(Quantised):
     """A scene of any degree under the numbers of a model in steps."""
 
-    quality: str  # of `model.pack.pack.QUALITIES`, or layouts of the chunks
     grids: list[Grid] = field(init=False)  # of each degree
 
     def refresh_colours(self, scene: Scene, order: np.ndarray):

@@ -14,6 +14,7 @@ from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import HEADER, ModelFormat
 from splatcore.spec.packed import checksum
 from splatcore.spec.record import Record, pack_bits
+from splatcore.spec.small import factor_codes
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +79,7 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
         "version": memory.VERSION,
         "sh_degree": format.sh_degree,
         "position": memory.POSITION_FORMATS.index(format.position),
+        "small": format.small,
         "count": len(model),
         "checksum": check,
         "position_exponent": memory.ABSOLUTE_EXPONENT if absolute else model.chunks.exponent,
@@ -120,10 +122,13 @@ def chunk_headers(model: Quantised) -> np.ndarray:
 
 
 def attributes(model: Quantised) -> np.ndarray:
-    """Attributes, uint8 [beats, 16]."""
-    record = model.format.attribute_record
-    places = zip(*np.tril_indices(3), strict=True)
-    values = {f"l{row}{column}": model.factor[:, row, column] for row, column in places}
+    """Attributes, uint8 [beats, 16], or [N, 8] of a small model."""
+    record = model.format.stored_record
+    if model.format.small:
+        values = factor_codes(model.factor)
+    else:
+        places = zip(*np.tril_indices(3), strict=True)
+        values = {f"l{row}{column}": model.factor[:, row, column] for row, column in places}
     values["opacity"] = model.attenuation
     if isinstance(model.colour, Steps):
         values |= zip(CHANNELS, model.colour.base.T, strict=True)
@@ -132,6 +137,8 @@ def attributes(model: Quantised) -> np.ndarray:
             values |= {f"{part}{stage}": index for stage, index in enumerate(codebook.index)}
     if "reserved" in dict(record.fields):
         values["reserved"] = np.zeros(len(model), np.uint64)
+    if model.format.small:
+        return record.pack(record.encode(values))
     end = np.cumsum(1 + model.beats)
     beats = np.zeros((end[-1] if len(end) else 0, record.size), np.uint8)
     beats[end - 1 - model.beats] = record.pack(record.encode(values))

@@ -9,6 +9,7 @@ from splatcore.model.pack.chunk import Chunks, chunk_positions
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.layout import Quantised, lay_out
+from splatcore.model.pack.quality import COMPACT, INDEXED, SMALL, STEPPED
 from splatcore.model.pack.steps import quantise_steps
 from splatcore.spec.colour import COARSE, FINE, SECOND, SH_EXPONENT_MAX, folded, slopes_of
 from splatcore.spec.config import DEFAULT, Config
@@ -20,8 +21,8 @@ from splatcore.spec.memory import (
     COMPACT_DEGREE,
     COMPONENT,
     FACTOR,
-    OPACITY,
     SLOPE,
+    ModelFormat,
     compact_degrees,
     model_format,
     step_format,
@@ -29,6 +30,7 @@ from splatcore.spec.memory import (
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
+from splatcore.spec.small import FACTOR_MAX, rounded_factor
 
 STEPS = ("order", "colour", "harmonics", "layout")
 Progress = Callable[[str], None]  # called with the name of each of `STEPS` as it begins
@@ -65,7 +67,7 @@ def pack(
     sh_degree: int | None = None,
     progress: Progress | None = None,
     codebooks: Codebooks | None = None,
-    quality: str | np.ndarray = "compact",
+    quality: str | np.ndarray = COMPACT,
 ) -> tuple[PackedModel, PackReport]:
     """Pack a scene for a machine, with harmonics up to `sh_degree` (default: as many as fit), in
     one of `QUALITIES` or with layouts [C] of `spec.colour.LAYOUTS` for its chunks.
@@ -76,12 +78,11 @@ def pack(
     """
     progress = progress or (lambda step: None)
     degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
-    compact = isinstance(quality, str) and quality == "compact"
-    if compact:
-        degree = min(degree, COMPACT_DEGREE)
-    elif config.colours == "array":
-        raise InputError(f"{scene.name}: preset {config.name} renders compact models only")
-    format = (model_format if compact else step_format)(config, degree)
+    format = format_of(config, quality, degree)
+    degree = format.sh_degree
+    if isinstance(quality, str) and quality not in qualities_of(config):
+        known = ", ".join(qualities_of(config))
+        raise InputError(f"{scene.name}: preset {config.name} renders {known} models only")
     progress("order")
     finite, visible = keep(scene)
     stored, chunks = stored_order(scene)
@@ -90,7 +91,7 @@ def pack(
     progress("colour")
     if codebooks:
         colour = tuple(codebook[stored] for codebook in codebooks)
-    elif compact:
+    elif format.codebooks:
         colours, slopes = appearance(kept)
         first = quantise(colours, format.colour_index, COMPONENT)
         progress("harmonics")
@@ -104,13 +105,27 @@ def pack(
     if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
         raise InputError(f"{scene.name}: a position is too large for preset {config.name}'s floats")
     position = ABSOLUTE.encode(kept.position) if absolute else chunks.stored
-    exponent = int(np.frexp(np.abs(lower).max(initial=0) / largest_factor(config.arithmetic))[1])
-    factor = FACTOR.round(np.ldexp(lower, -exponent))  # in units of 2^exponent, the least that fits
-    opacity = OPACITY.round(-np.log2(np.minimum(kept.opacity, 1)))
+    exponent = factor_exponent(config, format, np.abs(lower).max(initial=0))
+    factor = np.ldexp(lower, -exponent)
+    factor = rounded_factor(factor) if format.small else FACTOR.round(factor)
+    opacity = format.stored_record["opacity"].round(-np.log2(np.minimum(kept.opacity, 1)))
     quantised = Quantised(format, chunks, position, factor, exponent, opacity, colour)
     model = PackedModel(lay_out(quantised), scene.name)
     dropped = int((~finite).sum()), int((finite & ~visible).sum())
     return model, report(kept, lower, model, dropped)
+
+
+def qualities_of(config: Config) -> tuple[str, ...]:
+    """`QUALITIES` of the models that a machine renders."""
+    stepped = () if config.colours == "array" else STEPPED
+    return (*INDEXED[not config.small_models :], *stepped)
+
+
+def format_of(config: Config, quality: str | np.ndarray, degree: int) -> ModelFormat:
+    """The format of models of a quality, of that SH degree at most."""
+    if not isinstance(quality, str) or quality in STEPPED:
+        return step_format(config, degree)
+    return model_format(config, min(degree, COMPACT_DEGREE), quality == SMALL)
 
 
 def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
@@ -193,7 +208,14 @@ def stored_order(scene: Scene) -> tuple[np.ndarray, Chunks]:
 def packable(config: Config) -> tuple:
     """What of a machine decides how a scene is packed for it."""
     formats = [model_format(config, degree) for degree in compact_degrees(config)]
-    return *formats, config.sh_degree, config.colours, largest_factor(config.arithmetic)
+    kinds = config.sh_degree, config.colours, config.small_models
+    return *formats, *kinds, largest_factor(config.arithmetic)
+
+
+def factor_exponent(config: Config, format: ModelFormat, largest: float) -> int:
+    """The least exponent of a unit in which elements of L up to `largest` fit."""
+    bound = largest_factor(config.arithmetic)
+    return int(np.frexp(largest / (min(bound, FACTOR_MAX) if format.small else bound))[1])
 
 
 def largest_factor(arithmetic: Float) -> float:

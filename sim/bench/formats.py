@@ -12,7 +12,7 @@ from splatcore.model.compress.checkpoint import ply_bytes
 from splatcore.model.formats.model_file import file_bytes, read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.pack.pack import pack
-from splatcore.model.pack.quality import QUALITIES
+from splatcore.model.pack.quality import UNLEARNED
 from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.common.source import View, open_source
 from splatcore.sim.packing.choose import SAME_DB, Views
@@ -104,7 +104,7 @@ def measure(config: Config, view: View, tool: str, compressed: list[str], folder
         held = open_source(str(path)).unpacked
         rows.append(row(what, held.gaussians(), held.sh_degree, path.stat().st_size, None))
     plain.unlink()
-    for quality in QUALITIES:
+    for quality in UNLEARNED:
         model = pack(scene, config, quality=quality)[0]
         rows.append(ours(quality, model, len(file_bytes(model))))
     for path in compressed:

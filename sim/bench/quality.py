@@ -1,6 +1,6 @@
 """`splatcore bench quality`: bytes against error of the models that a scene can be packed as.
 
-Each view is packed in all of `QUALITIES` and to each of some dB. Error is that of 8-bit pictures:
+Each view is packed in all of `UNLEARNED` and to each of some dB. Error is that of 8-bit pictures:
 "scene", golden model against the reference on the scene as it is; "machine", golden model against
 the reference on the packed model; "packing", the reference on the packed model against the scene.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from splatcore.golden.pipeline import Frame, render
-from splatcore.model.pack.quality import QUALITIES
+from splatcore.model.pack.quality import UNLEARNED
 from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.common.picture import write_figure, write_png
 from splatcore.sim.common.plot import COLOURS, MARKERS
@@ -21,7 +21,7 @@ from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
 from splatcore.sim.packing.choose import Packed, Views, choose, smallest
 from splatcore.spec.config import Config
-from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK_HEADER
 from splatcore.spec.scene import Scene
 
 TARGETS = "36,40,44,48,52"
@@ -60,7 +60,7 @@ def measure(config: Config, view: View, targets: list[float], folder: Path) -> d
     for asked, packed in models(config, scene, seen, targets):
         model = packed.model
         frame = render(config, model, camera)
-        if asked in QUALITIES:
+        if asked in UNLEARNED:
             write_png(folder / f"{stem}-{asked}.png", frame.pixels)
         rows.append({
             "scene": Path(view.scene).name, "camera": view.camera or camera.name,
@@ -77,7 +77,7 @@ def models(
     config: Config, scene: Scene, seen: Views, targets: list[float]
 ) -> Iterator[tuple[str, Packed]]:
     """What was asked for, and the model that it gives."""
-    for name in QUALITIES:
+    for name in UNLEARNED:
         yield name, choose(scene, config, seen, name)
     for target in targets:
         yield f"{target:g} dB", smallest(scene, config, seen, target)
@@ -88,13 +88,14 @@ def read_bytes(frame: Frame, packed: Packed) -> int:
     all chunks, positions of those that are not skipped, attributes of what is projected."""
     model, points = packed.model, frame.points
     position = model.format.position_record.width // 8 * len(points.points)
-    attributes = model.chunk_beats[points.inside // CHUNK].sum() * ATTRIBUTE_BITS // 8
+    _, beats = model.attribute_bursts(points.inside)
+    attributes = beats.sum() * ATTRIBUTE_BITS // 8
     return int(len(model.chunk_beats) * CHUNK_HEADER.size + position + attributes)
 
 
 def write_plot(path: Path, rows: list[dict]):
     """dB against the scene over bytes a Gaussian: for each view a line through the smallest models
-    of some dB, and a hollow marker for each of `QUALITIES`."""
+    of some dB, and a hollow marker for each of `UNLEARNED`."""
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
     axes = figure.subplots()
     views = list(dict.fromkeys((row["scene"], row["camera"]) for row in rows))
@@ -106,7 +107,7 @@ def write_plot(path: Path, rows: list[dict]):
             places = sorted(
                 (row["bytes_per_gaussian"], row["psnr_db_scene"] or np.nan)
                 for row in mine
-                if (row["asked"] in QUALITIES) == named
+                if (row["asked"] in UNLEARNED) == named
             )
             axes.plot(*np.array(places).reshape(-1, 2).T, **style, **look)
     axes.set_xlabel("bytes a Gaussian")

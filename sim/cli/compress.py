@@ -11,7 +11,7 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
-from splatcore.model.pack.quality import STEPPED
+from splatcore.model.pack.quality import COMPACT, INDEXED, STEPPED
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import argument, option
 from splatcore.sim.common import output as files
@@ -75,7 +75,11 @@ DegreeOption = option(
     max=3,
 )
 QualityOption = option(
-    str | None, None, f"Of a model of degree 2 or 3: {' or '.join(STEPPED)}. Default: {STEPPED[0]}."
+    str | None,
+    None,
+    f"Of a model of degree 2 or 3: {' or '.join(STEPPED)} (default: "
+    f"{STEPPED[0]}); of degree 0 or 1: {' or '.join(INDEXED)} (default: chosen for a target, else "
+    f"{COMPACT}).",
 )
 SeedOption = option(int, None, "Same seed, same result on one machine.", min=0)
 WorkOption = option(

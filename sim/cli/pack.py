@@ -26,8 +26,8 @@ PSNR_MAX = 100.0  # more than 8-bit pictures can show
 QualityOption = options.option(
     str | None,
     None,
-    f"{', '.join(QUALITIES)}: at most 22, 38 or 54 bytes a Gaussian. Default: the smallest with "
-    f"{LEAST_DB:g} dB.",
+    f"{', '.join(QUALITIES)}: at most 14, 22, 38 or 54 bytes a Gaussian; small is for scenes that "
+    f"have learned its numbers. Default: the smallest of the others with {LEAST_DB:g} dB.",
 )
 PsnrOption = options.option(
     float | None, "DB", "The smallest model with so many dB against the scene, chunk by chunk."

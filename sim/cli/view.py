@@ -64,7 +64,7 @@ def setting_of(
 ):
     """What pages begin with; InputError for what cannot be shown."""
     from splatcore.model.formats.camera_file import read_cameras, split_id
-    from splatcore.sim.packing.choose import candidates
+    from splatcore.model.pack.pack import qualities_of
     from splatcore.sim.view.camera import up_of, within
     from splatcore.sim.view.page import Setting
 
@@ -72,8 +72,9 @@ def setting_of(
         raise InputError(f"{source.name}: has no Gaussians")
     if source.scene is None and quality:
         raise InputError(f"--quality {quality}: {source.name} is packed already")
-    if quality and config.colours == "array" and quality not in candidates(source.scene, config):
-        raise InputError(f"--quality {quality}: preset {config.name} renders compact models only")
+    if quality and quality not in (known := qualities_of(config)):
+        kinds = ", ".join(known)
+        raise InputError(f"--quality {quality}: preset {config.name} renders {kinds} models only")
     view = open_camera(camera, size, source)
     if not size:
         most = min(AT_MOST[0], config.width_max), min(AT_MOST[1], config.height_max)

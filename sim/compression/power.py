@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from splatcore.model.compress.checkpoint import Step
 from splatcore.model.formats.photographs import Target
 from splatcore.model.pack.pack import pack
-from splatcore.model.pack.quality import QUALITIES, STEPPED
+from splatcore.model.pack.quality import COMPACT, STEPPED
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.paper import FPS
 from splatcore.sim.compression.run import Run
@@ -60,7 +60,7 @@ def as_read(left: Scene | PackedModel, config: Config) -> PackedModel:
     if isinstance(left, PackedModel):
         return left
     degree = min(left.sh_degree, config.sh_degree)
-    return pack(left, config, quality=(STEPPED if degree > COMPACT_DEGREE else QUALITIES)[0])[0]
+    return pack(left, config, quality=STEPPED[0] if degree > COMPACT_DEGREE else COMPACT)[0]
 
 
 def about(step: Step, model: PackedModel) -> dict:

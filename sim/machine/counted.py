@@ -1,12 +1,9 @@
 """What a frame's counters must tell, from the golden model's frame, but those of time."""
 
-import numpy as np
-
 from splatcore.golden.pipeline import Frame
 from splatcore.golden.points import Points
 from splatcore.spec.axi import LINE, port_beats, port_bytes
 from splatcore.spec.config import Config
-from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.work import FEATURE, SLOT
 
@@ -44,9 +41,8 @@ def counted(config: Config, model: PackedModel, frame: Frame) -> dict[str, int]:
 def attribute_beats(config: Config, model: PackedModel, frame: Frame) -> tuple[int, int]:
     """The port's beats in which attributes are read: at least, at most. A port with larger beats
     reads one of two neighbours once if the second asks for it in time."""
-    inside, each = frame.points.inside, model.chunk_beats.astype(int)
-    chunk, beats = inside // CHUNK, port_beats(config)
-    first = (np.cumsum(each) - each)[chunk] * CHUNK + inside % CHUNK * each[chunk]
-    last = first + each[chunk] - 1
+    beats = port_beats(config)
+    first, count = model.attribute_bursts(frame.points.inside)
+    last = first + count - 1
     most = (last // beats - first // beats + 1).sum()
     return most - (first[1:] // beats == last[:-1] // beats).sum(), most

@@ -8,7 +8,7 @@ import numpy as np
 from splatcore.golden.reference import colours, render
 from splatcore.model.gradients.drawn import blending_weights
 from splatcore.model.pack.pack import PackReport, pack, packable, stored_order
-from splatcore.model.pack.quality import LEAST_DB, QUALITIES
+from splatcore.model.pack.quality import COMPACT, LEAST_DB, UNLEARNED
 from splatcore.sim.common.metric import LEVELS, against, difference, differences, psnr
 from splatcore.sim.common.source import Source
 from splatcore.spec.camera import Camera
@@ -137,30 +137,30 @@ def packed(
 
 
 def candidates(scene: Scene, config: Config) -> tuple[str, ...]:
-    """`QUALITIES` that a machine renders, without those that are no smaller than a better one."""
+    """`UNLEARNED` that a machine renders, without those that are no smaller than a better one."""
     if config.colours == "array":
-        return QUALITIES[:1]
+        return (COMPACT,)
     degree = min(scene.sh_degree, config.sh_degree)
-    return {0: ("faithful",), 3: QUALITIES}.get(degree, ("compact", "faithful"))
+    return {0: ("faithful",), 3: UNLEARNED}.get(degree, (COMPACT, "faithful"))
 
 
 def finest(scene: Scene, config: Config) -> str:
     """The quality for scenes whose corner counts: codebooks up to degree 1, else the best."""
-    return "compact" if scene.sh_degree <= COMPACT_DEGREE else candidates(scene, config)[-1]
+    return COMPACT if scene.sh_degree <= COMPACT_DEGREE else candidates(scene, config)[-1]
 
 
 def choose(
     scene: Scene, config: Config, cameras: Sequence[Camera] | Views, quality: str | None = None,
     least: float = LEAST_DB, tell: Tell = str,
 ) -> Packed:  # fmt: skip
-    """The smallest of `QUALITIES` with at least `least` dB in all views, or the best; or the one
+    """The smallest of `UNLEARNED` with at least `least` dB in all views, or the best; or the one
     that is asked for."""
     views = Views.of(scene, cameras)
     names = [quality] if quality else list(candidates(scene, config))
     if len(names) > 1 and scene.sh_degree > COMPACT_DEGREE:
         cut = scene.with_sh_degree(COMPACT_DEGREE).gaussians()
         if views.psnr_db(cut) < least:  # codebooks can only be worse
-            names.remove("compact")
+            names.remove(COMPACT)
     for name in names:
         tell(f"packing: {name}")
         found = views.judged(*pack(scene, config, quality=name), name)

@@ -33,7 +33,7 @@ def pack(
 ) -> tuple[PackedModel, PackReport]:
     """A scene as the model that a machine reads, and a report on what that lost.
 
-    quality: "compact", "balanced" or "faithful", at most 22, 38 or 54 bytes a Gaussian. None: with
+    quality: one of `QUALITIES`, at most 14, 22, 38 or 54 bytes a Gaussian. None: with
     cameras the smallest whose picture is 45 dB or more from the scene's in each of them, as the
     commands choose it; without cameras the best. The model has `bytes_per_gaussian`, its length is
     the number of Gaussians, `image` its bytes (uint8). The report counts Gaussians that were

@@ -12,8 +12,7 @@ import numpy as np
 from splatcore.golden.pipeline import render
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
-from splatcore.model.pack.pack import pack
-from splatcore.model.pack.quality import QUALITIES
+from splatcore.model.pack.pack import pack, qualities_of
 from splatcore.sim.machine.counted import counted
 from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.script import Timing
@@ -52,7 +51,7 @@ def drawn(seed: int, number: int) -> Drawn:
     config = MACHINES[name]
     count = 1 + int(rng.integers(MODELS_MAX))
     scenes = [draw.scene(rng) for _ in range(count)]
-    known = QUALITIES[:1] if config.colours == "array" else QUALITIES
+    known = qualities_of(config)
     qualities = [str(rng.choice(known)) for _ in scenes]
     models = [
         pack(scene, config, quality=quality)[0]

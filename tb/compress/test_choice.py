@@ -77,13 +77,16 @@ def test_learning_never_loses(scene, targets, checkpoints):
 
 def test_only_what_the_machine_reads(scene, targets):
     """And only the degree that is asked for."""
-    every = [(0, "compact"), (1, "compact"), (2, "balanced"), (3, "balanced"), (3, "faithful")]
+    compact = [(0, "compact"), (1, "compact")]
+    indexed = [(0, "small"), (0, "compact"), (1, "small"), (1, "compact")]
+    every = [*indexed, (2, "balanced"), (3, "balanced"), (3, "faithful")]
     assert trials(scene, targets).packings() == every
-    assert trials(scene, targets, find_preset("PAPER")).packings() == every[:2]
-    assert trials(scene.with_sh_degree(2), targets).packings() == every[:3]
+    assert trials(scene, targets, find_preset("PAPER")).packings() == compact
+    assert trials(scene.with_sh_degree(2), targets).packings() == every[:5]
     faithful = trials(scene, targets, degree=3, quality="faithful")
     assert faithful.packings() == [(3, "faithful")]
-    assert trials(scene, targets, degree=0).packings() == [(0, "compact")]
+    assert trials(scene, targets, degree=0).packings() == indexed[:2]
+    assert trials(scene, targets, degree=1, quality="small").packings() == [(1, "small")]
 
 
 def test_harmonics_that_stay_stand_for_those_that_go(scene):
@@ -100,14 +103,15 @@ def test_room(scene, targets):
     """A model is never larger than the room, and one Gaussian more would be."""
     found = trials(scene, targets)
     compact, steps = (model_format(DEFAULT, d) for d in (0, 1)), step_format(DEFAULT, 3)
+    small = model_format(DEFAULT, 1, small=True)
     for packing, format, beats in zip(
-        ((0, "compact"), (1, "compact"), (2, "balanced"), (3, "faithful")),
-        (*compact, steps, steps), (0, 0, 1, 2), strict=True,
+        ((1, "small"), (0, "compact"), (1, "compact"), (2, "balanced"), (3, "faithful")),
+        (small, *compact, steps, steps), (0, 0, 0, 1, 2), strict=True,
     ):  # fmt: skip
         size = ply_bytes(len(scene), 3) / 10
         count = found.room_for(*packing, size)
         assert format.layout(count, beats * count).end <= size
-        assert format.layout(count + 4, beats * (count + 4)).end > size
+        assert format.layout(count + 8, beats * (count + 8)).end > size
     assert found.room_for(1, "compact", 1e9) == len(scene)
 
 

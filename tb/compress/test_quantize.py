@@ -13,6 +13,7 @@ from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import as_tensor, difference, finetune
 from splatcore.model.gradients.trainable import RATES, REFINING, optimizers, scene_of, tensors_of
 from splatcore.model.pack.pack import stored_order
+from splatcore.model.pack.quality import INDEXED
 from splatcore.spec.colour import COARSE, FINE
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.memory import FACTOR, OPACITY
@@ -51,11 +52,12 @@ def error(parameters, targets) -> float:
     return float(np.mean(off))
 
 
+@pytest.mark.parametrize("quality", INDEXED)
 @pytest.mark.parametrize("degree", (0, 1))
 @pytest.mark.parametrize("config", (DEFAULT, TINY), ids=lambda config: config.name)
-def test_quantised_is_what_the_machine_reads(garden, degree, config):
+def test_quantised_is_what_the_machine_reads(garden, degree, config, quality):
     """The last steps render what the packed model decodes to."""
-    work = in_codebooks(garden.with_sh_degree(degree), np.ones(len(garden)), config, 0)
+    work = in_codebooks(garden.with_sh_degree(degree), np.ones(len(garden)), config, 0, quality)
     with torch.no_grad():  # off the entries that k-means gave
         for entries in work.colour.entries:
             entries += 0.003

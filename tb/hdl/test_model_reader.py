@@ -71,6 +71,7 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
     codebooks = any(index["colour_index"])
     least, most = -15, [4, -3 if codebooks else 4, 4, 4]
     fits = header["position"] == (config.position == "absolute")
+    fits &= header["small"] <= config.small_models
     fits &= -255 <= signed(header["position_exponent"])[0] <= 255
     fits &= all(least <= e <= m for e, m in zip(signed(header["exponent"]), most, strict=True))
     if codebooks and degree <= 1:
@@ -79,6 +80,7 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
             fits &= index[name] == [*of[degree], *[0] * (4 - len(of[degree]))]
     else:
         fits &= not codebooks and not any(index["sh_index"]) and config.colours == "beside"
+        fits &= not header["small"]
     return misplaced(config, header, base) if fits else ErrorCode.FORMAT
 
 
@@ -90,7 +92,8 @@ def misplaced(config: Config, header: Codes, base: int) -> ErrorCode:
     for k, part in enumerate(("colour_index", "sh_index")):
         entries[k] = sum(1 << int(bits) for bits in header[part].reshape(-1) if bits)
     ordered = 64 + -(-count // 256) * 32 <= bytes_["positions"] <= bytes_["attributes"]
-    ordered &= -(-bytes_["attributes"] // 64) * 64 + -(-count // 4) * 64 <= bytes_["colours"]
+    in_a_unit = 8 if header["small"] else 4
+    ordered &= bytes_["attributes"] + -(-count // in_a_unit) * 64 <= bytes_["colours"]
     if not ordered:
         return ErrorCode.PARTS
     if bytes_["colours"] >= 1 << 32:
@@ -117,6 +120,8 @@ def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
         assert ports["gaussians"] == at.header["count"] and ports["sh"] == (degree > 0)
         if config.colours == "beside":
             assert ports["codebooks"] == at.header["colour_index"].any()
+        if config.small_models:
+            assert ports["small"] == at.header["small"]
         assert ports["given"]
     return error
 
@@ -128,7 +133,9 @@ EDITS = [
     *({"magic": memory.MAGIC ^ 1 << bit} for bit in (0, 31)),
     *({"version": version} for version in (0, 2, 4, 0x103, 0xFFFF)),
     *({"sh_degree": degree} for degree in (*range(6), 128, 255)),
-    *({"position": position} for position in (0, 1, 2, 128)),
+    *({"position": position} for position in (0, 1, 2, 64, 127)),
+    *({"small": 1, "count": count} for count in (2, 1000)),
+    {"small": 1, "colour_index": 0, "sh_index": 0, "exponent": -6},
     *({"position_exponent": e} for e in ENDS),
     *({"exponent": e} for e in ENDS),
     *({"exponent": np.where(np.arange(4) == d, e, -5)} for d in range(4) for e in ENDS[3:-3]),
@@ -152,6 +159,7 @@ def test_headers(name):
     config = MACHINES[name]
     formats = [memory.model_format(config, d) for d in memory.compact_degrees(config)]
     formats += [memory.model_format(PAPER if config is NARROW else NARROW, 1)]
+    formats += [memory.model_format(config, max(memory.compact_degrees(config)), small=True)]
     formats += [memory.step_format(config, degree) for degree in (0, 3)]
     edits = [edit for edit in EDITS if config in (NARROW, PAPER) or OF_DEGREE & edit.keys()]
     headers = [(model(format), edit) for format in formats for edit in ({}, *edits)]
@@ -171,7 +179,8 @@ def places(model: PackedModel) -> list[dict[str, int]]:
     found += [{name: at[name] + (1 << k)} for name in memory.PLACED for k in (26, 28, 31)]
     moved = [1 << 26, (1 << 26) - at["end"], (1 << 26) - at["end"] + 1]
     found += [{name: place + k for name, place in at.items()} for k in moved]
-    each, first = 4 * (at["colours"] - at["attributes"]), 2 * (at["positions"] - 1) * 256
+    each, first = at["colours"] - at["attributes"], 2 * (at["positions"] - 1) * 256
+    each *= 8 if model.format.small else 4
     counts = [each - 1, each, each + 1, first, first + 1, 1 << 26, (1 << 32) - 1]
     apart = {name: place + (at["end"] << 8) for name, place in at.items() if name != "positions"}
     return found + [more | {"count": k} for k in counts for more in ({}, apart)]
@@ -184,6 +193,7 @@ def test_places_of_parts(name):
     config = MACHINES[name]
     formats = [memory.model_format(config, d) for d in memory.compact_degrees(config)]
     formats += [memory.step_format(config, 3)] * (config.colours == "beside")
+    formats += [memory.model_format(config, 1, small=True)] * config.small_models
     seen = []
     for given in map(model, formats):
         for k, fields in enumerate(places(given)):
@@ -204,6 +214,7 @@ def test_the_golden_model_refuses_the_same(name):
     """Models of every format, for every machine."""
     config, seen = MACHINES[name], set()
     formats = [memory.model_format(c, degree) for c in (NARROW, PAPER) for degree in (0, 1)]
+    formats += [memory.model_format(NARROW, degree, small=True) for degree in (0, 1)]
     formats += [memory.step_format(config, degree) for degree in range(4)]
     for format in formats:
         given = model(format, 5, MIXED[:1])
@@ -230,6 +241,7 @@ FORMATS = {
     "steps": (NARROW, memory.step_format(NARROW, 3)),
     "compact, degree 1": (NARROW, memory.model_format(NARROW, 1)),
     "compact, degree 0": (NARROW, memory.model_format(NARROW, 0)),
+    "small": (NARROW, memory.model_format(NARROW, 1, small=True)),
     "no harmonics": (MACHINES["degree 0"], memory.step_format(NARROW, 0)),
     "paper": (PAPER, memory.model_format(PAPER, 1)),
     "steps, 256 bits": (WIDE, memory.step_format(WIDE, 3)),
@@ -246,7 +258,7 @@ def test_models(name):
         given, rng = model(format, last, layouts), np.random.default_rng(seed)
         for stall in (0, 0.3, 0.7):
             fetch, index = random_part(rng, given)
-            pairs = np.stack([given.beats[index], given.chunk_beats[index // memory.CHUNK]], axis=1)
+            pairs = np.stack(given.attribute_bursts(index), axis=1)
             base = 4 * int(rng.integers(0, 1 << 20))
             image = Image(given.image, base)
             wanted = [] if axi.port_beats(config) > 1 else pairs.tolist()

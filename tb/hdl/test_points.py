@@ -70,9 +70,9 @@ def test_machines_equal_golden(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("quality", ["balanced", "faithful", "mixed"])
-def test_models_in_steps_equal_golden(quality):
-    """Harmonics of degree 3, in chunks of one layout or of all."""
+@pytest.mark.parametrize("quality", ["small", "balanced", "faithful", "mixed"])
+def test_models_of_all_qualities_equal_golden(quality):
+    """Half a beat a Gaussian; and harmonics of degree 3, in chunks of one layout or of all."""
     rng, scene = np.random.default_rng(3), generate("garden", 5000)
     sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(len(scene), 15, 3))], axis=1)
     if quality == "mixed":

@@ -72,6 +72,7 @@ def random_model(
             "version": VERSION,
             "sh_degree": format.sh_degree,
             "position": POSITION_FORMATS.index(format.position),
+            "small": format.small,
             "count": count,
             **{part: getattr(layout, part) // 64 for part in PLACED},
         }.items()

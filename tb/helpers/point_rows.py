@@ -63,23 +63,23 @@ def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> 
 
 def wanted_rows(model: PackedModel, index: np.ndarray) -> np.ndarray:
     """Where the attributes of Gaussians lie."""
-    count = model.chunk_beats[index // CHUNK]
-    codes = {"beat": model.beats[index], "count": count}
+    codes = dict(zip(("beat", "count"), model.attribute_bursts(index), strict=True))
     return WANTED.pack({name: code.astype(np.uint64) for name, code in codes.items()})
 
 
 def attribute_rows(model: PackedModel, index: np.ndarray) -> np.ndarray:
     """These beats, one after the other."""
-    count = model.chunk_beats[index // CHUNK]
+    first, count = model.attribute_bursts(index)
     own = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return model.attribute_beats(np.repeat(model.beats[index], count) + own)
+    return model.attribute_beats(np.repeat(first, count) + own)
 
 
 def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray:
     """The chunks that are kept."""
     record, kept = chunk_record(config), np.flatnonzero(points.read)
     headers = model.chunks
-    known = {"number": kept, "count": counts(model)[kept], "attributes": model.beats[kept * CHUNK]}
+    first = kept * CHUNK if model.format.small else model.beats[kept * CHUNK]
+    known = {"number": kept, "count": counts(model)[kept], "attributes": first}
     known |= {name: headers[name][kept] for name in ("octant_end", "shift", "harmonics", "step")}
     known = {name: codes.astype(np.uint64) for name, codes in known.items()}
     known["origin"] = CHUNK_HEADER["origin"].encode(headers["origin"][kept])
@@ -171,5 +171,6 @@ def registers(config: Config, model: PackedModel, points: Points) -> dict:
         "constants": {name: int(format.encode(code)) for name, code in frame.constants.items()},
         "sh": int(model.format.sh_degree > 0),
         "codebooks": int(model.format.codebooks),
+        "small": int(model.format.small),
         "exponent": exponents(model),
     }

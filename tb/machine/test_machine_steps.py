@@ -37,9 +37,10 @@ def scene() -> Scene:
 
 
 def models() -> list[PackedModel]:
-    """In steps of all layouts and degrees, and compact ones."""
-    kinds = [(None, quality) for quality in (LAYOUT_OF, "faithful", "balanced", "compact")]
+    """In steps of all layouts and degrees, compact and small ones."""
+    kinds = [(None, quality) for quality in (LAYOUT_OF, "faithful", "small", "balanced", "compact")]
     kinds += [(degree, quality) for degree in (0, 1) for quality in ("faithful", "compact")]
+    kinds += [(0, "small")]
     return [pack(scene(), TINY, degree, quality=quality)[0] for degree, quality in kinds]
 
 

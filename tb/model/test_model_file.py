@@ -23,7 +23,14 @@ from splatcore.spec.packed import PackedModel, checksum
 from tb.helpers.clouds import cloud
 
 BEGIN = coded.FILE_HEADER.size + HEADER.size
-WAYS = [("compact", 0), ("compact", 1), ("balanced", 3), *(("faithful", d) for d in range(4))]
+WAYS = [
+    ("small", 0),
+    ("small", 1),
+    ("compact", 0),
+    ("compact", 1),
+    ("balanced", 3),
+    *(("faithful", d) for d in range(4)),
+]
 COUNTS = (0, 1, 255, 256, 257, 600)
 
 
@@ -179,7 +186,7 @@ def test_cut_files():
     assert "follow the last column" in refused(data + b"\0", packed)
 
 
-@pytest.mark.parametrize("quality", ("compact", "faithful"))
+@pytest.mark.parametrize("quality", ("small", "compact", "faithful"))
 def test_flipped_bits(quality):
     packed = model(300, 1, quality)
     data, rng = encode(packed), np.random.default_rng(2)

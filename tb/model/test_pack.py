@@ -1,5 +1,7 @@
 """Packing: every bit by plain integers, what is dropped, sizes, errors, damaged files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from splatcore.model.formats.model_file import is_packed, read_model
 from splatcore.model.pack.codebook import quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.pack import pack
+from splatcore.model.pack.quality import INDEXED
 from splatcore.sim.common.metric import psnr
 from splatcore.spec.colour import from_slopes, slopes_of
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS
@@ -39,14 +42,14 @@ def half_float(code: int) -> float:
 
 def plain_unpack(image: np.ndarray, n: int):
     """Gaussian n of a DEFAULT model of degree 1, bit by bit from the text of spec.memory."""
-    count = bits(image, 0, 64, 32)
+    count, small = bits(image, 0, 64, 32), bits(image, 0, 63, 1)
     exponents = [signed(bits(image, 0, 128 + 16 * k, 16), 16) for k in range(4)]  # of degrees 0, 1
     align = lambda value: -(-value // 64) * 64  # noqa: E731
     chunks = 64
     positions = chunks + align(32 * -(-count // 256))
     stored = count // 256 * 1440 + -(-(count % 256) * 45 // 8)
     attributes = positions + align(stored)
-    colours = attributes + align(16 * count)
+    colours = attributes + align((8 if small else 16) * count)
     harmonics = colours + align((128 + 64) * 8)
 
     chunk, place = divmod(n, 256)
@@ -61,17 +64,24 @@ def plain_unpack(image: np.ndarray, n: int):
         offset += (octant >> axis & 1) << 15
         position.append((origin + (offset << shift)) * 2.0 ** exponents[0])
 
-    word = bits(image, attributes + 16 * n, 0, 128)
-    take = lambda offset, width: word >> offset & (1 << width) - 1  # noqa: E731
-    diagonal = [half_float(take(15 * k, 15)) for k in range(3)]
-    l10, l20, l21 = (half_float(take(45 + 16 * k, 16)) for k in range(3))
+    if small:
+        word, index = bits(image, attributes + 8 * n, 0, 64), 37
+        unit, opacity = 2.0 ** ((word & 31) - 14), 2.0 ** (-(word >> 32 & 31) / 4)
+        diagonal = [(word >> 5 + 4 * k & 15) * unit for k in range(3)]
+        below = [word >> 17 + 5 * k & 31 for k in range(3)]
+        l10, l20, l21 = ((-1) ** (code >> 4) * (code & 15) * unit for code in below)
+    else:
+        word, index = bits(image, attributes + 16 * n, 0, 128), 101
+        diagonal = [half_float(word >> 15 * k & 0x7FFF) for k in range(3)]
+        l10, l20, l21 = (half_float(word >> 45 + 16 * k & 0xFFFF) for k in range(3))
+        opacity = 2.0 ** (-(word >> 93 & 255) / 32)
+    take = lambda offset, width: word >> index + offset & (1 << width) - 1  # noqa: E731
     factor = np.array([[diagonal[0], 0, 0], [l10, diagonal[1], 0], [l20, l21, diagonal[2]]])
-    opacity = 2.0 ** (-take(93, 8) / 32)
-    entries = (take(101, 7), 128 + take(108, 6))
+    entries = (take(0, 7), 128 + take(7, 6))
     colour = [
         sum(signed(bits(image, colours + 8 * e, 12 * k, 12), 12) for e in entries) for k in range(3)
     ]
-    entries = (take(114, 7), 128 + take(121, 7))
+    entries = (take(13, 7), 128 + take(20, 7))
     slopes = [
         sum(signed(bits(image, harmonics + 16 * e, 10 * k, 10), 10) for e in entries)
         for k in range(9)
@@ -81,8 +91,9 @@ def plain_unpack(image: np.ndarray, n: int):
     return position, factor * 2.0 ** exponents[1], opacity, colour, slopes
 
 
-def test_every_bit_by_plain_integers():
-    model, _ = pack(cloud(1, count=700))
+@pytest.mark.parametrize("quality", INDEXED)
+def test_every_bit_by_plain_integers(quality):
+    model, _ = pack(cloud(1, count=700), quality=quality)
     gaussians = model.gaussians()
     assert 600 < len(model) < 700  # the transparent ones are dropped
     for n in range(len(model)):
@@ -115,6 +126,26 @@ def test_close_to_the_scene(count, degree):
     assert report.position_error <= 1e-4
     if count:
         assert report.colour_rms < 0.05
+
+
+def test_small_models_are_as_close_as_their_steps():
+    """L within a fifteenth of its largest element, opacities within an eighth of an octave, or at
+    the end of their range a quarter; all else is a compact model's."""
+    scene = cloud(2, count=3000, degree=1)
+    found = {quality: pack(scene, quality=quality)[0] for quality in INDEXED}
+    small, compact = (found[quality].gaussians() for quality in INDEXED)
+    off = np.abs(small.factor - compact.factor).max((1, 2))
+    assert 0 < (off / np.abs(compact.factor).max((1, 2))).max() <= 1 / 15.5 + 2.0**-11
+    off = np.abs(np.log2(small.opacity / compact.opacity))
+    assert (off <= np.where(compact.opacity > 2**-7.75, 1 / 8 + 1 / 64, 1 / 4) + 1e-12).all()
+    assert (small.position == compact.position).all() and (small.sh == compact.sh).all()
+    assert found["small"].bytes_per_gaussian < 14
+
+
+@pytest.mark.parametrize("preset", (replace(DEFAULT, small_models=False), PAPER))
+def test_small_models_for_machines_without_them(preset):
+    with pytest.raises(InputError, match=r"preset .* renders compact.* models only"):
+        pack(cloud(2, count=10, degree=1), preset, quality="small")
 
 
 def match(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -169,7 +169,7 @@ def test_other_bad_input(model, camera, tmp_path):
         (lambda: splatcore.cycles(with_array, camera), "preset DEFAULT 'chunk'"),
         (lambda: splatcore.cycles(model, camera, "nope"), "preset 'nope': unknown"),
         (lambda: splatcore.render_golden(model, camera, background=(0, 2, 0)), "background: 2 is"),
-        (lambda: splatcore.pack(scene, "best"), "quality: 'best' is not one of compact"),
+        (lambda: splatcore.pack(scene, "best"), "quality: 'best' is not one of small"),
         (lambda: splatcore.pack(model), "scene: is of type PackedModel"),
         (lambda: splatcore.look_at([0, 0, 0], [0, 0, 0]), "target: is the camera's position"),
         (lambda: splatcore.look_at([0, 0, 0], [0, 2, 0]), "down: is along"),

@@ -1,0 +1,76 @@
+"""Attributes of small models: half a beat for each Gaussian, and the whole beat that it stands for.
+
+All six elements of L are integers m below 2^4 (with a sign below the diagonal) times one power of
+two, which the Gaussian's `exponent` e gives:
+
+    element = ± m · 2^(e + UNIT)        −log2(opacity) = code · ¼
+
+What is thin beside the Gaussian's largest extent loses its last digits, not its place in the
+picture: an element is off by a fifteenth of the largest at most. All of these are numbers of the
+formats of a whole beat, so nothing behind the reading knows which of the two a model has. e above
+`EXPONENT_LAST` is not used; the machine takes the sum of it and m's place modulo 32.
+"""
+
+import numpy as np
+
+from splatcore.spec.memory import (
+    BELOW,
+    FACTOR,
+    MAGNITUDE,
+    ON_DIAGONAL,
+    OPACITY,
+    SMALL_OPACITY,
+)
+from splatcore.spec.record import Codes
+
+UNIT = 1 - FACTOR.bias
+"""With e = 0 the least element is the least normal number of `FACTOR`."""
+
+EXPONENT_LAST = (1 << FACTOR.exponent) - 1 - MAGNITUDE.width
+"""The largest e with which every m has a number of `FACTOR`."""
+
+LARGEST = (1 << MAGNITUDE.width) - 1
+
+FACTOR_MAX = np.ldexp(LARGEST + 0.5, EXPONENT_LAST + UNIT)
+"""Elements of L are below this, in units of 2^factor_exponent."""
+
+
+def shared_exponents(lower: np.ndarray) -> np.ndarray:
+    """e [N] of L [N, 3, 3] in units of 2^factor_exponent: the least with which the largest element
+    rounds to a magnitude."""
+    _, exponent = np.frexp(np.abs(lower).max((1, 2)) / (LARGEST + 0.5))
+    return np.clip(exponent - UNIT, 0, EXPONENT_LAST)
+
+
+def rounded_factor(lower: np.ndarray) -> np.ndarray:
+    """L [N, 3, 3] as a small model has it, in the same units."""
+    exponent = (shared_exponents(lower) + UNIT)[:, None, None]
+    steps = np.clip(np.rint(np.ldexp(lower, -exponent)), -LARGEST, LARGEST)
+    return np.ldexp(steps, exponent)
+
+
+def factor_codes(lower: np.ndarray) -> Codes:
+    """Fields of a small model's attributes [N] that hold a rounded L."""
+    exponent = shared_exponents(lower)
+    steps = np.ldexp(lower, -(exponent + UNIT)[:, None, None]).astype(np.int64)
+    codes = {"exponent": exponent}
+    for name in (*ON_DIAGONAL, *BELOW):
+        element = steps[:, int(name[1]), int(name[2])]
+        codes[name] = np.abs(element) | (element < 0) << MAGNITUDE.width
+    return {name: values.astype(np.uint64) for name, values in codes.items()}
+
+
+def expanded(codes: Codes) -> Codes:
+    """Fields of a whole beat of attributes [N] for those of half a beat."""
+    whole = {name: values for name, values in codes.items() if name not in ("exponent", "reserved")}
+    exponent = codes["exponent"].astype(np.int64)
+    for name in (*ON_DIAGONAL, *BELOW):
+        sign, m = np.divmod(codes[name].astype(np.int64), LARGEST + 1)
+        place = np.frexp(m)[1] - 1  # of m's first one; -1 without any
+        biased = np.where(m, exponent + place + 1, 0) & (1 << FACTOR.exponent) - 1
+        fraction = (m << FACTOR.fraction - place) & (1 << FACTOR.fraction) - 1
+        code = sign << FACTOR.exponent | biased
+        whole[name] = (code << FACTOR.fraction | fraction).astype(np.uint64)
+    finer = OPACITY.fraction - SMALL_OPACITY.fraction
+    whole["opacity"] = codes["opacity"].astype(np.uint64) << np.uint64(finer)
+    return whole
