@@ -17,9 +17,9 @@ from splatcore.spec.scene import Gaussians, Scene, sh_count
 def bytes_by_part(model: PackedModel) -> dict[str, float]:
     """Bytes a Gaussian of each part of a model, its codebooks in "codebooks", rest in "unused"."""
     count, format = max(len(model), 1), model.format
-    record = dict(format.attribute_record.fields)
+    record = dict(format.stored_record.fields)
     width = {name: field.width for name, field in record.items()}
-    shape = sum(bits for name, bits in width.items() if name[0] == "l")
+    shape = sum(bits for name, bits in width.items() if name[0] == "l" or name == "exponent")
     colour = sum(b for name, b in width.items() if name.startswith(("colour", "red", "gr", "bl")))
     bits = {
         "chunk headers": len(model.chunk_beats) * CHUNK_HEADER.width / count,

@@ -119,6 +119,9 @@ def test_budget(scene):
     compact = choose.choose(scene, DEFAULT, [CAMERA], "compact")
     assert psnr_by_part(scene, compact.model, [CAMERA])["degree 3"] < compact.psnr_db + 3
     assert bytes_by_part(compact.model)["codebooks"] > 0
+    half = bytes_by_part(choose.choose(scene, DEFAULT, [CAMERA], "small").model)
+    bits = {"shape": 32, "opacity": 5, "colour": 13, "degree 1": 14}
+    assert {part: 8 * half[part] for part in bits} == bits
 
 
 def test_a_gaussian_at_the_camera(scene):
