@@ -25,11 +25,11 @@ class State(enum.Enum):
 class ListWriter(wiring.Component):
     """Entries in, bursts out; at the end of the frame, all groups' lists out.
 
-    For each group a table holds its page, the slots used there, its first page and its number of
-    entries; write buffers hold up to burst − 1 entries. An entry that finds its group's buffer
-    full completes a burst with it; or, where the page's last slot is next, the burst ends with the
-    number of a new page, and the entry is the first one there. So a page is taken when an entry
-    needs it, and an entry makes one burst at most.
+    For each group a table holds its page and whether that lies in list memory, the slots used
+    there, its first page and its number of entries; write buffers hold up to burst − 1 entries. An
+    entry that finds its group's buffer full completes a burst with it; or, where the page's last
+    slot is next, the burst ends with the number of a new page, and the entry is the first one
+    there. So a page is taken when an entry needs it, and an entry makes one burst at most.
 
     Members
         i: stream of `bin_entry_record`.
@@ -58,6 +58,7 @@ class ListWriter(wiring.Component):
         self.row = data.StructLayout(
             {
                 "page": binning.PAGE_BITS,
+                "inside": 1,
                 "position": self.position_bits,
                 "first": binning.PAGE_BITS,
                 "count": COUNT_BITS,
@@ -170,12 +171,13 @@ class ListWriter(wiring.Component):
         page_full, fresh = row.position.all(), row.position == 0
         turn = page_full | fresh
         whole = Mux(flushing, offset != 0, offset.all())
-        written = whole & (row.page < self.pages)
+        written = whole & row.inside
         m.d.comb += bursts.payload.address.eq(Cat(row.position[burst_bits:], row.page))
         m.d.comb += groups.payload.page.eq(Mux(fresh, 0, row.first))
         m.d.comb += groups.payload.count.eq(row.count)
         for k, slot in enumerate(slots):
             m.d.comb += bursts.payload.slots[k].eq(Mux(flushing & (offset <= k), 0, slot))
+        inside = self.needed < self.pages
         final = Mux(page_full, self.needed, Value.cast(entry))
         m.d.comb += bursts.payload.slots[self.burst - 1].eq(Mux(flushing, 0, final))
 
@@ -193,6 +195,7 @@ class ListWriter(wiring.Component):
         m.d.sync += had_group.eq(~through & (had_group | (groups.valid & groups.ready)))
         m.d.comb += [
             self.new.page.eq(Mux(turn, self.needed, row.page)),
+            self.new.inside.eq(Mux(turn, inside, row.inside)),
             self.new.position.eq(Mux(turn, 1, plus_one(row.position))),
             self.new.first.eq(Mux(fresh, self.needed, row.first)),
             self.new.count.eq(plus_one(row.count)),
@@ -202,7 +205,7 @@ class ListWriter(wiring.Component):
         ]
         with m.If(through & ~flushing & turn):
             m.d.sync += self.needed.eq(self.needed + ~self.needed.all())
-            with m.If(self.needed >= self.pages):
+            with m.If(~inside):
                 m.d.sync += self.exceeded.eq(1)
         for k, port in enumerate(write_entry):
             m.d.comb += [port.data.eq(entry), port.en.eq(through & ~flushing & (self.slot == k))]

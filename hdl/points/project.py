@@ -171,17 +171,23 @@ class Project(wiring.Component):
         ]
 
     def _read(self, m: Module) -> int:
-        """Each part of a slot that the array wants is read just before the round that wants it;
-        returns the last time at which that happens."""
+        """Each part of a slot that the array wants is read just before the round that wants it, L
+        a cycle sooner; returns the last time at which that happens."""
         rounds, phase, read = self.array.rounds, self.array.phase, self.slots.read
         last_read = 0
         for part in self.round:
             if part != "colour":
                 before = self.round[part] - 1
                 slot = rounds[before].carried if before >= 0 else self.slots.ready.payload
-                m.d.comb += [read[part].slot.eq(slot), read[part].enable.eq(phase[-2])]
-                last_read = max(last_read, self.round[part] * self.plan.interval - 2)
+                early = 3 if self._behind_memory(part) else 2
+                m.d.comb += [read[part].slot.eq(slot), read[part].enable.eq(phase[-early])]
+                last_read = max(last_read, self.round[part] * self.plan.interval - early)
         return last_read
+
+    def _behind_memory(self, part: str) -> bool:
+        """A part has a register between its memory and what converts it: L, unless it is wanted
+        before it is known that the slot enters."""
+        return part == "factor" and self.round[part] > 0
 
     def _field(self, name: str) -> Value:
         """The array's input for a field, early or late."""
@@ -194,7 +200,10 @@ class Project(wiring.Component):
         for part in ("point", "ray"):
             for name in self.groups.get(part, ()):
                 m.d.comb += self._field(name).eq(found[part][name])
-        record = step_format(config, 0).attribute_record
+        record, factor = step_format(config, 0).attribute_record, Value.cast(found.factor)
+        if self._behind_memory("factor"):
+            factor = Signal(len(factor), reset_less=True)
+            m.d.sync += factor.eq(found.factor)
         for name in FACTOR:
             field = "opacity" if name == "attenuation" else name
             if name == "attenuation":  # counted in steps
@@ -203,7 +212,7 @@ class Project(wiring.Component):
             else:
                 convert = Convert(record[field], config.arithmetic, 0)
             m.submodules[f"convert_{name}"] = convert
-            bits = Value.cast(found.factor)[record.offset(field) :][: record[field].width]
+            bits = factor[record.offset(field) :][: record[field].width]
             m.d.comb += [convert.i.eq(bits), convert.enable.eq(1), self._field(name).eq(convert.o)]
 
     def _beside(self, m: Module) -> int:

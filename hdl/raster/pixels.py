@@ -64,7 +64,7 @@ class Pixels(wiring.Component):
     **Timing**: a row of `span` blocks in the port's beats that it lies in (4 blocks: 3 of 128 bits;
     of 256 bits 1, then 2), a beat a cycle without a pause between spans; 1 cycle more for each
     group, for each change to the other group (2 where it is found out that blocks are not present),
-    and for each span of a group that is not in the image. Where a stream of groups goes on some
+    and 2 for each span of a group that is not in the image. Where a stream of groups goes on some
     rows of groups farther down, that row is known as many cycles later.
     """
 
@@ -273,7 +273,11 @@ class Pixels(wiring.Component):
                 with m.Elif(inside & reached):
                     m.next = "ROWS"
                 with m.Elif(~inside):
-                    m.d.comb += given.eq(self.plain | present)
+                    m.next = "BEYOND"
+            with m.State("BEYOND"):  # the image
+                m.d.comb += given.eq(self.plain | present)
+                with m.If(given):
+                    m.next = "PLACE"
             with m.State("ROWS"):
                 m.d.comb += [write.valid.eq(self.plain | (present & there)), self.following.eq(1)]
                 with m.If(~write.valid & self.empty.valid):

@@ -183,6 +183,7 @@ class Written(wiring.Component):
         m.d.comb += [
             row.eq(Array(Value.cast(one) for one in self.lists)[self.group]),
             new.page.eq(Mux(turn, number, row.page)),
+            new.inside.eq(new.page < self.pages),
             new.position.eq(Mux(turn, 1, row.position + 1)),
             new.first.eq(Mux(fresh, number, row.first)),
             new.count.eq(row.count + 1),

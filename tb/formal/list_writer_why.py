@@ -29,6 +29,7 @@ def _in_table(proof, m: Module) -> list[Signal]:
         m.d.comb += Assert((one.count == 0) == (one.position == 0))
         m.d.comb += Assert((one.count != 0) | (Value.cast(one) == 0))
         m.d.comb += Assert((one.count == 0) | (one.page < proof.taken))
+        m.d.comb += Assert((one.count == 0) | (one.inside == (one.page < proof.pages)))
         m.d.comb += Assert((one.count == 0) | (g < proof.groups_count))
         rows.append(row)
     return rows
@@ -78,6 +79,7 @@ def _held(proof, m: Module, rows: list[Signal]):
         Assert(~full | (proof.taken == further)),
         Assert(proof.taken <= most + 1),
         Assert(~full | (now.page == Mux(turn, number, before.page))),
+        Assert(~full | (now.inside == (now.page < proof.pages))),
         Assert(~full | (now.position == Mux(turn, 1, before.position + 1))),
         Assert(~full | (now.first == Mux(before.count == 0, number, before.first))),
         Assert(~full | (now.count == before.count + 1)),
@@ -85,6 +87,7 @@ def _held(proof, m: Module, rows: list[Signal]):
         Assert(~full | ((before.count == 0) == (before.position == 0))),
         Assert(~full | (before.count != 0) | (Value.cast(before) == 0)),
         Assert(~full | (before.count == 0) | (before.page < proof.taken_before)),
+        Assert(~full | (before.count == 0) | (before.inside == (before.page < proof.pages))),
     ]
     row = part.found_row
     m.d.comb += Assert(~part.full | ~part.clash | part.same)

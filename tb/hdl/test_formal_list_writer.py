@@ -24,9 +24,10 @@ def test_lists_come_to_their_ends():
 
 FAULTS = {
     "two lists have a page": ("_handle", "~flushing & turn)", "~flushing & fresh)"),
-    "a page beyond the last": ("_handle", "row.page < self.pages", "row.page <= self.pages"),
-    "the last page is not used": ("_handle", "(row.page <", "(row.page + 1 <"),
-    "a page missing is not told": ("_handle", "needed >= self.pages", "needed > self.pages"),
+    "a page beyond the last": ("_handle", "needed < self.pages", "needed <= self.pages"),
+    "the last page is not used": ("_handle", "needed < self.pages", "needed + 1 < self.pages"),
+    "a page where the one before was": ("_handle", "(turn, inside,", "(fresh, inside,"),
+    "a page missing is not told": ("_handle", "m.If(~inside)", "m.If(0)"),
     "a link to its own page": ("_handle", "page_full, self.needed", "page_full, row.page"),
     "a link takes an entry's slot": ("_handle", "(turn, 1,", "(turn, 2,"),
     "a first entry beside its slot": ("_handle", "Mux(turn, 0, offset)", "offset"),
