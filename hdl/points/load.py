@@ -179,16 +179,16 @@ class Load(wiring.Component):
         per_unit = memory.ALIGNMENT // BEAT
         chunks = (self.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
         headers = (memory.HEADER.size + chunks * memory.CHUNK_HEADER.size) // BEAT
-        beats = self.gaussians
+        halves = self.gaussians << 1  # of beats of attributes
         if self.config.small_models:
-            beats = Mux(self.small, self.gaussians + 1 >> 1, beats)
-        attributes = (beats + per_unit - 1) >> exact_log2(per_unit)
+            halves = Mux(self.small, self.gaussians, halves)
         end = self._address(field("end"))
         named = Mux(self.codebooks if self.steps else 1, Array(self.words)[self.sh], 0)
         unordered = {
             "positions": headers > field("positions") * per_unit,
             "attributes": field("positions") > field("attributes"),
-            "colours": field("attributes") + attributes > field("colours"),
+            "colours": field("attributes") * 2 * per_unit + halves
+            > field("colours") * 2 * per_unit,
             "end": colours + named > end,
         }
         last = 1 << BEAT_ADDRESS_BITS
