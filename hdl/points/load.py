@@ -179,7 +179,7 @@ class Load(wiring.Component):
         per_unit = memory.ALIGNMENT // BEAT
         chunks = (self.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
         headers = (memory.HEADER.size + chunks * memory.CHUNK_HEADER.size) // BEAT
-        halves = self.gaussians << 1  # of beats of attributes
+        halves, in_unit = self.gaussians << 1, 2 * per_unit  # half beats of attributes
         if self.config.small_models:
             halves = Mux(self.small, self.gaussians, halves)
         end = self._address(field("end"))
@@ -187,8 +187,7 @@ class Load(wiring.Component):
         unordered = {
             "positions": headers > field("positions") * per_unit,
             "attributes": field("positions") > field("attributes"),
-            "colours": field("attributes") * 2 * per_unit + halves
-            > field("colours") * 2 * per_unit,
+            "colours": field("attributes") * in_unit + halves > field("colours") * in_unit,
             "end": colours + named > end,
         }
         last = 1 << BEAT_ADDRESS_BITS
