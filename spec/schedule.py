@@ -92,7 +92,7 @@ INTERVAL_MIN = {"cull": 4, "cull_interval": 4, "place": 4}
 def basis_machine(config: Config) -> Config:
     """The machine of the array that makes polynomials: numbers of `BASIS`, for which pipelines are
     shorter."""
-    return replace(config, arithmetic=BASIS, multiply_latency=1, add_latency=2, unary_latency=2)
+    return replace(config, arithmetic=BASIS, multiply_latency=1, add_latency=3, unary_latency=2)
 
 
 def colour_terms(config: Config) -> int:

@@ -61,7 +61,7 @@ class Colour(wiring.Component):
     A machine without harmonics has no `ray` and no `sh`.
 
     **Timing**: a Gaussian each round, which has `spec.schedule.colour_cycles` cycles at least; its
-    colours appear in time `latency` of its own (`DEFAULT` 36): cycles since its first round began.
+    colours appear in time `latency` of its own (`DEFAULT` 42): cycles since its first round began.
     All is read by time `last_read`.
     """
 

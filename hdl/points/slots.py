@@ -3,12 +3,12 @@
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect
 
 from splatcore.hdl.arithmetic.convert import Convert
 from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.codebook import FACTOR_BITS, INDEX_BITS
 from splatcore.hdl.points.colour import BEATS, RAY, RAYS, STEPS
@@ -156,7 +156,7 @@ class Slots(wiring.Component):
             m.d.sync += [begun.eq(1), asked.eq(point.place[1:])]
         return self.small & begun & (asked == point.place[1:])
 
-    def _waiting(self, m: Module, push: Value, again: Value) -> Queue | None:
+    def _waiting(self, m: Module, push: Value, again: Value) -> Register | None:
         """What is known of the beats of Gaussians that wait for them, as far as they differ."""
         fields = {"count": self.wanted.payload.count} if self.beside else {}
         if self.config.small_models:
@@ -165,12 +165,14 @@ class Slots(wiring.Component):
             return None
         shape = data.StructLayout({name: len(value) for name, value in fields.items()})
         m.submodules.waiting = queue = Queue(shape, self.config.projection_slots, memory=True)
+        m.submodules.next_waiting = register = Register(shape)  # `ready` of memory goes by it
+        connect(m, queue.o, register.i)
         m.d.comb += [queue.i.payload[name].eq(value) for name, value in fields.items()]
         m.d.comb += queue.i.valid.eq(push)
         never_waits(m, "waiting", queue.i, "a slot's number of beats")
-        return queue
+        return register
 
-    def _taken(self, m: Module, waits: Queue | None, taken: Signal, owed: Value) -> Value:
+    def _taken(self, m: Module, waits: Register | None, taken: Signal, owed: Value) -> Value:
         """Take a beat of the oldest Gaussian that waits, or half of the one before; returns it, or
         what half a beat stands for."""
         whole, expected = self.attributes.payload, waits.o.valid if waits else owed
@@ -186,7 +188,9 @@ class Slots(wiring.Component):
         half = Mux(of.again, high, Mux(of.upper, whole[SMALL_BITS:], whole[:SMALL_BITS]))
         return Mux(self.small, expanded(half), whole)
 
-    def _beats(self, m: Module, waits: Queue, taken: Value, filled: Value) -> tuple[Value, Value]:
+    def _beats(
+        self, m: Module, waits: Register, taken: Value, filled: Value
+    ) -> tuple[Value, Value]:
         """The number of a Gaussian's beat, and whether it is its last; those behind the first go
         outside."""
         beat, last = Signal(range(BEATS + 1)), Signal()

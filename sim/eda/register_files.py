@@ -132,7 +132,8 @@ def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> 
     folder.mkdir(parents=True, exist_ok=True)
     # as the comments in `ErrorCode` have them
     meanings = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
-    places = {name: bit // 8 for name, bit in HEADER.offsets.items() if name != "reserved"}
+    whole = {name: bit // 8 for name, bit in HEADER.offsets.items() if bit % 8 == 0}
+    places = {name: place for name, place in whole.items() if name != "reserved"}
     facts = {
         "config": config,
         "registers": register_map(config),

@@ -223,8 +223,9 @@ def _picture(config: Config, data: np.ndarray) -> np.ndarray:
 def _spoil(folder: Path, areas: Areas, fields: dict[str, int]):
     """Other values in the header of B's model."""
     memory = np.memmap(folder / "memory", np.uint8, "r+")
+    header = memory[areas.region(f"model{SPOILT}").at :][: HEADER.size]
+    codes = HEADER.unpack(header.reshape(1, -1))
     for name, value in fields.items():
-        at = areas.region(f"model{SPOILT}").at + HEADER.offset(name) // 8
-        width = HEADER[name].width // 8
-        memory[at : at + width] = np.frombuffer(value.to_bytes(width, "little"), np.uint8)
+        codes[name] = np.full_like(codes[name], value, np.uint64)
+    header[:] = HEADER.pack(codes)[0]
     memory.flush()

@@ -152,6 +152,7 @@ def project_rows(
         "constants": {n: int(config.arithmetic.encode(v)) for n, v in frame.constants.items()},
         "sh": int(model.format.sh_degree > 0),
         "codebooks": int(model.format.codebooks),
+        "small": int(model.format.small),
         "exponent": exponents(model),
     }
     return inputs, expected, registers
