@@ -1,6 +1,6 @@
 """Binning: splats to features in order, and to lists of the groups of tiles that they touch."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
@@ -35,11 +35,6 @@ from splatcore.spec.raster import COLOURS
 COUNTED = tuple(counters.BIN)
 
 SPLATS_INSIDE = 32  # splats that wait until it is known whether they touch a tile
-
-
-def centre_scales(config: Config) -> range:
-    """Powers of two by which a splat's centre is multiplied before it is rounded to steps."""
-    return range(config.screen_exponent - SCALE_MAX, config.screen_exponent + 1)
 
 
 class Bin(wiring.Component):
@@ -164,12 +159,8 @@ class Bin(wiring.Component):
             i.ready.eq(self.outline.i.ready),
             queue.i.valid.eq(i.valid & i.ready & self.outline.seen),
         ]
-        # How far centres are shifted is known with the scale, before it is wanted.
-        finer = {"finer": Shape.cast(centre_scales(self.config))}
-        m.submodules.waited = waited = Queue(data.StructLayout({**shape.members, **finer}), 1)
-        m.d.comb += [waited.i.payload[name].eq(queue.o.payload[name]) for name in shape.members]
-        m.d.comb += waited.i.payload.finer.eq(self.config.screen_exponent - queue.o.payload.scale)
-        m.d.comb += [waited.i.valid.eq(queue.o.valid), queue.o.ready.eq(waited.i.ready)]
+        m.submodules.waited = waited = Queue(shape, 1)
+        connect(m, queue.o, waited.i)
         return waited.o
 
     def _scale(self, u: Value, v: Value) -> Value:
@@ -188,9 +179,9 @@ class Bin(wiring.Component):
         format, unit = self.config.arithmetic, self.config.screen_exponent
         found = {"scale": splat.scale, "opacity": splat.opacity}
         for name in ("u", "v"):
-            scales = centre_scales(self.config)
+            scales = range(unit - SCALE_MAX, unit + 1)
             m.submodules[name] = fixed = ToFixed(format, POSITION, 0, scales)
-            m.d.comb += fixed.scale.eq(splat.finer)
+            m.d.comb += fixed.scale.eq(unit - splat.scale)
             found[name] = fixed
         for name in ("across", "along"):
             m.submodules[name] = found[name] = Convert(format, FACTOR, 0, FACTOR_SCALE - 2 * unit)
