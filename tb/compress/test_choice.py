@@ -108,7 +108,7 @@ def test_room(scene, targets):
         ((1, "small"), (0, "compact"), (1, "compact"), (2, "balanced"), (3, "faithful")),
         (small, *compact, steps, steps), (0, 0, 0, 1, 2), strict=True,
     ):  # fmt: skip
-        size = ply_bytes(len(scene), 3) / 10
+        size = ply_bytes(len(scene), 3) / 15
         count = found.room_for(*packing, size)
         assert format.layout(count, beats * count).end <= size
         assert format.layout(count + 8, beats * (count + 8)).end > size
