@@ -11,12 +11,13 @@ from splatcore.golden.points import Points, chunk, cull, project_points, rays
 from splatcore.golden.program import run
 from splatcore.golden.reference import covariance_and_conic, project
 from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.generate.hard_case import straight_camera
 from splatcore.model.pack.pack import pack
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from splatcore.spec.depth import finer, whole_depth
-from splatcore.spec.memory import EXTENT_SHIFT, chunk_count
+from splatcore.spec.memory import CHUNK, EXTENT_SHIFT, chunk_count
 from splatcore.spec.microprogram import projection
 from tb.helpers.point_rows import PointRows, point_rows
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
@@ -82,6 +83,22 @@ def test_models_of_all_qualities_equal_golden(quality):
     assert 0 < len(frame.points.index) < len(model)
     check("points", frame, 0)
     check("points", frame, 0.4)
+
+
+@pytest.mark.slow
+def test_chunks_share_no_beat_of_a_small_model():
+    """Of two chunks only two Gaussians each are in front, and come last in their chunk: a beat at
+    the same place of each is asked for."""
+    number = np.arange(2 * CHUNK)
+    near = NEAR_PLANE + np.where(number % CHUNK > 1, -1, 1) * 2**-14
+    position = np.stack([number * 2.0**-12, 0 * near, near], axis=1)  # in this order in both
+    scene = replace(generate("garden", len(number)), position=position)
+    scene.opacity[:] = 0.5
+    model, _ = pack(scene, TINY, quality="small")
+    frame = point_rows(TINY, model, straight_camera(64, 48))
+    inside = np.array([CHUNK - 2, CHUNK - 1])
+    assert list(frame.points.inside) == [*inside, *inside + CHUNK]
+    check("points", frame, 0)
 
 
 def test_culling_leaves_the_same_splats():
