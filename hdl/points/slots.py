@@ -165,7 +165,7 @@ class Slots(wiring.Component):
             return None
         shape = data.StructLayout({name: len(value) for name, value in fields.items()})
         m.submodules.waiting = queue = Queue(shape, self.config.projection_slots, memory=True)
-        m.submodules.next_waiting = register = Register(shape)  # `ready` of memory goes by it
+        m.submodules.next_waiting = register = Register(shape)  # so no path from memory to `ready`
         connect(m, queue.o, register.i)
         m.d.comb += [queue.i.payload[name].eq(value) for name, value in fields.items()]
         m.d.comb += queue.i.valid.eq(push)

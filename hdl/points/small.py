@@ -20,28 +20,22 @@ def expanded(half: Value) -> Value:
 
     **Timing**: no registers: a multiplexer of four and a sum of five bits.
     """
-    stored, whole = (
-        getattr(model_format(Config(), 0, small=True), f"{kind}_record")
-        for kind in ("stored", "attribute")
-    )
+    stored = model_format(Config(), 0, small=True).stored_record
 
     def field(name: str) -> Value:
         return half[stored.offset(name) :][: stored[name].width]
 
-    lower = [
-        _element(field(name), field("exponent"), whole[name].width)
-        for name in (*ON_DIAGONAL, *BELOW)
-    ]
+    lower = [_element(field(name), field("exponent")) for name in (*ON_DIAGONAL, *BELOW)]
     opacity = Cat(Const(0, OPACITY.fraction - SMALL_OPACITY.fraction), field("opacity"))
     return Cat(*lower, opacity, half[stored.offset("colour0") :])
 
 
-def _element(code: Value, exponent: Value, width: int) -> Value:
-    """An element of L as a float of so many bits, with the sign on top if it has one."""
+def _element(code: Value, exponent: Value) -> Value:
+    """An element of L as a float, with the sign on top if it has one."""
     magnitude, sign = code[: MAGNITUDE.width], code[MAGNITUDE.width :]
     number = Const(0, FACTOR.exponent + FACTOR.fraction)
     for place in range(MAGNITUDE.width):  # of the first one
         fraction = magnitude[:place].shift_left(FACTOR.fraction - place)
         biased = (exponent + place + 1)[: FACTOR.exponent]
         number = Mux(magnitude[place], Cat(fraction, biased), number)
-    return Cat(number, sign)[:width]
+    return Cat(number, sign)

@@ -78,11 +78,12 @@ def pack(
     """
     progress = progress or (lambda step: None)
     degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
+    known = qualities_of(config)
+    if (quality if isinstance(quality, str) else STEPPED[0]) not in known:
+        kinds = ", ".join(known)
+        raise InputError(f"{scene.name}: preset {config.name} renders {kinds} models only")
     format = format_of(config, quality, degree)
     degree = format.sh_degree
-    if isinstance(quality, str) and quality not in qualities_of(config):
-        known = ", ".join(qualities_of(config))
-        raise InputError(f"{scene.name}: preset {config.name} renders {known} models only")
     progress("order")
     finite, visible = keep(scene)
     stored, chunks = stored_order(scene)

@@ -148,6 +148,11 @@ def test_small_models_for_machines_without_them(preset):
         pack(cloud(2, count=10, degree=1), preset, quality="small")
 
 
+def test_layouts_for_machines_without_steps():
+    with pytest.raises(InputError, match="preset PAPER renders compact models only"):
+        pack(cloud(2, count=10, degree=1), PAPER, quality=np.zeros(1, int))
+
+
 def match(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """For each point of b [M, 3] the index of the nearest point of a [N, 3]."""
     return np.array([np.argmin(((a - point) ** 2).sum(1)) for point in b], int)
