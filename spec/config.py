@@ -146,10 +146,10 @@ class Config:
         13, limits=(9, 16), tried=(10, 12, 15), coarse=12, fine=15,
         bounds=("colour_fraction", "weight"), beyond=-1,
     )  # fmt: skip
-    # What a lane weights a colour with: multiples of it, made once for all lanes, which take fewer
-    # gates; or three multipliers of its own, which an FPGA has. With these, terms of colour are
-    # products, too, instead of sums of rows.
-    weighting: Literal["multiples", "products"] = "multiples"
+    # What logic is made for; results are the same. gates: a lane weights a colour by multiples of
+    # it, made once for all lanes, terms of colour are sums of rows, and counts go up by trees.
+    # fpga: these are multiplier blocks and carry chains, which an FPGA has.
+    logic: Literal["gates", "fpga"] = "gates"
     early_termination: bool = True  # pixels end once too little of T is left
     # (a, b, c): what is too faint to be seen is left out (`spec.raster`). Nothing for 3DGS's rule.
     faint: tuple[int, ...] = (4, 11, 8)
@@ -249,8 +249,9 @@ FPGA = Config(
     name="FPGA",
     port=128,
     pes=4,
+    add_latency=4,
     rasterizers=1,
-    weighting="products",
+    logic="fpga",
     sub_sorter_entries=64,
     merge_ways=8,
 )

@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.float import Round, Unpack, Unpacked, operand
-from splatcore.hdl.lib.latency import Pipeline, spread
+from splatcore.hdl.lib.latency import Pipeline, Registers, spread
 from splatcore.hdl.lib.shift import shift_right_sticky, sticky
 from splatcore.spec.number import Fixed, Float
 
@@ -105,10 +105,13 @@ class ToFixed(wiring.Component):
         enable: the pipeline moves; while it is low everything stays where it is.
 
     Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
-    Registers stand where the significand is shifted and at the end.
+    Registers stand where the significand is shifted and at the end. Instead of their number it
+    takes where they stand.
     """
 
-    def __init__(self, format: Float, fixed: Fixed, latency: int, scale: range | None = None):
+    def __init__(
+        self, format: Float, fixed: Fixed, latency: int | Registers, scale: range | None = None
+    ):
         self.format, self.fixed = format, fixed
         self.registers = spread(latency, {"shift": 16, "round": 16})
         ports = {"i": In(format.width), "o": Out(fixed.width), "enable": In(1)}

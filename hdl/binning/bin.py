@@ -12,7 +12,7 @@ from splatcore.hdl.binning.outline import Outline
 from splatcore.hdl.binning.rows import Rows
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue, Register, Slot, passes
+from splatcore.hdl.lib.stream import Queue, Register, Slot, Stage, passes, soon
 from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.colour import scaled_colours, unscaled_colour_format
@@ -87,7 +87,7 @@ class Bin(wiring.Component):
         m = Module()
         m.submodules.outline, m.submodules.rows = self.outline, self.rows
         m.submodules.gather, m.submodules.lists = self.gather, self.lists
-        m.submodules.arrives = self.arrives = Queue(self.i.payload.shape(), 1)
+        m.submodules.arrives = self.arrives = Stage(self.i.payload.shape())
         connect(m, flipped(self).i, self.arrives.i)
         connect(m, self.outline.o, self.rows.i)
         connect(m, self.rows.o, self.gather.i)
@@ -159,9 +159,22 @@ class Bin(wiring.Component):
             i.ready.eq(self.outline.i.ready),
             queue.i.valid.eq(i.valid & i.ready & self.outline.seen),
         ]
-        m.submodules.waited = waited = Queue(shape, 1)
-        connect(m, queue.o, waited.i)
+        m.submodules.waited = waited = Stage(shape)
+        connect(m, soon(m, "head", queue.o, self.config.logic), waited.i)
+        self._centre(m, waited.i.payload, waited.i.ready)
         return waited.o
+
+    def _centre(self, m: Module, splat: data.View, enable: Value):
+        """A centre as it is stored; what has been shifted is kept as long as `waited` keeps it."""
+        unit, between = self.config.screen_exponent, {"shift": 1, "round": 0}
+        scales = range(unit - SCALE_MAX, unit + 1)
+        self.centre = {
+            name: ToFixed(self.config.arithmetic, POSITION, between, scales) for name in ("u", "v")
+        }
+        for name, fixed in self.centre.items():
+            m.submodules[name] = fixed
+            m.d.comb += [fixed.i.eq(splat[name]), fixed.enable.eq(enable)]
+            m.d.comb += fixed.scale.eq(unit - splat.scale)
 
     def _scale(self, u: Value, v: Value) -> Value:
         """`spec.feature.centre_codes`, from the exponents."""
@@ -178,15 +191,11 @@ class Bin(wiring.Component):
         """The fields of `feature_record` for what has waited."""
         format, unit = self.config.arithmetic, self.config.screen_exponent
         found = {"scale": splat.scale, "opacity": splat.opacity}
-        for name in ("u", "v"):
-            scales = range(unit - SCALE_MAX, unit + 1)
-            m.submodules[name] = fixed = ToFixed(format, POSITION, 0, scales)
-            m.d.comb += fixed.scale.eq(unit - splat.scale)
-            found[name] = fixed
+        found |= {name: fixed.o for name, fixed in self.centre.items()}
         for name in ("across", "along"):
             m.submodules[name] = found[name] = Convert(format, FACTOR, 0, FACTOR_SCALE - 2 * unit)
         m.submodules.shear = found["shear"] = Convert(format, SHEAR, 0)
-        for name in ("u", "v", "across", "shear", "along"):
+        for name in ("across", "shear", "along"):
             convert = found[name]
             m.d.comb += [convert.i.eq(splat[name]), convert.enable.eq(1)]
             found[name] = convert.o

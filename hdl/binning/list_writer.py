@@ -167,6 +167,7 @@ class ListWriter(wiring.Component):
         """An entry, or with `flushing` the end of a group."""
         burst_bits = exact_log2(self.burst)
         offset, bursts, groups = row.position[:burst_bits], self.bursts, self.groups
+        logic = self.config.logic
         # Positions in a page that is in use begin with 1, behind the entry that took the page.
         page_full, fresh = row.position.all(), row.position == 0
         turn = page_full | fresh
@@ -196,9 +197,9 @@ class ListWriter(wiring.Component):
         m.d.comb += [
             self.new.page.eq(Mux(turn, self.needed, row.page)),
             self.new.inside.eq(Mux(turn, inside, row.inside)),
-            self.new.position.eq(Mux(turn, 1, plus_one(row.position))),
+            self.new.position.eq(Mux(turn, 1, plus_one(row.position, logic))),
             self.new.first.eq(Mux(fresh, self.needed, row.first)),
-            self.new.count.eq(plus_one(row.count)),
+            self.new.count.eq(plus_one(row.count, logic)),
             self.slot.eq(Mux(turn, 0, offset)),
             write_row.en.eq(through),
             write_row.data.eq(Mux(self.taking, Value.cast(self.new), 0)),

@@ -36,10 +36,20 @@ def lowest(value: Value) -> Value:
     return value & (~value + 1)[: len(value)]
 
 
-def plus_one(value: Value) -> Value:
-    """value + 1 in as many bits. Each carry is the AND of all bits below, so that synthesis makes
-    trees; of an adder of one it makes a chain."""
+def plus_one(value: Value, logic: str) -> Value:
+    """value + 1 in as many bits. For gates each carry is the AND of all bits below, so that
+    synthesis makes trees; of an adder of one it makes a chain, which is what an FPGA is fast at."""
+    if logic == "fpga":
+        return (value + 1)[: len(value)]
     return Cat(bit ^ value[:k].all() if k else ~bit for k, bit in enumerate(value))
+
+
+def several(value: Value) -> Value:
+    """Whether more than one bit is 1."""
+    if len(value) == 1:
+        return Const(0)
+    low, high = value[: len(value) // 2], value[len(value) // 2 :]
+    return several(low) | several(high) | (low.any() & high.any())
 
 
 def encoded(one_hot: Value) -> Value:

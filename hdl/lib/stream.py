@@ -1,4 +1,4 @@
-"""Stream primitives between stages and around datapaths: register, slot, queue, fork, pipe.
+"""Stream primitives between stages and around datapaths: register, slot, stage, queue, fork, pipe.
 
 Streams are Amaranth's (`lib.stream`): an item passes in a cycle in which valid and ready are both
 high, and whoever has raised valid keeps it and the payload until then. All of these keep to that
@@ -11,7 +11,7 @@ A path below is one through gates alone, from an input to an output in the same 
 from amaranth.hdl import Cat, Module, Mux, ShapeLike, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect
 
 MEMORY_DEPTH_MIN = 3
 """Least depth of a queue in a synchronous memory: an item takes two cycles to pass it."""
@@ -66,7 +66,8 @@ class Register(wiring.Component):
 
 
 class Slot(wiring.Component):
-    """One register that cuts every path between `i` and `o`, where items are rare.
+    """One register that cuts every path between `i` and `o`, where items are rare. That it is free
+    is a flip-flop of its own: what waits for that may be much.
 
     Members
         i: stream of `shape`, in
@@ -80,17 +81,40 @@ class Slot(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
+        item, ready = Signal(self.o.payload.shape(), reset_less=True), Signal(init=1)
+        m.d.comb += [self.i.ready.eq(ready), self.o.payload.eq(item)]
+        with m.If(ready):
+            m.d.sync += [item.eq(self.i.payload), self.o.valid.eq(self.i.valid)]
+            m.d.sync += ready.eq(~self.i.valid)
+        with m.Elif(self.o.ready):
+            m.d.sync += [self.o.valid.eq(0), ready.eq(1)]
+        return m
+
+
+class Stage(wiring.Component):
+    """One register; it takes an item in the cycle in which it gives one.
+
+    Members
+        i: stream of `shape`, in
+        o: stream of `shape`, out
+
+    **Timing**: latency 1, one item per cycle. A path from `o.ready` to `i.ready`. No multiplier.
+    """
+
+    def __init__(self, shape: ShapeLike):
+        super().__init__({"i": In(stream.Signature(shape)), "o": Out(stream.Signature(shape))})
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
         item = Signal(self.o.payload.shape(), reset_less=True)
-        m.d.comb += [self.i.ready.eq(~self.o.valid), self.o.payload.eq(item)]
-        with m.If(self.o.valid):
-            m.d.sync += self.o.valid.eq(~self.o.ready)
-        with m.Else():
+        m.d.comb += [self.i.ready.eq(~self.o.valid | self.o.ready), self.o.payload.eq(item)]
+        with m.If(self.i.ready):
             m.d.sync += [item.eq(self.i.payload), self.o.valid.eq(self.i.valid)]
         return m
 
 
 class Queue(wiring.Component):
-    """A queue of exactly `depth` items, in flip-flops or in a synchronous memory.
+    """A queue of exactly `depth` items, two or more, in flip-flops or in a synchronous memory.
 
     With `memory` its rows are those of a memory with one write port and one read port that
     answers a cycle later and keeps its answer, as on-chip SRAM does; no row is ever written and
@@ -102,13 +126,11 @@ class Queue(wiring.Component):
         level: range(depth + 1), out; items inside, the one at `o` included
         write, read: rows of the next write and the next read (for proofs)
 
-    **Timing**: latency 1, with `memory` 2; one item per cycle. No path, but from `o.ready` to
-    `i.ready` at depth 1, which can only so take an item in the cycle in which it gives one.
-    No multiplier.
+    **Timing**: latency 1, with `memory` 2; one item per cycle. No path, no multiplier.
     """
 
     def __init__(self, shape: ShapeLike, depth: int, *, memory: bool = False):
-        depth_min = MEMORY_DEPTH_MIN if memory else 1
+        depth_min = MEMORY_DEPTH_MIN if memory else 2
         if depth < depth_min:
             raise ValueError(f"a queue of depth {depth}, below {depth_min}")
         ports = {
@@ -118,19 +140,17 @@ class Queue(wiring.Component):
         }
         super().__init__(ports)
         self.shape, self.depth, self.memory = shape, depth, memory
-        self.rows = max(depth, 2)  # an address of no bits does not survive in Verilog
-        self.write = Signal(range(self.rows))
-        self.read = Signal(range(self.rows))
+        self.write = Signal(range(depth))
+        self.read = Signal(range(depth))
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.storage = storage = Memory(shape=self.shape, depth=self.rows, init=[])
+        m.submodules.storage = storage = Memory(shape=self.shape, depth=self.depth, init=[])
         write = storage.write_port()
         read = storage.read_port(domain="sync" if self.memory else "comb")
         push, pop, fetch = Signal(), Signal(), Signal()
-        leaving = self.o.ready if self.depth == 1 else 0
         m.d.comb += [
-            self.i.ready.eq((self.level != self.depth) | leaving),
+            self.i.ready.eq(self.level != self.depth),
             push.eq(self.i.valid & self.i.ready),
             pop.eq(self.o.valid & self.o.ready),
             write.addr.eq(self.write),
@@ -159,6 +179,16 @@ class Queue(wiring.Component):
     def _next(self, row: Value) -> Value:
         """The row after `row`, around the end."""
         return Mux(row == self.depth - 1, 0, row + 1)
+
+
+def soon(m: Module, name: str, answer: stream.Interface, logic: str) -> stream.Interface:
+    """What comes out of a memory, for logic that begins with it: behind a register, the submodule
+    `name`, where memories answer as late as block RAM of an FPGA."""
+    if logic == "gates":
+        return answer
+    m.submodules[name] = stage = Stage(answer.payload.shape())
+    connect(m, answer, stage.i)
+    return stage.o
 
 
 class Fork(wiring.Component):

@@ -8,7 +8,7 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue, passes
+from splatcore.hdl.lib.stream import Queue, Stage, passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import (
     BURST_BEATS,
@@ -42,9 +42,9 @@ class Fetch(wiring.Component):
             proofs).
 
     **Timing**: a burst every 2 cycles, asked for 2 cycles after its range or the burst before was
-    taken; a beat a cycle, latency 2 through the queue. Its memory has room for `depth` beats of the
-    machine; one that holds fewer than come during the memory's latency slows the reading. No
-    multiplier.
+    taken; on an FPGA a cycle more each. A beat a cycle, latency 2 through the queue. Its memory has
+    room for `depth` beats of the machine; one that holds fewer than come during the memory's
+    latency slows the reading. No multiplier.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Fetch(wiring.Component):
     ):
         if depth < burst:
             raise ValueError(f"a queue of {depth} beats, below a burst of {burst}")
-        self.beats = port_beats(config)
+        self.beats, self.logic = port_beats(config), config.logic
         self.burst, self.depth = burst // self.beats, depth // self.beats  # of the port's
         self.range = layout(range_record(count_bits))
         self.queue = Queue(config.port, self.depth, memory=True)
@@ -118,10 +118,15 @@ class Fetch(wiring.Component):
                 m.d.sync += self.marked.eq(mark)
         m.d.sync += sized.eq(Mux(sized, ~asked, more))
         m.submodules.used = used = self.used
+        fits = sized & (used.count + beats <= self.depth)
+        if self.logic == "fpga":  # known a cycle later, and true until it is asked for
+            late = Signal()
+            m.d.sync += late.eq(fits & ~asked)
+            fits = late
         m.d.comb += [
             used.comes.eq(Mux(asked, beats, 0)),
             used.goes.eq(passes(self.o)),
-            self.reads.valid.eq(sized & (used.count + beats <= self.depth)),
+            self.reads.valid.eq(fits),
         ]
         awaited = ~self.data.valid | (used.count != queue.level)
         holds(m, "awaited", awaited, "a beat has come that was not asked for")
@@ -145,7 +150,8 @@ class Unpack(wiring.Component):
     def __init__(
         self, config: Config, count_bits: int, slot: int = ENTRY_BITS, ranges: int = RANGES_WAITING
     ):
-        self.slot, self.counts_waiting = slot, Queue(count_bits, ranges)
+        self.slot = slot
+        self.counts_waiting = Queue(count_bits, ranges) if ranges > 1 else Stage(count_bits)
         ports = {
             "counts": In(stream.Signature(count_bits)),
             "beats": In(stream.Signature(config.port)),

@@ -51,7 +51,7 @@ class WriteCombiner(wiring.Component):
         line, written = (
             Signal(self.line_bits, name=name, reset_less=True) for name in ("line", "written")
         )
-        first, second = Signal(), Signal()  # the beat that is offered
+        offers, second = Signal(), Signal()  # a beat is offered; it is the line's second one
         slot = self.i.payload.slot
         position, address = slot[: -self.line_bits], slot[-self.line_bits :]
         # While the second beat is offered, its slots belong to the line before.
@@ -61,17 +61,18 @@ class WriteCombiner(wiring.Component):
             of_line.eq(Mux(second, present[: self.beat_slots], present)),
             behind.eq((of_line >> position) == 0),
             fits.eq(~of_line.any() | ((address == line) & behind)),
-            room.eq(~first & ~(second & position[-1])),
+            room.eq(~offers | (second & ~position[-1])),
             self.i.ready.eq(fits & room),
             self.empty.eq(~present.any() & ~second),
         ]
-        self._offer(m, gathered, present, written, first, second)
+        m.d.comb += self.writes.valid.eq(offers)
+        self._data(m, gathered, present, written, second)
         left = self.writes.valid & self.writes.ready
-        with m.If(left & first):
+        with m.If(left & ~second):
             two = self.beat_slots < self.slots
-            m.d.sync += [first.eq(0), second.eq(two), present[: self.beat_slots].eq(0)]
+            m.d.sync += [offers.eq(two), second.eq(two), present[: self.beat_slots].eq(0)]
         with m.If(left & second):
-            m.d.sync += [second.eq(0), present[self.beat_slots :].eq(0)]
+            m.d.sync += [offers.eq(0), second.eq(0), present[self.beat_slots :].eq(0)]
         takes = self.i.valid & self.i.ready
         with m.If(takes):
             m.d.sync += line.eq(address)
@@ -79,18 +80,15 @@ class WriteCombiner(wiring.Component):
                 with m.If(position == k):
                     m.d.sync += [gathered[k].eq(self.i.payload.data), present[k].eq(1)]
         whole = takes & position.all()
-        with m.If(
-            ~first & ~second & (whole | (present.any() & (self.flush | (self.i.valid & ~fits))))
-        ):
-            m.d.sync += [first.eq(1), written.eq(Mux(whole, address, line))]
+        with m.If(~offers & (whole | (present.any() & (self.flush | (self.i.valid & ~fits))))):
+            m.d.sync += [offers.eq(1), written.eq(Mux(whole, address, line))]
         return m
 
-    def _offer(self, m: Module, gathered, present, written, first: Value, second: Value):
+    def _data(self, m: Module, gathered, present, written, second: Value):
         """A beat of the line."""
         bits, size = self.config.port, self.config.port // 8
         data, strobes = Value.cast(gathered), Cat(bit.replicate(self.size) for bit in present)
         m.d.comb += [
-            self.writes.valid.eq(first | second),
             self.writes.payload.beat.eq(written << exact_log2(LINE_BEATS)),
             self.writes.payload.length.eq(self.slots // self.beat_slots - 1),
             self.writes.payload.strobe.eq(Mux(second, strobes[size:], strobes[:size])),

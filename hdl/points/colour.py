@@ -223,7 +223,9 @@ class Colour(wiring.Component):
         outputs = array.o.payload.outputs
         scales = range(min(min(t.doubled) for t in TERMS), max(max(t.doubled) for t in TERMS) + 1)
         for lane in range(LANES):
-            convert = ToFixed(BASIS, POLYNOMIAL, 1, scales)
+            # Rounding has more time than shifting where products are multiplier blocks.
+            registers = 1 if self.config.logic == "gates" else {"shift": 1, "round": 0}
+            convert = ToFixed(BASIS, POLYNOMIAL, registers, scales)
             m.submodules[f"polynomial_{lane}"] = convert
             value, scale = Const(0), Signal(Shape.cast(scales), name=f"scale_{lane}")
             for k, term in enumerate(self.terms, 1):

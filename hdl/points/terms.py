@@ -66,7 +66,7 @@ class Terms(wiring.Component):
     A machine without harmonics has neither multiplicands nor polynomials, and no term's shift.
 
     **Timing**: a term a cycle, latency 5. Nine multipliers of 7 × 13 bits, made of adders here or
-    by synthesis (`Config.weighting`).
+    by synthesis (`Config.logic`).
     """
 
     latency = 5
@@ -143,7 +143,7 @@ class Terms(wiring.Component):
             m.d.sync += factor.eq(self.multiplicands[channel][lane])
             factors.append(factor)
         polynomials = list(self.polynomials)
-        if self.config.weighting == "products":
+        if self.config.logic == "fpga":
             first, *others = (a * b for a, b in zip(factors, polynomials, strict=True))
             sums = first, sum(others)
         else:

@@ -51,7 +51,7 @@ class Blend(wiring.Component):
         giving: a block to be given out is on its way.
 
     **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has one
-    multiplier, or four (`Config.weighting`). The memories have a write port and a read port of a
+    multiplier, or four (`Config.logic`). The memories have a write port and a read port of a
     block's pixels each.
     """
 
@@ -199,7 +199,7 @@ class Blend(wiring.Component):
         """The sums with weight · colour, rounded to their steps; 8-bit colours out of them.
 
         Two bits of the weight at a time choose 0, 1, 2 or 3 times the colour, the threefold made
-        once for all lanes; or a multiplier (`Config.weighting`).
+        once for all lanes; or a multiplier (`Config.logic`).
         """
         config = self.config
         product = config.weight + config.colour_fraction - config.sum_fraction
@@ -218,7 +218,7 @@ class Blend(wiring.Component):
         fresh = taken.untouched | taken.give
         for channel, name in enumerate(COLOURS):
             colour = taken.colour[name]
-            if config.weighting == "multiples":
+            if config.logic == "gates":
                 triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
                 m.d.sync += triple.eq(times(next_.colour[name], 3))
                 multiples = Array([Const(0), colour, colour << 1, triple])

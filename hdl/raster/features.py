@@ -8,7 +8,7 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue, Register, passes
+from splatcore.hdl.lib.stream import Queue, Register, passes, soon
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec import group, raster
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, port_beats, read_record
@@ -60,12 +60,13 @@ class Features(wiring.Component):
         m.submodules.reserved = reserved = Credit(
             FEATURES_WAITING, "features on their way or waiting"
         )
-        m.submodules.ends = ends = Credit(depth, "ends of groups inside")
+        head = soon(m, "head", waiting.o, self.config.logic)
+        m.submodules.ends = ends = Credit(depth + 1, "ends of groups inside")  # one at `head`
         taken = self._ask(m, waiting.i, reserved.room)
         self._collect(m, features.i, taken)
         m.d.comb += [
             reserved.comes.eq(taken),
-            reserved.goes.eq(self._give(m, waiting.o, features.o)),
+            reserved.goes.eq(self._give(m, head, features.o)),
             ends.comes.eq(passes(self.i) & self.i.payload.end),
             ends.goes.eq(passes(self.o) & self.o.payload.end),
             self.known.eq(~ends.any),

@@ -14,7 +14,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.latency import Pipeline
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.shift import encoded, lowest
+from splatcore.hdl.lib.shift import encoded, lowest, several
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
@@ -155,7 +155,8 @@ class Rasterizer(wiring.Component):
             self.visits.eq(valid & ~pair.end & open_.any()),
         ]
         tile, chosen, ends = self._scan(m, valid & pair.end)
-        leaves = self.moves & valid & Mux(pair.end, ends, left == lowest_left)
+        last = ~several(left) & ~(left & self.blocked[pair.tile]).any()  # left is lowest_left
+        leaves = self.moves & valid & Mux(pair.end, ends, last)
         m.d.comb += [
             self.chosen.eq(Mux(self.visits, lowest_left, chosen)),
             self.tile.eq(Mux(self.visits, pair.tile, tile)),

@@ -27,6 +27,7 @@ from splatcore.sim.fit.preset_file import write_preset
 from splatcore.spec.config import PRESETS, Config
 
 TOP = "splatcore_board"
+OURS = "t:$mem_v2 n:*.rows %i"  # the machine's memories, by a name in `sim.eda.macros`
 FACTS, PRESET = "board.json", "preset.toml"
 
 
@@ -61,7 +62,7 @@ def write_board(folder: Path, config: Config, clock_hz: int, baud: int, sdram: s
     facts = {"top": TOP, "sources": sources, "preset": config.name, "megahertz": clock_hz / 1e6}
     texts = {name: filled(name, "board", **facts) for name in ("Makefile", "README.md")}
     read = f"read_verilog {' '.join([*(f'rtl/{name}' for name in NAMES.sources), f'{TOP}.v'])}"
-    texts["synthesis.ys"] = synthesis(read, TOP, f"{TOP}.json")
+    texts["synthesis.ys"] = synthesis(read, TOP, f"{TOP}.json", OURS)
     for name, text in texts.items():
         paths.append(folder / name)
         write(paths[-1], text.encode())

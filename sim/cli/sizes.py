@@ -24,6 +24,7 @@ PartsPresetOption = option(
     str | None, "NAME|FILE", "Machine. Default: DEFAULT, and FPGA with --whole.", "--preset"
 )
 DeviceOption = option(str, None, f"LFE5U: {', '.join(fpga.DEVICES)}.")
+SpeedOption = option(str, None, f"Speed grade: {', '.join(fpga.SPEEDS)}.")
 
 SEEDS = 3  # of a whole machine
 
@@ -45,6 +46,7 @@ def fpga_command(
     whole: WholeOption = False,
     preset: PartsPresetOption = None,
     device: DeviceOption = fpga.DEVICES[-1],
+    speed: SpeedOption = fpga.SPEEDS[0],
     json: JsonOption = None,
 ):
     if whole and stage:
@@ -54,6 +56,7 @@ def fpga_command(
     if device.lower() not in fpga.DEVICES:
         check_known("--device", fpga.DEVICES, device)
     device = device.lower()
+    check_known("--speed", fpga.SPEEDS, speed)
     check_known("--stage", fpga.PARTS, *names)
     fpga.find_nextpnr()
     make = {"whole": Top} if whole else {name: fpga.PARTS[name] for name in names}
@@ -64,16 +67,17 @@ def fpga_command(
         for done, (name, part) in enumerate(make.items()):
             advance(done * seeds, len(make) * seeds, f"placing {name}")
             try:
-                for placed in fpga.placed(part(config), device, seeds):
+                for placed in fpga.placed(part(config), device, speed, seeds):
                     found[name].append(placed)
                     advance(done * seeds + len(found[name]), len(make) * seeds, f"placing {name}")
             except fpga.NotPlaced as error:
                 failed[name] = str(error)
-    _print_placed(config, device, found)
+    _print_placed(config, f"{device.upper()}-{speed}", found)
     for name, why in failed.items():
         console.print(f"{name} is not placed: {why}", soft_wrap=True, markup=False)
     parts = {name: asdict(best(tried)) for name, tried in found.items() if tried}
-    facts = {"preset": config.name, "device": device, "parts": parts, "failed": failed}
+    facts = {"preset": config.name, "device": device, "speed": speed, "parts": parts}
+    facts["failed"] = failed
     if whole:
         facts["seeds"] = [asdict(placed) for placed in found["whole"]]
     write_json(json, facts)
@@ -89,7 +93,7 @@ def best(tried: list[fpga.Placed]) -> fpga.Placed:
 def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed]]):
     """A row for each part and seed, and the path that limits the best of each part."""
     headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
-    table = new_table("part", headings, f"preset {config.name} on an LFE5U-{device.upper()}")
+    table = new_table("part", headings, f"preset {config.name} on an LFE5U-{device}")
     for name, tried in found.items():
         for seed, part in enumerate(tried, 1):
             counts = (part.luts, part.flip_flops, part.multipliers, part.block_rams)

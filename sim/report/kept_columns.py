@@ -50,7 +50,7 @@ CASES = Kept(
 )
 
 DEVICE = Kept(
-    "preset device failed",
+    "preset device speed failed",
     {"": Sheet("parts{part}", "luts flip_flops multipliers block_rams fmax_mhz begin end")},
 )
 

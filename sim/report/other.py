@@ -177,9 +177,9 @@ def parts(facts: Facts) -> list[list]:
     """Cells of a machine's parts."""
     return [
         [
-            facts["preset"], f"LFE5U-{facts['device'].upper()}", name, part["luts"],
-            part["flip_flops"], part["multipliers"], part["block_rams"], part["fmax_mhz"],
-            part["begin"], part["end"],
+            facts["preset"], f"LFE5U-{facts['device'].upper()}-{facts['speed']}", name,
+            part["luts"], part["flip_flops"], part["multipliers"], part["block_rams"],
+            part["fmax_mhz"], part["begin"], part["end"],
         ]
         for name, part in facts["parts"].items()
     ]  # fmt: skip

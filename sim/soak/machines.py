@@ -30,7 +30,7 @@ MACHINES: dict[str, Config] = {
         "tiny": TINY,
         "default": small(DEFAULT),
         "paper": small(PAPER, sub_sorter_entries=16),
-        "1 rasterizer": replace(TINY, rasterizers=1, weighting="products"),
+        "1 rasterizer": replace(TINY, rasterizers=1, logic="fpga"),
         "4 rasterizers": replace(TINY, rasterizers=4),
         "8 rasterizers": replace(TINY, rasterizers=8, port=256),
         "16 rasterizers": small(DEFAULT, rasterizers=16, page=8),

@@ -32,7 +32,7 @@ class Seen(Queue):
 
     def elaborate(self, platform) -> Module:
         m = super().elaborate(platform)
-        ports = [m.submodules.storage.read_port(domain="comb") for _ in range(self.rows)]
+        ports = [m.submodules.storage.read_port(domain="comb") for _ in range(self.depth)]
         m.d.comb += [port.addr.eq(row) for row, port in enumerate(ports)]
         rows = Array(Value.cast(port.data) for port in ports)
         head = self.o.valid if self.memory else 0  # it has left its row

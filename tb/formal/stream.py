@@ -97,12 +97,21 @@ def in_slot(proof: Followed, m: Module, picked: Value) -> None:
     ]
 
 
+def in_stage(proof: Followed, m: Module, picked: Value) -> None:
+    part = proof.part
+    m.d.comb += [
+        Assert(proof.inside == part.o.valid),
+        Assert(part.i.ready == (~part.o.valid | part.o.ready)),
+        Assert(~proof.followed | (part.o.payload == proof.value)),
+    ]
+
+
 class WatchedQueue(Queue):
     """A queue with one more port to look at its rows: `row` in, `content` out."""
 
     def __init__(self, depth: int, memory: bool = False):
         super().__init__(WIDTH, depth, memory=memory)
-        self.row, self.content, self.clash = Signal(range(self.rows)), Signal(WIDTH), Signal()
+        self.row, self.content, self.clash = Signal(range(depth)), Signal(WIDTH), Signal()
 
     def elaborate(self, platform) -> Module:
         m = super().elaborate(platform)
@@ -118,11 +127,10 @@ class WatchedQueue(Queue):
 def in_queue(proof: Followed, m: Module, picked: Value) -> None:
     part = proof.part
     waits = proof.followed & ~(part.memory & part.o.valid & (proof.ahead == 0))
-    leaving = part.o.ready if part.depth == 1 else 0
     content = in_rows(m, part, proof.ahead)
     m.d.comb += [
         Assert(proof.inside == part.level),
-        Assert(part.i.ready == ((proof.inside != proof.capacity) | leaving)),
+        Assert(part.i.ready == (proof.inside != proof.capacity)),
         Assert(~waits | (content == proof.value)),
     ]
 

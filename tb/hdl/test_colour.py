@@ -33,7 +33,7 @@ OTHERS = {
     "two arrays": replace(DEFAULT, pe_arrays=2),
     "dense": replace(DEFAULT, skip_zeros=False, tile_test="3sigma"),
     "tiny": TINY,
-    "products": replace(DEFAULT, weighting="products"),
+    "products": replace(DEFAULT, logic="fpga"),
     "few slots": replace(DEFAULT, projection_slots=8),
     "fine colours": replace(DEFAULT, colour_fraction=12, sum_fraction=16),
     "many stages": Config(colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3))),

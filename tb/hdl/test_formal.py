@@ -8,7 +8,7 @@ from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, Slot
+from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, Slot, Stage
 from splatcore.sim.rtl.formal import ProofError, cover, prove, search
 from tb.formal.stream import (
     WIDTH,
@@ -19,6 +19,7 @@ from tb.formal.stream import (
     in_queue,
     in_register,
     in_slot,
+    in_stage,
 )
 from tb.helpers.parts import Beside, Piped
 from tb.planted.fault import each, plant
@@ -39,7 +40,8 @@ def pipe(latency: int) -> Followed:
 PROOFS = {
     "register": lambda: Followed(Register(WIDTH), in_register, latency=1, capacity=2),
     "slot": lambda: Followed(Slot(WIDTH), in_slot, latency=1, capacity=1),
-    **{f"queue_{depth}": partial(queue, depth) for depth in (1, 2, 5)},  # 5: no power of two
+    "stage": lambda: Followed(Stage(WIDTH), in_stage, latency=1, capacity=1),
+    **{f"queue_{depth}": partial(queue, depth) for depth in (2, 5)},  # 5: no power of two
     **{f"memory_{depth}": partial(queue, depth, True) for depth in (3, 8)},
     **{f"pipe_{latency}": partial(pipe, latency) for latency in (1, 4)},
     "fork": lambda: Forked(Fork(WIDTH, 3)),
@@ -57,12 +59,12 @@ def test_stream():
 
 def test_stream_comes_to_pass():
     """The cases of the assertions can be reached: they do not hold for want of one."""
-    cover(beside("register", "slot", "memory_3", "pipe_4", "fork"), COVER_DEPTH)
+    cover(beside("register", "slot", "stage", "memory_3", "pipe_4", "fork"), COVER_DEPTH)
 
 
 FAULTS = {
     "an item too many": ("register", Register, "self.i.ready.eq(~self.full)", "self.i.ready.eq(1)"),
-    "taken while full": ("slot", Slot, "self.i.ready.eq(~self.o.valid)", "self.i.ready.eq(1)"),
+    "taken while full": ("slot", Slot, "self.i.ready.eq(ready)", "self.i.ready.eq(1)"),
     "full too late": ("queue_5", Queue, "self.level != self.depth", "self.level <= self.depth"),
     "fetched from nowhere": ("memory_3", Queue, "self.level != self.o.valid", "1"),
     "halts too late": ("pipe_4", Pipe, "~self.o.valid | self.o.ready", "1"),

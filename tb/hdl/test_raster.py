@@ -37,7 +37,7 @@ from tb.helpers.scenes import scene_path
 
 ONE = replace(DEFAULT, rasterizers=1)
 FEW = replace(
-    TINY, name="FEW", rasterizers=8, group=1, weighting="products"
+    TINY, name="FEW", rasterizers=8, group=1, logic="fpga"
 )  # two blocks for each rasterizer
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")

@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register, Slot
+from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register, Slot, Stage
 from splatcore.sim.rtl.cocotb_runner import run_testbench
 from tb.helpers.parts import Beside, Piped
 from tb.helpers.runs import needs_icarus
@@ -23,7 +23,8 @@ def part(component, latency: int, capacity: int, outputs: int = 1, pace: int = 1
 PARTS = {
     "register": part(Register(WIDTH), 1, 2),
     "slot": part(Slot(WIDTH), 1, 1, pace=2),
-    **{f"queue_{n}": part(Queue(WIDTH, n), 1, n) for n in (1, 2, 5, 8)},
+    "stage": part(Stage(WIDTH), 1, 1),
+    **{f"queue_{n}": part(Queue(WIDTH, n), 1, n) for n in (2, 5, 8)},
     **{f"memory_{n}": part(Queue(WIDTH, n, memory=True), 2, n) for n in (3, 8)},
     "fork": part(Fork(WIDTH, 3), 0, 0, outputs=3),
     **{f"pipe_{n}": part(Piped(WIDTH, n), n, n) for n in (1, 4)},
@@ -69,7 +70,7 @@ def test_under_icarus():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Queue(8, 0),
+        lambda: Queue(8, 1),
         lambda: Queue(8, MEMORY_DEPTH_MIN - 1, memory=True),
         lambda: Fork(8, 0),
         lambda: Pipe(0),

@@ -220,7 +220,13 @@ def others(folder: Path):
             "luts": 1234, "flip_flops": 55, "multipliers": 2, "block_rams": 0, "fmax_mhz": 98.7,
             "begin": "a", "end": "b", "logic": 1.0, "routing": 2.0,
         }  # fmt: skip
-        facts = {"preset": preset, "device": "85k", "parts": {"array": part}, "failed": {}}
+        facts = {
+            "preset": preset,
+            "device": "85k",
+            "speed": "6",
+            "parts": {"array": part},
+            "failed": {},
+        }
         write(folder / f"{name}.json", facts)
     view = halves(1_000_000) | {"fps": 800.0, "psnr_db_machine": None, "max_error_machine": 0.0}
     field = {"default": 4, "chosen": 1, "reason": "there is no less"}

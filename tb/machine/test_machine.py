@@ -39,7 +39,7 @@ SLOW = Timing("one at a time", latency=20, bandwidth=4.0, outstanding=1)
 OTHER = replace(
     TINY, name="OTHER", group=1, tile_test="3sigma", culling="none", skip_zeros=False,
     early_termination=False, faint=(), sub_sorters=1, rasterizers=1, port=256, burst=2,
-    weighting="products",
+    logic="fpga",
 )  # fmt: skip
 """All that can be chosen otherwise: the smallest groups, of which tiles and groups have the same
 numbers; tiles by the original renderer's square; the ablation's machine, in which nothing is

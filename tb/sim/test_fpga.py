@@ -30,6 +30,8 @@ from splatcore.spec.config import TINY
 from splatcore.spec.raster import block_count
 from tb.helpers.command import run
 
+BITS = 30  # of a queue's items
+
 LOG = """\
 Info: Packing constants..
 Info: Device utilisation:
@@ -151,8 +153,8 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
     """A part that does not fit is named; the others stand; both are kept."""
     asked = []
 
-    def place(text, device, seed, folder):
-        asked.append(device)
+    def place(text, device, speed, seed, folder):
+        asked.append((device, speed))
         return (None, LOG) if len(asked) == 1 else (REPORT, "")
 
     monkeypatch.setenv(VARIABLE, str(tmp_path))
@@ -162,11 +164,11 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
     out = tmp_path / "f.json"
     for _ in range(2):
         assert run("fpga", "--stage", "wide", "--stage", "add", "--device", "25K",
-                   "--preset", "tiny", "--json", str(out)) == 1  # fmt: skip
+                   "--speed", "8", "--preset", "tiny", "--json", str(out)) == 1  # fmt: skip
         told = capsys.readouterr().out
         assert "wide is not placed: does not fit: luts 26670 of 24288" in told
         assert "add: from a.b to e.d" in told and "123.5" in told
-    assert asked == ["25k", "25k"]
+    assert asked == [("25k", "8")] * 2
     facts = json.loads(out.read_text())
     assert list(facts["parts"]) == ["add"] and list(facts["failed"]) == ["wide"]
     assert facts["parts"]["add"]["block_rams"] == 6
@@ -255,11 +257,14 @@ def test_small_part(monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-def test_small_memories_are_block_ram(monkeypatch, tmp_path):
-    """A queue of eight items takes one: yosys by itself would take LUTs, six for four bits."""
+@pytest.mark.parametrize(("rows", "block_rams"), [(8, 0), (64, 1)])
+def test_memories(rows, block_rams, monkeypatch, tmp_path):
+    """Small ones are distributed RAM. Nothing is built for rows that are read while they are
+    written: what keeps a word for that case is no part of it."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    (found,) = placed(Queue(16, 8, memory=True), "25k")
-    assert found.block_rams == 1
+    (found,) = placed(Queue(BITS, rows, memory=True), "25k")
+    assert found.block_rams == block_rams
+    assert found.flip_flops < BITS + 4 * rows.bit_length()
 
 
 class Large(wiring.Component):
