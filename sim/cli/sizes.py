@@ -38,7 +38,8 @@ SEEDS = 3  # of a whole machine
     f"lanes is {fpga.LANES} of a rasterizer's 16. Takes minutes for each part; results are kept "
     "(see `splatcore cache`). A part that does not fit is named, exit status 1.\n\n"
     "--whole is the machine as one design, its ports to memory and host in registers, placed from "
-    f"{SEEDS} seeds; the best counts. Preset FPGA is made for it. Half an hour for each seed.\n\n"
+    f"{SEEDS} seeds; the best counts. Preset FPGA is made for it. More than half an hour for each "
+    "seed.\n\n"
     f"NAME is one of: {', '.join(fpga.PARTS)}.",
 )
 def fpga_command(

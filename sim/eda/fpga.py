@@ -74,10 +74,7 @@ synth_ecp5 -top {top} -run map_cells: -json {netlist}
 
 SYNTHESIS = synthesis("read_rtlil top.il", "top", "top.json")
 
-PLACE = (
-    "--package CABGA381 --freq 60 --placer static --router router2 --timing-allow-fail "
-    "--lpf-allow-unconstrained"
-)
+PLACE = "--package CABGA381 --freq 60 --placer static --timing-allow-fail --lpf-allow-unconstrained"
 """60 MHz is what nextpnr aims at; Fmax says what it has come to. Of its placers `static` leaves the
 shortest wires in a device that is nearly full (`heap`'s are 1.8 times as long), in a third of the
 time."""

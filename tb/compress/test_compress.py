@@ -203,7 +203,14 @@ def test_difference_is_that_of_the_clipped_picture():
     picture = torch.tensor([[-0.5, 0.5, 1.5]], requires_grad=True)
     loss = difference(picture, torch.tensor([[0.0, 0.2, 1.0]]))
     loss.backward()
-    assert float(loss.detach()) == pytest.approx(0.1) and picture.grad.tolist()[0][::2] == [0, 0]
+    assert float(loss.detach()) == pytest.approx((0.3**2 / 3) ** 0.5)
+    assert picture.grad.tolist()[0][::2] == [0, 0]
+
+
+def test_a_perfect_picture_moves_nothing():
+    picture = torch.full((2, 3), 0.5, requires_grad=True)
+    difference(picture, picture.detach()).backward()
+    assert not picture.grad.any()
 
 
 def test_finetuning_helps(scene, targets):
