@@ -48,8 +48,9 @@ def as_tensor(image: np.ndarray, like: torch.Tensor) -> torch.Tensor:
 
 
 def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-    """Root of the mean squared error of a picture, clipped as the 8-bit one is: a step down it is
-    as much PSNR for each view. The paper's pure L1 leaves 0.3 dB more (docs/compression.md)."""
+    """Root of the mean squared error of a picture, clipped as the 8-bit one is; PSNR is its
+    logarithm. With the paper's pure L1 a capture loses 0.3 dB more (docs/compression.md).
+    """
     return ((picture.clamp(0, 1) - wanted).square().mean() + FLOOR).sqrt()
 
 

@@ -44,9 +44,12 @@ DEFAULT_PARTS = ("chunk", "cull", "array", "sub_sorter", "lanes")
 """Stage 0, stage 1's PE array, one of stage 2's sub-sorters, and four lanes of a rasterizer."""
 
 
-MAP = "&scorr;&sweep;&b;&dch,-f;&if,-W,900;&mfs"
+WIRE = 900
+"""ps of a wire between two LUTs in a full device; yosys by itself tells ABC 300."""
+
+MAP = f"&scorr;&sweep;&b;&dch,-f;&if,-W,{WIRE};&mfs"
 """What ABC does. Its own script leaves chains of gates wherever a path elsewhere is as long: here
-it balances them (`&b`). And it takes wires for 300 ps, which in a full device take 900."""
+it balances them (`&b`)."""
 
 
 def synthesis(read: str, top: str, netlist: str, ours: str = "t:$mem_v2") -> str:
@@ -66,7 +69,7 @@ setattr -set ram_style "block" {clocked}
 setattr -set ram_style "distributed" {clocked} r:SIZE<=16 %i
 setattr -set ram_style "distributed" {clocked} r:SIZE<=32 %i r:WIDTH<=16 %i
 synth_ecp5 -top {top} -run map_ram:map_luts
-abc9 -W 900 -script +{MAP}
+abc9 -W {WIRE} -script +{MAP}
 clean
 synth_ecp5 -top {top} -run map_cells: -json {netlist}
 """
@@ -76,8 +79,7 @@ SYNTHESIS = synthesis("read_rtlil top.il", "top", "top.json")
 
 PLACE = "--package CABGA381 --freq 60 --placer static --timing-allow-fail --lpf-allow-unconstrained"
 """60 MHz is what nextpnr aims at; Fmax says what it has come to. Of its placers `static` leaves the
-shortest wires in a device that is nearly full (`heap`'s are 1.8 times as long), in a third of the
-time."""
+shortest wires in a device that is nearly full: `heap`'s are 1.7 times as long."""
 
 KINDS = {
     "luts": "TRELLIS_COMB",

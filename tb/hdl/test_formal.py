@@ -65,6 +65,7 @@ def test_stream_comes_to_pass():
 FAULTS = {
     "an item too many": ("register", Register, "self.i.ready.eq(~self.full)", "self.i.ready.eq(1)"),
     "taken while full": ("slot", Slot, "self.i.ready.eq(ready)", "self.i.ready.eq(1)"),
+    "lost to the next": ("stage", Stage, "~self.o.valid | self.o.ready", "1"),
     "full too late": ("queue_5", Queue, "self.level != self.depth", "self.level <= self.depth"),
     "fetched from nowhere": ("memory_3", Queue, "self.level != self.o.valid", "1"),
     "halts too late": ("pipe_4", Pipe, "~self.o.valid | self.o.ready", "1"),
