@@ -10,9 +10,9 @@ Morton curve. A coordinate is an integer on the model's grid: the chunk's origin
 
 so adding is exact and multiplying by the step is a change of exponent. Within a chunk Gaussians
 are ordered by octant (the top bits of the three offsets, x lowest), so those bits follow from a
-Gaussian's place and the header's octant ends; only the rest is stored, 45 bits a Gaussian. With
-absolute positions (`PAPER`) a coordinate is stored as a float, the grid's step is the smallest one,
-and headers tell only the reach.
+Gaussian's place and the header's octant ends; only the rest is stored, 45 bits a Gaussian (27 in
+small models, where offsets end in zeros). With absolute positions (`PAPER`) a coordinate is stored
+as a float, the grid's step is the smallest one, and headers tell only the reach.
 
 The first beat of a Gaussian's attributes holds L, the lower-triangular factor of the 3D covariance
 L·Lᵀ, times 2^−factor_exponent (its diagonal is never negative and has no sign bit), −log2(opacity),
@@ -28,8 +28,8 @@ and its colour, in one of two ways (`spec.colour` has the arithmetic):
 Attributes of a chunk follow those of the chunk before.
 
 Small models have codebooks and half a beat of attributes for each Gaussian, so two share a beat:
-L as integers of 4 bits times a power of two that its elements share, and the opacity in coarser
-steps. `spec.small` makes the fields of a whole beat of them, exactly.
+L as integers of 4 bits times a power of two that its elements share, and opacity and offsets in
+coarser steps. `spec.small` makes the fields of a whole beat of them, exactly.
 """
 
 from dataclasses import dataclass
@@ -64,6 +64,8 @@ CHUNK = 256
 ORIGIN_BITS = 40
 OFFSET_BITS = 16
 STORED_BITS = OFFSET_BITS - 1
+SMALL_STORED_BITS = 9
+"""Of an offset, without its top bit: all, and what small models have of them, the top ones."""
 OCTANTS = 8
 EXTENT_SHIFT = 8
 """A chunk's extent is its largest offset shifted right by this."""
@@ -185,9 +187,14 @@ class ModelFormat:
         return bool(self.colour_index)
 
     @property
+    def stored_bits(self) -> int:
+        """Bits of an offset that are stored."""
+        return SMALL_STORED_BITS if self.small else STORED_BITS
+
+    @property
     def position_record(self) -> Record:
         """One Gaussian's stored position; those of a chunk lie back to back."""
-        format = Bits(STORED_BITS) if self.position == "chunk" else ABSOLUTE
+        format = Bits(self.stored_bits) if self.position == "chunk" else ABSOLUTE
         return Record("position", {axis: format for axis in "xyz"})
 
     @property

@@ -30,12 +30,12 @@ from splatcore.spec.scene import Gaussians
 from splatcore.spec.small import expanded
 
 
-def offsets(stored: np.ndarray, octant_end: np.ndarray) -> np.ndarray:
-    """Whole offsets [N, 3] from their stored bits [N, 3] and the octant ends [C, 7]."""
+def offsets(stored: np.ndarray, octant_end: np.ndarray, bits: int) -> np.ndarray:
+    """Whole offsets [N, 3] from so many stored bits [N, 3] and the octant ends [C, 7]."""
     of, place = np.divmod(np.arange(len(stored)), CHUNK)
     octant = (place[:, None] >= octant_end[of]).sum(1)  # [N]
     top = octant[:, None] >> np.arange(3) & 1
-    return stored.astype(np.int64) | top << memory.STORED_BITS
+    return (stored.astype(np.int64) | top << bits) << memory.STORED_BITS - bits
 
 
 def grid_points(offset: np.ndarray, origin: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -115,7 +115,8 @@ class PackedModel(ModelHeader):
     @property
     def offsets(self) -> np.ndarray:
         """Offsets [N, 3] from the chunk's origin, of models with chunk positions."""
-        return offsets(self.stored_positions, self.chunks["octant_end"])
+        ends, bits = self.chunks["octant_end"], self.format.stored_bits
+        return offsets(self.stored_positions, ends, bits)
 
     def attribute_beats(self, index: np.ndarray) -> np.ndarray:
         """Beats [M, 16] of attributes, uint8, by their numbers."""

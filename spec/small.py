@@ -1,4 +1,4 @@
-"""Attributes of small models: half a beat for each Gaussian, and the whole beat that it stands for.
+"""Small models: half a beat of attributes for each Gaussian, and the whole beat that it stands for.
 
 All six elements of L are integers m below 2^4 (with a sign below the diagonal) times one power of
 two, which the Gaussian's `exponent` e gives:
@@ -9,17 +9,23 @@ What is thin beside the Gaussian's largest extent loses its last digits, not its
 picture: an element is off by a fifteenth of the largest at most. All of these are numbers of the
 formats of a whole beat, so nothing behind the reading knows which of the two a model has. e above
 `EXPONENT_LAST` is not used; the machine takes the sum of it and m's place modulo 32.
+
+Of a chunk's 16-bit offsets the top 10 are stored, the first of them as the octant.
 """
 
 import numpy as np
 
+from splatcore.spec.config import Config
 from splatcore.spec.memory import (
+    ABSOLUTE,
     BELOW,
     FACTOR,
     MAGNITUDE,
     ON_DIAGONAL,
     OPACITY,
     SMALL_OPACITY,
+    SMALL_STORED_BITS,
+    STORED_BITS,
 )
 from splatcore.spec.record import Codes
 
@@ -33,6 +39,14 @@ LARGEST = (1 << MAGNITUDE.width) - 1
 
 FACTOR_MAX = np.ldexp(LARGEST + 0.5, EXPONENT_LAST + UNIT)
 """Elements of L are below this, in units of 2^factor_exponent."""
+
+
+def position_widths(config: Config) -> tuple[int, ...]:
+    """Bits of a stored coordinate; behind it of those of small models, if a machine reads such and
+    they are others."""
+    if config.position == "absolute":
+        return (ABSOLUTE.width,)
+    return (STORED_BITS, SMALL_STORED_BITS)[: 1 + config.small_models]
 
 
 def shared_exponents(lower: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ class Cull(wiring.Component):
         chunks: stream of `culling_record`, taken with the chunk's last point.
         positions: stream of memory beats (`hdl.points.position`).
         camera, position_exponent, near_plane, constants: registers of the frame.
+        small: the model is a small one (`hdl.points.position`).
         o: stream of `point_record` with z and z_low.
         taken: a point has been read; high for a cycle.
 
@@ -34,7 +35,7 @@ class Cull(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.program = config, culling(config.depth_interval)
-        self.fine = finer(config)
+        self.fine, self.position = finer(config), Position(config)
         ports = {
             "chunks": In(stream.Signature(layout(culling_record(config)))),
             "positions": In(stream.Signature(BEAT)),
@@ -45,12 +46,14 @@ class Cull(wiring.Component):
             "o": Out(stream.Signature(layout(point_record(config, "z")))),
             "taken": Out(1),
         }
+        inner = self.position.signature.members
+        ports |= {name: inner[name] for name in ("small",) if name in inner}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         carried = data.StructLayout({"place": PLACE_BITS, "last": 1})
-        m.submodules.position = position = Position(self.config)
+        m.submodules.position = position = self.position
         m.submodules.array = array = Array(self.fine, self.program, carried=carried)
 
         number, chunk = Signal(PLACE_BITS), self.chunks.payload
@@ -71,6 +74,8 @@ class Cull(wiring.Component):
             array.i.payload.carried.place.eq(number),
             array.i.payload.carried.last.eq(last),
         ]
+        if "small" in self.signature.members:
+            m.d.comb += position.small.eq(self.small)
         for name in self.program.constants:
             m.d.comb += array.constants[name].eq(widened(self.config, self.constants[name]))
         for name in self.program.fields:

@@ -1,6 +1,8 @@
 """Reads a packed model from memory: header, codebooks, chunk headers, positions, attributes."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from math import gcd
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
@@ -13,8 +15,9 @@ from splatcore.hdl.memory.words import Words
 from splatcore.hdl.points.load import Load
 from splatcore.spec import axi
 from splatcore.spec.config import Config
-from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER, step_format
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER
 from splatcore.spec.point import FETCH, NUMBER_BITS, WANTED
+from splatcore.spec.small import position_widths
 
 READING = ("model", "positions", "attributes")
 """Names of its readers in `spec.axi.READERS`, in that order."""
@@ -26,6 +29,11 @@ HEADER_BEATS = CHUNK_HEADER.size // axi.BEAT
 
 COUNT_BITS = NUMBER_BITS + 1 + (HEADER_BEATS - 1).bit_length()
 """Width of the number of beats of all chunk headers."""
+
+
+def multiple(value: Value, factor: int) -> Value:
+    """factor · value by shifts and sums."""
+    return sum(value << k for k in range(factor.bit_length()) if factor >> k & 1)
 
 
 class ModelReader(wiring.Component):
@@ -123,20 +131,27 @@ class ModelReader(wiring.Component):
 
     def _positions(self, m: Module):
         """Each chunk that is fetched is a range of beats."""
-        width = step_format(self.config, 0).position_record.width
-        stride = CHUNK * width // axi.DATA_BITS
-        shape = axi.range_record(stride.bit_length())
-        fetch = self._reader(m, "positions", stride.bit_length())
+        most = 3 * CHUNK * max(position_widths(self.config)) // axi.DATA_BITS  # of one chunk
+        shape = axi.range_record(most.bit_length())
+        fetch = self._reader(m, "positions", most.bit_length())
         m.submodules.fetched = fetched = Slot(self.fetch.payload.shape())
         connect(m, flipped(self).fetch, fetched.i)
         m.submodules.ranges = ranges = Slot(layout(shape))
         chunk, asked = fetched.o.payload, ranges.i.payload
-        offset = sum(chunk.number << k for k in range(stride.bit_length()) if stride >> k & 1)
-        m.d.comb += asked.beat.eq(self.load.positions + offset)
-        m.d.comb += asked.count.eq((chunk.count * width + axi.DATA_BITS - 1) // axi.DATA_BITS)
+        bits = self._bits(chunk.count)
+        before = self._bits(chunk.number) << exact_log2(CHUNK // axi.DATA_BITS)
+        m.d.comb += asked.beat.eq(self.load.positions + before)
+        m.d.comb += asked.count.eq((bits + axi.DATA_BITS - 1) // axi.DATA_BITS)
         m.d.comb += [ranges.i.valid.eq(fetched.o.valid), fetched.o.ready.eq(ranges.i.ready)]
         connect(m, ranges.o, fetch.i)
         connect(m, fetch.o, flipped(self).positions)
+
+    def _bits(self, count: Value) -> Value:
+        """Bits of the positions of so many Gaussians; in small models there are fewer."""
+        widths = [3 * width for width in position_widths(self.config)]
+        unit = gcd(*widths)
+        of_model = [multiple(multiple(count, unit), width // unit) for width in widths]
+        return Mux(self.small, *reversed(of_model)) if len(of_model) > 1 else of_model[0]
 
     def _attributes(self, m: Module):
         """Each Gaussian's beats in a burst, or in two where `BOUNDARY` divides them."""

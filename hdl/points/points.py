@@ -163,6 +163,8 @@ class Points(wiring.Component):
                 connect(m, flipped(self).write, self.project.write)
             else:
                 m.d.comb += getattr(self.project, name).eq(getattr(self, name))
+        if "small" in self.cull.signature.members:
+            m.d.comb += self.cull.small.eq(self.small)
 
     def _idle(self, m: Module):
         """Chunks from their first part to their last, and splats from their slot to the outside."""

@@ -1,7 +1,7 @@
 """Unpacks stored positions and makes rays of them: vectors from the camera, in world axes."""
 
 from amaranth.hdl import Array as Choice
-from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, ValueLike, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,6 +15,7 @@ from splatcore.spec.depth import finer
 from splatcore.spec.frame import CAMERA
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import AWAY, EXPONENT, PLACE_BITS, culling_record
+from splatcore.spec.small import position_widths
 
 BEAT = memory.ATTRIBUTE_BITS  # bits of a memory beat
 WORD = 16  # bits by which a beat is shifted into the gearbox
@@ -31,13 +32,14 @@ class Position(wiring.Component):
 
     The gearbox cuts the stream of beats into coordinates. Those of a chunk lack their top bits:
     they are in the order of octants, so the bits follow from where the header says an octant ends.
+    In small models their low bits are not stored either, and are zero.
     A point's way from the camera is exact on the grid and rounded once, to `spec.depth.finer`.
 
     Members
         i: stream of beats; a chunk begins at a new one, and of its last one the rest is dropped.
         chunk: the chunk that the points belong to, `chunk_valid` when there is one.
         next_chunk: the chunk is through; from the next cycle on `chunk` is the next one.
-        camera, position_exponent: registers of the frame.
+        camera, position_exponent, small: registers of the frame and the model.
         o: stream of rays (floats in scene units).
 
     **Timing**: a point every 4 cycles, but for one more cycle at each octant's end; latency
@@ -46,7 +48,7 @@ class Position(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.fine = config, finer(config)
-        self.width = memory.step_format(config, 0).position_record["x"].width
+        self.widths = position_widths(config)
         ports = {
             "i": In(stream.Signature(BEAT)),
             "chunk": In(layout(culling_record(config))),
@@ -56,6 +58,7 @@ class Position(wiring.Component):
             "position_exponent": In(signed(EXPONENT.width)),
             "o": Out(stream.Signature(codes(self.fine, AXES))),
         }
+        ports |= {"small": In(1)} if len(self.widths) > 1 else {}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -86,7 +89,8 @@ class Position(wiring.Component):
         beat, words = Signal(BEAT, reset_less=True), Signal(range(BEAT // WORD + 1))
         bits, level = Signal(2 * WORD - 1), Signal(range(2 * WORD))
         active, left, rest = Signal(), Signal.like(level), Signal.like(bits)
-        enough, last = level >= self.width, self.number + 1 == self.chunk.count
+        width = self._of_model(*self.widths)
+        enough, last = level >= width, self.number + 1 == self.chunk.count
         m.d.comb += [
             active.eq(self.chunk_valid & ~self.done),
             self.pipe.i.valid.eq(active & enough & self.ready),
@@ -96,7 +100,8 @@ class Position(wiring.Component):
         ]
         taken = self.pipe.i.valid & self.pipe.i.ready
         with m.If(taken):
-            m.d.comb += [left.eq(level - self.width), rest.eq(bits >> self.width)]
+            m.d.comb += left.eq(level - width)
+            m.d.comb += rest.eq(self._of_model(*(bits >> w for w in self.widths)))
         m.d.sync += [level.eq(left), bits.eq(rest)]
         with m.If((words != 0) & (left < WORD)):
             # What is above the level is zero: it was shifted in so.
@@ -107,7 +112,12 @@ class Position(wiring.Component):
             m.d.sync += [beat.eq(self.i.payload), words.eq(BEAT // WORD)]
         with m.If(self.next_chunk):
             m.d.sync += [words.eq(0), level.eq(0), bits.eq(0)]
-        return bits[: self.width]
+        most = self.widths[0]
+        return self._of_model(*(Cat(Const(0, most - w), bits[:w]) for w in self.widths))
+
+    def _of_model(self, value: ValueLike, of_small: ValueLike | None = None) -> Value:
+        """A value, or another one in small models."""
+        return Value.cast(value) if of_small is None else Mux(self.small, of_small, value)
 
     def _offset(self, m: Module, coordinate: Value) -> Value:
         """The coordinate on the model's grid: top bit by the octant, shifted, from the origin."""

@@ -100,7 +100,7 @@ class Quantised(ABC):
     def refresh(self):
         """Take the chunks, and what goes by chunk, and L's unit from the parameters as they are."""
         scene, means = scene_of(self.tensors), self.tensors["means"].detach()
-        order, chunks = stored_order(scene)
+        order, chunks = stored_order(scene, self.format.stored_bits)
         position = scene.position.copy()
         if self.config.position == "absolute":
             position = ABSOLUTE.round(position)
@@ -143,5 +143,6 @@ class Quantised(ABC):
 
 def stored_positions(chunks: Chunks) -> np.ndarray:
     """Positions [N, 3] that a packed model has in these chunks, in stored order."""
-    grid = grid_points(offsets(chunks.stored, chunks.octant_end), chunks.origin, chunks.shift)
+    whole = offsets(chunks.stored, chunks.octant_end, chunks.bits)
+    grid = grid_points(whole, chunks.origin, chunks.shift)
     return np.ldexp(grid.astype(np.float64), chunks.exponent)

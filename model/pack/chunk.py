@@ -25,11 +25,13 @@ class Chunks:
     shift: np.ndarray  # [C, 3]
     octant_end: np.ndarray  # [C, 7] Gaussians of the chunk up to that octant
     extent: np.ndarray  # [C, 3] largest offset >> EXTENT_SHIFT
-    stored: np.ndarray  # [N, 3] offsets without their top bits
+    bits: int  # of an offset that are stored, without its top one
+    stored: np.ndarray  # [N, 3] these bits
 
 
-def chunk_positions(position: np.ndarray) -> Chunks:
-    """Cut finite positions [N, 3] (scene units) into chunks."""
+def chunk_positions(position: np.ndarray, bits: int = memory.STORED_BITS) -> Chunks:
+    """Cut finite positions [N, 3] (scene units) into chunks, of whose offsets so many bits are
+    stored."""
     _, exponent = np.frexp(np.abs(position).max(initial=0))
     exponent = max(int(exponent) - GRID_BITS, -memory.EXPONENT_MAX)
     grid = np.rint(np.ldexp(position, -exponent)).astype(np.int64)  # [N, 3]
@@ -40,16 +42,17 @@ def chunk_positions(position: np.ndarray) -> Chunks:
     starts = np.arange(memory.chunk_count(len(grid))) * memory.CHUNK
     origin = np.minimum.reduceat(grid, starts, axis=0) if len(starts) else grid
     highest = np.maximum.reduceat(grid, starts, axis=0) if len(starts) else grid
-    shift = smallest_shift(highest - origin)
-    offset = (grid - origin[of] + half(shift)[of]) >> shift[of]
+    zeros = memory.STORED_BITS - bits  # low bits of an offset that are not stored
+    step = np.maximum(smallest_shift(highest - origin, bits + 1), zeros)  # of what is, as a shift
+    offset = (grid - origin[of] + half(step)[of]) >> step[of]
 
-    octant = (offset >> memory.STORED_BITS) @ np.array([1, 2, 4])  # [N]
+    octant = (offset >> bits) @ np.array([1, 2, 4])  # [N]
     within = np.argsort(of * memory.OCTANTS + octant, kind="stable")
     counts = np.bincount(of * memory.OCTANTS + octant, minlength=len(starts) * memory.OCTANTS)
     octant_end = np.cumsum(counts.reshape(-1, memory.OCTANTS), axis=1)[:, :-1]
-    extent = (highest - origin + half(shift)) >> shift >> memory.EXTENT_SHIFT
-    stored = offset[within] & ((1 << memory.STORED_BITS) - 1)
-    return Chunks(order[within], exponent, origin, shift, octant_end, extent, stored)
+    extent = (highest - origin + half(step)) >> step << zeros >> memory.EXTENT_SHIFT
+    stored = offset[within] & ((1 << bits) - 1)
+    return Chunks(order[within], exponent, origin, step - zeros, octant_end, extent, bits, stored)
 
 
 def half(shift: np.ndarray) -> np.ndarray:
@@ -57,11 +60,11 @@ def half(shift: np.ndarray) -> np.ndarray:
     return np.left_shift(1, shift) >> 1
 
 
-def smallest_shift(span: np.ndarray) -> np.ndarray:
-    """Smallest shift for which offsets up to `span` (int64 ≥ 0), rounded, fit OFFSET_BITS."""
+def smallest_shift(span: np.ndarray, bits: int) -> np.ndarray:
+    """Smallest shift for which offsets up to `span` (int64 ≥ 0), rounded, fit so many bits."""
     _, length = np.frexp(span.astype(np.float64))  # bit length; spans are below 2^53
-    shift = np.maximum(length - memory.OFFSET_BITS, 0).astype(np.int64)
-    return shift + ((span + half(shift)) >> shift >> memory.OFFSET_BITS)
+    shift = np.maximum(length - bits, 0).astype(np.int64)
+    return shift + ((span + half(shift)) >> shift >> bits)
 
 
 def morton_order(grid: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from splatcore.spec.memory import (
     COMPONENT,
     FACTOR,
     SLOPE,
+    STORED_BITS,
     ModelFormat,
     compact_degrees,
     model_format,
@@ -86,7 +87,7 @@ def pack(
     degree = format.sh_degree
     progress("order")
     finite, visible = keep(scene)
-    stored, chunks = stored_order(scene)
+    stored, chunks = stored_order(scene, format.stored_bits)
     kept = scene[stored].with_sh_degree(degree)
     lower = lower_triangular(kept.gaussians().factor)
     progress("colour")
@@ -198,11 +199,12 @@ def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return finite, scene.opacity >= ALPHA_MIN
 
 
-def stored_order(scene: Scene) -> tuple[np.ndarray, Chunks]:
-    """Which Gaussians [M] of a scene are stored, in that order, and their chunks."""
+def stored_order(scene: Scene, bits: int = STORED_BITS) -> tuple[np.ndarray, Chunks]:
+    """Which Gaussians [M] of a scene are stored, in that order, and their chunks, of whose offsets
+    so many bits are stored."""
     finite, visible = keep(scene)
     stored = np.flatnonzero(finite & visible)
-    chunks = chunk_positions(scene.position[stored])
+    chunks = chunk_positions(scene.position[stored], bits)
     return stored[chunks.order], chunks
 
 

@@ -132,10 +132,10 @@ def model_ranges(config: Config, image: Image) -> dict[str, Ranges]:
 
 def fetch_ranges(config: Config, image: Image, chunks: Ranges) -> Ranges:
     """Beats of the positions of chunks (number, count)."""
-    format, unit = memory.step_format(config, 0), memory.ALIGNMENT // axi.BEAT
+    unit = memory.ALIGNMENT // axi.BEAT
     begin = image.base + int(image.header["positions"]) * unit
-    stride = format.position_stride // axi.BEAT
-    width = format.position_record.width
+    width = 48 if config.position == "absolute" else 27 if image.header["small"] else 45
+    stride = 2 * width
     return [(begin + n * stride, -(-count * width // axi.DATA_BITS)) for n, count in chunks]
 
 

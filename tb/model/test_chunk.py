@@ -6,10 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatcore.model.pack.chunk import chunk_positions, interleave, morton_order, smallest_shift
-from splatcore.spec.memory import CHUNK, EXTENT_SHIFT, OFFSET_BITS, chunk_count
+from splatcore.spec.memory import CHUNK, EXTENT_SHIFT, STORED_BITS, chunk_count
 from splatcore.spec.packed import grid_points, offsets
 
 COUNTS = [1, 2, CHUNK - 1, CHUNK, CHUNK + 1, 5 * CHUNK + 7]
+BITS = [15, 9]
+"""Of an offset that are stored: of all models, of small ones."""
 
 
 def points(kind: str, count: int) -> np.ndarray:
@@ -26,55 +28,61 @@ def points(kind: str, count: int) -> np.ndarray:
 
 
 def unpacked(chunks):
-    offset = offsets(chunks.stored, chunks.octant_end)
+    offset = offsets(chunks.stored, chunks.octant_end, chunks.bits)
     grid = grid_points(offset, chunks.origin, chunks.shift)
     return np.ldexp(grid.astype(np.float64), chunks.exponent)
 
 
 @pytest.mark.parametrize("kind", ["cloud", "equal", "far", "outlier", "wide"])
 @pytest.mark.parametrize("count", COUNTS)
-def test_positions_come_back_within_half_a_step(kind, count):
+@pytest.mark.parametrize("bits", BITS)
+def test_positions_come_back_within_half_a_step(kind, count, bits):
     position = points(kind, count)
-    chunks = chunk_positions(position)
+    chunks = chunk_positions(position, bits)
     assert sorted(chunks.order) == list(range(count))
     of = np.arange(count) // CHUNK
-    step = np.ldexp(1.0, chunks.exponent + chunks.shift[of])
+    step = np.ldexp(1.0, chunks.exponent + chunks.shift[of] + STORED_BITS - bits)
     grid = np.ldexp(1.0, chunks.exponent)
+    least = grid * 2 ** (STORED_BITS - bits)
     error = np.abs(unpacked(chunks) - position[chunks.order])
     assert (error <= step / 2 + grid).all()
     span = np.ptp(position[chunks.order][:CHUNK], axis=0)
-    assert (step[0] <= np.maximum(span / 2 ** (OFFSET_BITS - 1), grid) * 1.0001).all()
+    assert (step[0] <= np.maximum(span / 2**bits, least) * (1 + 2.0**-bits)).all()
 
 
-def test_offsets_by_plain_integers():
+@pytest.mark.parametrize("bits", BITS)
+def test_offsets_by_plain_integers(bits):
     """The formula of spec.memory, Gaussian by Gaussian."""
-    chunks = chunk_positions(points("wide", 600))
+    chunks = chunk_positions(points("wide", 600), bits)
     back = unpacked(chunks)
     for place in range(600):
         chunk, within = divmod(place, CHUNK)
         octant = sum(within >= end for end in chunks.octant_end[chunk])
         for axis in range(3):
-            offset = int(chunks.stored[place, axis]) + (octant >> axis & 1) * 2**15
+            stored = int(chunks.stored[place, axis])
+            assert stored < 2**bits
+            offset = stored * 2 ** (15 - bits) + (octant >> axis & 1) * 2**15
             assert offset < 2**16
             integer = int(chunks.origin[chunk, axis]) + offset * 2 ** int(chunks.shift[chunk, axis])
             assert back[place, axis] == integer * 2.0**chunks.exponent
             assert offset >> EXTENT_SHIFT <= chunks.extent[chunk, axis]
 
 
-def test_fields_fit():
+@pytest.mark.parametrize("bits", BITS)
+def test_fields_fit(bits):
     for kind in ("cloud", "equal", "far", "outlier", "wide"):
-        chunks = chunk_positions(points(kind, 700))
+        chunks = chunk_positions(points(kind, 700), bits)
         assert len(chunks.origin) == chunk_count(700)
         assert np.abs(chunks.origin).max() < 2**39
         assert chunks.shift.min() >= 0 and chunks.shift.max() < 32
-        assert chunks.stored.min() >= 0 and chunks.stored.max() < 2**15
+        assert chunks.stored.min() >= 0 and chunks.stored.max() < 2**bits
         assert chunks.extent.max() < 2**8
         assert (np.diff(chunks.octant_end, axis=1) >= 0).all() and chunks.octant_end.max() <= CHUNK
 
 
 def test_a_span_that_rounds_up_past_16_bits_takes_one_shift_more():
     spans = np.array([0, 65535, 65536, 131070, 131071, 131072, 2**40 - 1])
-    assert list(smallest_shift(spans)) == [0, 0, 1, 1, 2, 2, 25]
+    assert list(smallest_shift(spans, 16)) == [0, 0, 1, 1, 2, 2, 25]
 
 
 def plain_morton(x: int, y: int, z: int, bits: int) -> int:
