@@ -171,8 +171,7 @@ class Outline(wiring.Component):
             with m.If(phase[k]):
                 if k == 0:  # with any unit but the finest, this leaves LENGTH_BITS
                     least = top - LENGTH_BITS + 1
-                    distance = unit - exponent
-                    m.d.comb += amount.eq(Mux(distance < least, least, distance))
+                    m.d.comb += amount.eq(Mux(exponent > unit - least, least, unit - exponent))
                 elif k == 1:
                     m.d.comb += amount.eq(unit - exponent + self.step[axis])
                 else:
