@@ -22,6 +22,7 @@ from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
 from splatcore.sim.packing.choose import Packed, Views, choose, smallest
 from splatcore.spec.config import Config
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK_HEADER
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 TARGETS = "36,40,44,48,52"
@@ -68,7 +69,7 @@ def measure(config: Config, view: View, targets: list[float], folder: Path) -> d
             "bytes": len(model.image), "bytes_per_gaussian": model.bytes_per_gaussian,
             "bytes_by_part": bytes_by_part(model), **packed.metrics(frame.pixels),
             "psnr_db_packing_by_part": psnr_by_part(scene, model, seen),
-            "cycles": frame_cycles(config, frame).by_name, "model_bytes": read_bytes(frame, packed),
+            "cycles": frame_cycles(config, frame).by_name, "model_bytes": read_bytes(frame, model),
         })  # fmt: skip
     return {"rows": rows}
 
@@ -83,11 +84,11 @@ def models(
         yield f"{target:g} dB", smallest(scene, config, seen, target)
 
 
-def read_bytes(frame: Frame, packed: Packed) -> int:
+def read_bytes(frame: Frame, model: PackedModel) -> int:
     """Bytes of the model that a frame reads, but for codebooks and what fills beats: headers of
     all chunks, positions of those that are not skipped, attributes of what is projected."""
-    model, points = packed.model, frame.points
-    position = model.format.position_record.width // 8 * len(points.points)
+    points = frame.points
+    position = model.format.position_record.width * len(points.points) // 8
     _, beats = model.attribute_bursts(points.inside)
     attributes = beats.sum() * ATTRIBUTE_BITS // 8
     return int(len(model.chunk_beats) * CHUNK_HEADER.size + position + attributes)

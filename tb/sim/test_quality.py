@@ -7,11 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from splatcore.golden import pipeline
 from splatcore.golden.reference import render
 from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack, stored_order
+from splatcore.sim.bench.quality import read_bytes
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.source import Source
 from splatcore.sim.packing import choose
@@ -212,6 +214,17 @@ def test_the_worst_view_counts(scene):
     each = [choose.choose(scene, DEFAULT, [c], "balanced").psnr_db for c in (CAMERA, other)]
     for views in ([CAMERA, other], [other, CAMERA]):
         assert choose.choose(scene, DEFAULT, views, "balanced").psnr_db == min(each) < max(each)
+
+
+@pytest.mark.parametrize(("quality", "bits"), [("compact", 45), ("small", 27)])
+def test_bytes_that_a_frame_reads(scene, quality, bits):
+    model, _ = pack(scene, DEFAULT, 1, quality=quality)
+    frame = pipeline.render(DEFAULT, model, CAMERA)
+    points = frame.points
+    beats = len({n // 2 if quality == "small" else n for n in points.inside.tolist()})
+    chunks = -(-len(model) // 256)
+    expected = 32 * chunks + bits * len(points.points) // 8 + 16 * beats
+    assert read_bytes(frame, model) == expected
 
 
 @pytest.mark.slow
