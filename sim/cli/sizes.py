@@ -66,11 +66,13 @@ def fpga_command(
     failed: dict[str, str] = {}
     with progress_bar("placing", len(make) * seeds) as advance:
         for done, (name, part) in enumerate(make.items()):
-            advance(done * seeds, len(make) * seeds, f"placing {name}")
+
+            def tell(what: str, name: str = name, done: int = done):
+                advance(done * seeds + len(found[name]), len(make) * seeds, f"{name}: {what}")
+
             try:
-                for placed in fpga.placed(part(config), device, speed, seeds):
+                for placed in fpga.placed(part(config), device, speed, seeds, tell):
                     found[name].append(placed)
-                    advance(done * seeds + len(found[name]), len(make) * seeds, f"placing {name}")
             except fpga.NotPlaced as error:
                 failed[name] = str(error)
     _print_placed(config, f"{device.upper()}-{speed}", found)

@@ -93,8 +93,14 @@ USED = re.compile(r"^Info:\s+(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", re.M)
 
 ERROR = re.compile(r"^ERROR: (.*)", re.M)
 
+ROUTING = re.compile(r"Info: *\d+ \|.*\| *(\d+)\|")
+"""A line of nextpnr's router; the group: arcs that are left."""
+
 NAME = re.compile(r"\\\S+")
 ELEMENT = re.compile(r"\[(\d+)\]")
+
+
+Tell = Callable[[str], None]
 
 
 class NotPlaced(Exception):
@@ -171,28 +177,39 @@ def plain(text: str) -> str:
     return NAME.sub(lambda name: ELEMENT.sub(r".\1", name[0]), text)
 
 
-def place(text: str, device: str, speed: str, seed: int, folder: Path) -> tuple[dict | None, str]:
+def place(
+    text: str, device: str, speed: str, seed: int, folder: Path, tell: Tell
+) -> tuple[dict | None, str]:
     """nextpnr's report (None if there is none) and log of a netlist, the RTLIL of `top`.
 
-    folder: where the synthesised netlist is, or is left for another seed.
+    folder: where the synthesised netlist is, or is left for another seed. tell: is told what is
+    being done, in a few words.
     """
     netlist = folder / "top.json"
     if not netlist.exists():
+        tell("synthesis")
         netlist.write_text(yosys(SYNTHESIS, {"top.il": text})["top.json"])
-    report = folder / f"{seed}.json"
-    done = subprocess.run(
+    report, lines = folder / f"{seed}.json", []
+    tell("placing")
+    with subprocess.Popen(
         [find_nextpnr(), "--json", netlist.name, f"--{device}", "--speed", speed, *PLACE.split(),
          "--seed", str(seed), "--report", report.name],
-        cwd=folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    found = json.loads(report.read_text()) if not done.returncode else None
-    return found, done.stdout + done.stderr
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as nextpnr:  # fmt: skip
+        for line in nextpnr.stdout:
+            lines.append(line)
+            if left := ROUTING.match(line):
+                tell(f"routing, {int(left[1]):,} arcs left")
+    found = json.loads(report.read_text()) if not nextpnr.returncode else None
+    return found, "".join(lines)
 
 
 def placed(
-    part: wiring.Component, device: str, speed: str = SPEEDS[0], seeds: int = 1
-) -> Iterator[Placed]:
+    part: wiring.Component, device: str, speed: str = SPEEDS[0], seeds: int = 1,
+    tell: Tell = lambda what: None,
+) -> Iterator[Placed]:  # fmt: skip
     """A part on a device, placed from so many seeds, 1 and up; each kept for the next time.
+    `tell`: that of `place`.
 
     NotPlaced says why it is not.
     """
@@ -204,7 +221,7 @@ def placed(
         for seed in range(1, seeds + 1):
 
             def compute(seed: int = seed) -> dict:
-                report, log = place(text, device, speed, seed, Path(folder))
+                report, log = place(text, device, speed, seed, Path(folder), tell)
                 if report is None:
                     return {"log": log, "failed": why_not(log)}
                 return {"log": log} | asdict(from_report(report, wrap))

@@ -2,8 +2,7 @@
 
 import json
 import re
-import subprocess
-from types import SimpleNamespace
+import sys
 
 import pytest
 from amaranth.hdl import Cat, Module, Mux, Signal
@@ -153,7 +152,7 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
     """A part that does not fit is named; the others stand; both are kept."""
     asked = []
 
-    def place(text, device, speed, seed, folder):
+    def place(text, device, speed, seed, folder, tell):
         asked.append((device, speed))
         return (None, LOG) if len(asked) == 1 else (REPORT, "")
 
@@ -174,35 +173,57 @@ def test_failure_is_told(monkeypatch, tmp_path, capsys):
     assert facts["parts"]["add"]["block_rams"] == 6
 
 
-def test_whole(monkeypatch, tmp_path, capsys):
-    """From three seeds, of which the fastest counts; a netlist is made once; all are kept."""
-    synthesised, asked = [], []
-    speeds = {"1": 50.0, "2": 61.5, "3": 55.0}
+NEXTPNR = """\
+#!{python}
+import json, sys
+from pathlib import Path
+seed, report = (sys.argv[sys.argv.index(name) + 1] for name in ("--seed", "--report"))
+fmax = {{"$glbnet$clk": {{"achieved": {speeds}[seed], "constraint": 100.0}}}}
+Path(report).write_text(json.dumps({report} | {{"fmax": fmax}}))
+Path("{asked}").open("a").write(seed)
+print("Info: Routing 279624 arcs.\\nInfo:    IterCnt |  w/ripup | remaining|")
+print("Info:      61000 |    12318      48681 |  119   881 |    245263|       1.39      90.72|")
+"""
+"""A program in nextpnr's place, with lines of its log."""
 
-    def yosys(script, files):
-        synthesised.append(files["top.il"])
-        return {"top.json": "{}"}
 
-    def nextpnr(command, cwd, **_):
-        seed, report = (command[command.index(name) + 1] for name in ("--seed", "--report"))
-        asked.append(seed)
-        fmax = {"$glbnet$clk": {"achieved": speeds[seed], "constraint": 100.0}}
-        (cwd / report).write_text(json.dumps(REPORT | {"fmax": fmax}))
-        return subprocess.CompletedProcess(command, 0, "", "")
+@pytest.fixture
+def nextpnr(monkeypatch, tmp_path):
+    """That program, and yosys without a netlist; returns where it notes its seeds."""
+    program, asked = tmp_path / "nextpnr", tmp_path / "asked"
+    program.write_text(
+        NEXTPNR.format(
+            python=sys.executable, report=REPORT, asked=asked,
+            speeds={"1": 50.0, "2": 61.5, "3": 55.0},
+        )
+    )  # fmt: skip
+    program.chmod(0o755)
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "kept"))
+    monkeypatch.setattr(fpga, "find_nextpnr", lambda: program)
+    monkeypatch.setattr(fpga, "yosys", lambda script, files: {"top.json": "{}"})
+    return asked
 
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
-    monkeypatch.setattr(fpga, "yosys", yosys)
-    monkeypatch.setattr(fpga, "subprocess", SimpleNamespace(run=nextpnr))
+
+def test_whole(monkeypatch, nextpnr, tmp_path, capsys):
+    """From three seeds, of which the fastest counts; all are kept."""
     monkeypatch.setattr(sizes, "Top", lambda config: Register(3))
     out = tmp_path / "f.json"
     for _ in range(2):
         assert run("fpga", "--whole", "--json", str(out)) == 0
         told = capsys.readouterr().out
         assert "preset FPGA" in told and "whole, seed 3" in told and "61.5" in told
-    assert asked == ["1", "2", "3"] and len(synthesised) == 1
+    assert nextpnr.read_text() == "123"
     facts = json.loads(out.read_text())
     assert facts["parts"]["whole"]["fmax_mhz"] == 61.5
     assert [tried["fmax_mhz"] for tried in facts["seeds"]] == [50.0, 61.5, 55.0]
+
+
+def test_progress(nextpnr):
+    """A netlist is made once; how much is left to be routed is told."""
+    told = []
+    assert len(list(placed(Register(3), "25k", seeds=2, tell=told.append))) == 2
+    routing = ["placing", "routing, 245,263 arcs left"]
+    assert told == ["synthesis", *routing, *routing]
 
 
 def test_plain_names():
