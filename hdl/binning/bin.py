@@ -12,7 +12,7 @@ from splatcore.hdl.binning.outline import Outline
 from splatcore.hdl.binning.rows import Rows
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue, Register, Slot, Stage, passes, soon
+from splatcore.hdl.lib.stream import Queue, Register, Slot, Stage, passes
 from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.colour import scaled_colours, unscaled_colour_format
@@ -159,8 +159,9 @@ class Bin(wiring.Component):
             i.ready.eq(self.outline.i.ready),
             queue.i.valid.eq(i.valid & i.ready & self.outline.seen),
         ]
-        m.submodules.waited = waited = Stage(shape)
-        connect(m, soon(m, "head", queue.o, self.config.logic), waited.i)
+        m.submodules.head, m.submodules.waited = head, waited = Stage(shape), Stage(shape)
+        connect(m, queue.o, head.i)
+        connect(m, head.o, waited.i)
         self._centre(m, waited.i.payload, waited.i.ready)
         return waited.o
 
