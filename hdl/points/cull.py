@@ -46,8 +46,7 @@ class Cull(wiring.Component):
             "o": Out(stream.Signature(layout(point_record(config, "z")))),
             "taken": Out(1),
         }
-        inner = self.position.signature.members
-        ports |= {name: inner[name] for name in ("small",) if name in inner}
+        ports |= {"small": In(1)} if "small" in self.position.signature.members else {}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
