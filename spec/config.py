@@ -250,6 +250,7 @@ FPGA = Config(
     port=128,
     pes=4,
     add_latency=4,
+    unary_latency=5,
     rasterizers=1,
     logic="fpga",
     sub_sorter_entries=64,

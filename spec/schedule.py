@@ -91,8 +91,9 @@ INTERVAL_MIN = {"cull": 4, "cull_interval": 4, "place": 4}
 
 def basis_machine(config: Config) -> Config:
     """The machine of the array that makes polynomials: numbers of `BASIS`, for which pipelines are
-    shorter."""
-    return replace(config, arithmetic=BASIS, multiply_latency=1, add_latency=3, unary_latency=2)
+    shorter; but an FPGA's table and multiplier blocks are as slow for these."""
+    unary = config.unary_latency if config.logic == "fpga" else 2
+    return replace(config, arithmetic=BASIS, multiply_latency=1, add_latency=3, unary_latency=unary)
 
 
 def colour_terms(config: Config) -> int:

@@ -56,7 +56,7 @@ class Blend(wiring.Component):
     """
 
     BUSY = 4
-    LATENCY = 4  # cycles from a block to its colours at `o`
+    LATENCY = 5  # cycles from a block to its colours at `o`; 4 with multipliers
 
     def __init__(self, config: Config, blocks: int, pixels: int = PIXELS):
         self.config, self.blocks, self.pixels = config, blocks, pixels
@@ -94,7 +94,9 @@ class Blend(wiring.Component):
         read = self._read(m, stored.data, *asked)
         product = self._multiply(m, *read)
         taken = self._subtract(m, kept, *product)
-        on_the_way = (valid & stage.give for valid, stage in (asked, read, product, taken))
+        stages = [asked, read, product, taken]
+        parts = self._weight(m, stages)
+        on_the_way = (valid & stage.give for valid, stage in stages)
         entered = (valid & stage.blends for valid, stage in (asked, read))
         same = (valid & (stage.block == self.block) for valid, stage in (asked, read, product))
         m.d.comb += [
@@ -102,7 +104,7 @@ class Blend(wiring.Component):
             self.entered.eq(Cat(entered).any()),
             self.busy.eq(Cat(same).any()),
         ]
-        self._add(m, *product, *taken)
+        self._add(m, stages[-2], stages[-1], parts)
         return m
 
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
@@ -195,14 +197,46 @@ class Blend(wiring.Component):
         m.d.comb += [self.ended.eq(ended.all()), self.level.eq(~Cat(bright))]
         return taken_valid, stage
 
-    def _add(self, m: Module, entering: Signal, next_: data.View, valid: Signal, taken: data.View):
-        """The sums with weight · colour, rounded to their steps; 8-bit colours out of them.
+    def _weight(self, m: Module, stages: list[tuple]) -> list[list[Value]]:
+        """weight · colour, rounded to the sums' steps: for each pixel, for each channel.
 
         Two bits of the weight at a time choose 0, 1, 2 or 3 times the colour, the threefold made
-        once for all lanes; or a multiplier (`Config.logic`).
+        once for all lanes, and registers follow, a further one of `stages`; or it is a multiplier
+        (`Config.logic`).
         """
+        (_, product), taken = stages[-2:]
         config = self.config
-        product = config.weight + config.colour_fraction - config.sum_fraction
+        gates = config.logic == "gates"
+        below = config.weight + config.colour_fraction - config.sum_fraction
+        channels = []
+        for name in COLOURS:
+            colour = taken[1].colour[name]
+            if gates:
+                triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
+                m.d.sync += triple.eq(times(product.colour[name], 3))
+                multiples = Array([Const(0), colour, colour << 1, triple])
+                digits = range(0, config.weight, 2)
+                weighted = [
+                    sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
+                    for lane in taken[1].lanes
+                ]
+            else:
+                weighted = [lane.weight * colour for lane in taken[1].lanes]
+            channels.append([(each + (1 << below - 1)) >> below for each in weighted])
+        if not gates:
+            return list(zip(*channels, strict=True))
+        lane = {name: config.weight + len(taken[1].colour[name]) - below for name in COLOURS}
+        valid, stage = self._stage(m, "weighted", lane, *taken)
+        stages.append((valid, stage))
+        for name, parts in zip(COLOURS, channels, strict=True):
+            m.d.sync += [to[name].eq(part) for to, part in zip(stage.lanes, parts, strict=True)]
+        return [[lane[name] for name in COLOURS] for lane in stage.lanes]
+
+    def _add(self, m: Module, before: tuple, stage: tuple, parts: list):
+        """The sums with weight · colour; 8-bit colours out of them. before: the stage in which
+        they are read; parts: those of `_weight`, beside `stage`."""
+        config = self.config
+        (entering, next_), (valid, taken) = before, stage
         pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))
         pixels = data.ArrayLayout(pixel_sums, self.pixels)
         m.submodules.sums = memory = Memory(shape=pixels, depth=self.blocks, init=[])
@@ -216,22 +250,9 @@ class Blend(wiring.Component):
             self.given_block.eq(taken.block),
         ]
         fresh = taken.untouched | taken.give
-        for channel, name in enumerate(COLOURS):
-            colour = taken.colour[name]
-            if config.logic == "gates":
-                triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
-                m.d.sync += triple.eq(times(next_.colour[name], 3))
-                multiples = Array([Const(0), colour, colour << 1, triple])
-                digits = range(0, config.weight, 2)
-                weighted = [
-                    sum(multiples[lane.weight[k : k + 2]] << k for k in digits)
-                    for lane in taken.lanes
-                ]
-            else:
-                weighted = [lane.weight * colour for lane in taken.lanes]
-            for pixel, times_weight in enumerate(weighted):
-                stored = sums.data[pixel][channel]
-                part = (times_weight + (1 << product - 1)) >> product
+        for channel in range(len(COLOURS)):
+            for pixel in range(self.pixels):
+                stored, part = sums.data[pixel][channel], parts[pixel][channel]
                 m.d.comb += write.data[pixel][channel].eq(Mux(fresh, 0, stored) + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 byte = Mux(byte[8:].any(), 255, byte[:8])

@@ -19,28 +19,33 @@ write_json mapped.json
 
 FANOUT_MAX = 8
 
-RECIPE = f"""
-strash
-ifraig
+PASS = """\
 st
 if -g -C 24 -K 6
 st
 dch -f
 map -B 0.9
-st
-if -g -C 24 -K 6
-st
-dch -f
-map -B 0.9
+"""
+"""Balances logic (`if -g`) before it is mapped."""
+
+SIZES = f"""\
 topo
 buffer -p -N {FANOUT_MAX}
 upsize -D 1
 dnsize -D 1
 """
-"""`if -g` balances logic before it is mapped; a second time from the gates found so. `buffer -p -N`
-makes trees behind what has a larger fan-out, registers (-p) included; `buffer -c` buffers every
-gate of a critical path instead. The time asked for, 1 ps, is never reached: all that makes paths
-shorter is done."""
+"""`buffer -p -N` makes trees behind what has a larger fan-out, registers (-p) included; `buffer -c`
+buffers every gate of a critical path instead. The time asked for, 1 ps, is never reached: all that
+makes paths shorter is done."""
+
+PASSES = 2
+"""The second one begins with the gates that the first one found."""
+
+
+def recipe(passes: int) -> str:
+    """What ABC does, with so many passes of balancing and mapping."""
+    return "\nstrash\nifraig\n" + passes * PASS + SIZES
+
 
 SUMS = ("", "-booth", "-extra-map +/choices/kogge-stone.v")
 """How sums and products are made, as options of yosys's `synth`: carries by Brent and Kung's tree
@@ -69,12 +74,12 @@ class Mapped:
     names: dict[str, str]
 
 
-def mapped(netlist: Netlist, library: Library, sums: str = "") -> Mapped:
+def mapped(netlist: Netlist, library: Library, sums: str = "", passes: int = PASSES) -> Mapped:
     """A netlist in cells of a library, sums made in a way of `SUMS`; synthesised unless known."""
     left_out = " ".join(f"-dont_use {name}" for name in library.left_out())
     load = 1000 * sum(library.flip_flop.inputs[library.flip_flop.data]) / 2
     constraints = CONSTRAINTS.format(driver=library.driver.name, load=load)
-    files = {"cells.lib": library.text, "recipe": RECIPE, "constraints": constraints}
+    files = {"cells.lib": library.text, "recipe": recipe(passes), "constraints": constraints}
     pins = {cell.name: (*cell.inputs, *cell.functions) for cell in library.cells.values()}
     script = MAP.format(left_out=left_out, sums=sums)
     return Mapped(**netlist.run(script, lambda found: _summary(found, pins), files))
