@@ -4,7 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from amaranth.lib import wiring
@@ -14,9 +14,10 @@ from splatcore.sim.eda.cell_netlist import MEMORY, CellNetlist, put_together
 from splatcore.sim.eda.hierarchy import Hierarchy
 from splatcore.sim.eda.liberty import Library
 from splatcore.sim.eda.machine_gates import Part, part_around, placed_pieces
-from splatcore.sim.eda.mapping import PASSES, SUMS, Mapped, mapped
+from splatcore.sim.eda.mapping import Mapped
 from splatcore.sim.eda.static_timing import Assumed, Path, Timing
 from splatcore.sim.eda.synth import Netlist
+from splatcore.sim.eda.ways import LONG_FO4, fastest, settled
 
 FO4_28NM = (0.022, 0.025)
 """ns of an FO4 in 28 nm at the slow corner. ASSUMED: of the range that is told for such processes,
@@ -24,13 +25,6 @@ both ends; the library's own corner may be another one, depths in FO4 hardly dep
 
 UNCERTAINTY = 0.1
 """Of a period: what the clock's skew and jitter take. ASSUMED; setup times are in the paths."""
-
-LONG_FO4 = 45
-"""Paths that take longer are named: 0.9 · 1.25 ns / 25 ps, what 800 MHz leave room for."""
-
-ALONE_FO4 = 44.5
-"""What a part may take on its own: a path from a part before it may begin later than one from a
-register at its port, as it is assumed there."""
 
 ADVANCE = Callable[..., None]
 
@@ -95,30 +89,6 @@ def silicon(component: wiring.Component, library: Library) -> Silicon:
     return Silicon.of(put_together(library, {"": fastest(Netlist.of(component), library)}))
 
 
-def fastest(netlist: Netlist, library: Library) -> Mapped:
-    """A netlist in cells, its sums made in that way of `SUMS` that gives the smallest netlist of
-    those whose longest path is not above `ALONE_FO4`; if all are, with a pass more; the fastest one
-    if all still are.
-
-    Of blocks that are no memory nothing is known here: paths end at them.
-    """
-    assumed = Assumed.of(library, False)
-
-    def cost(piece: Mapped) -> tuple[float, float]:
-        blocks = [block for block in piece.blocks if block[0].startswith(MEMORY)]
-        alone = put_together(library, {"": replace(piece, blocks=blocks)})
-        path = Timing(alone, assumed).longest
-        return max(path.time / assumed.fo4 if path else 0, ALONE_FO4), alone.area
-
-    found: dict[tuple[float, float], Mapped] = {}
-    for passes in (PASSES, PASSES + 1):
-        ways = (mapped(netlist, library, sums, passes) for sums in SUMS)
-        found |= {cost(piece): piece for piece in ways}
-        if min(found)[0] <= ALONE_FO4:
-            break
-    return found[min(found)]
-
-
 @dataclass(frozen=True)
 class Placed:
     """A part of the machine: its instances together. fo4, fo4_wires: the longest path of one of
@@ -166,9 +136,8 @@ def machine_silicon(
         for done, (text, piece) in enumerate(zip(order, work, strict=True)):
             found[text] = piece
             advance(done + 1, len(order) + 2, "mapping the machine")
-    pieces = {path: found[piece.text] for _, path, piece in places}
     advance(len(order), len(order) + 2, "putting the machine together")
-    netlist = put_together(library, pieces)
+    netlist, pieces = settled({path: piece for _, path, piece in places}, found, library)
     advance(len(order) + 1, len(order) + 2, "timing the machine")
     parts: dict[Part, list[Mapped]] = {}
     for part, path, _ in places:

@@ -13,7 +13,7 @@ from splatcore.hdl.arithmetic.multiply import Multiply
 from splatcore.hdl.sorting.sorter import Sorter
 from splatcore.sim.common import paper
 from splatcore.sim.eda import machine_gates
-from splatcore.sim.eda import silicon as module
+from splatcore.sim.eda import ways as module
 from splatcore.sim.eda.cell_netlist import put_together
 from splatcore.sim.eda.delays import fo4
 from splatcore.sim.eda.liberty_file import read_liberty
@@ -23,12 +23,12 @@ from splatcore.sim.eda.opensta import write_opensta
 from splatcore.sim.eda.silicon import (
     Silicon,
     area_28nm,
-    fastest,
     long_paths,
     machine_silicon,
     silicon,
 )
 from splatcore.sim.eda.synth import Netlist
+from splatcore.sim.eda.ways import fastest
 from splatcore.spec.config import DEFAULT, TINY
 from tb.helpers.command import check_documented, load, run
 from tb.helpers.liberty import (
