@@ -119,7 +119,8 @@ class Pixels(wiring.Component):
         heads, present, takes = self._heads()
         # Of the span that begins next: this one, or with `following` the one behind it.
         self.following = Signal()
-        number = (self.span_number + self.following)[: sum(self.counts)]
+        spans = self.empty_span, self.blocks_span
+        number = Mux(self.plain, *((span + self.following)[: sum(self.counts)] for span in spans))
         self.column, self.block_row = self._place(number, place)
         self.row_of_blocks = Cat(self.block_row, place.row)
         coming = self._about(self.column) | {"row": self.row_of_blocks}

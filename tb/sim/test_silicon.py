@@ -39,9 +39,9 @@ from tb.helpers.liberty import (
     needs_libraries,
 )
 
-SMALL_FO4_MAX, WHOLE_FO4_MAX = 70, 47
+SMALL_FO4_MAX, WHOLE_FO4_MAX = 70, 45.1
 """FO4 of the longest path of `TINY` in the small library, 68.6 when this was written, and of
-`DEFAULT` in a user's, 49.7 in SG13G2. Both are too much for 800 MHz: they may only shrink."""
+`DEFAULT` in a user's, 45.0 in SG13G2, which leave room for 800 MHz. They may only shrink."""
 
 
 @pytest.mark.slow
