@@ -1,5 +1,7 @@
 """Stage 3, sixth step: the lanes that blend a splat into a block, and the memory of pixels."""
 
+from collections.abc import Iterable
+
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory, ReadPort, WritePort
@@ -39,6 +41,7 @@ class Blend(wiring.Component):
 
     Members
         valid, block: something is to be done with a block: its number in the memory.
+        coming: `block` of the next cycle, unless this one is valid and has to wait; for an FPGA.
         give: it is given out and forgotten. blends: a splat is blended into it, behind that.
         log2_alphas: of its pixels. colour: the splat's.
         inside: pixels within the image; the others have ended from the start.
@@ -65,6 +68,7 @@ class Blend(wiring.Component):
         ports = {
             "valid": In(1),
             "block": In(self.number),
+            **({"coming": In(self.number)} if config.logic == "fpga" else {}),
             "log2_alphas": In(data.ArrayLayout(log2_alpha_layout(config), self.pixels)),
             "colour": In(self.colour_shape),
             "inside": In(self.pixels),
@@ -98,14 +102,28 @@ class Blend(wiring.Component):
         parts = self._weight(m, stages)
         on_the_way = (valid & stage.give for valid, stage in stages)
         entered = (valid & stage.blends for valid, stage in (asked, read))
-        same = (valid & (stage.block == self.block) for valid, stage in (asked, read, product))
         m.d.comb += [
             self.giving.eq(Cat(on_the_way).any()),
             self.entered.eq(Cat(entered).any()),
-            self.busy.eq(Cat(same).any()),
         ]
+        self._wait(m, asked, read, product)
         self._add(m, stages[-2], stages[-1], parts)
         return m
+
+    def _wait(self, m: Module, *stages: tuple):
+        """Whether a block has to wait for itself. On an FPGA that is found out a cycle before, from
+        the stages that are left then, as what depends on it is far."""
+
+        def within(block: Value, stages: Iterable[tuple]) -> Value:
+            return Cat(valid & (stage.block == block) for valid, stage in stages).any()
+
+        if self.config.logic == "fpga":
+            left = stages[:-1]
+            moves = within(self.coming, [*left, (self.valid, self)])
+            stays = within(self.block, left)
+            m.d.sync += self.busy.eq(Mux(self.valid & self.busy, stays, moves))
+        else:
+            m.d.comb += self.busy.eq(within(self.block, stages))
 
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
         """Registers of a stage, some for each lane, and a bit that says that they are valid."""

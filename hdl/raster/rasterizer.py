@@ -220,6 +220,7 @@ class Rasterizer(wiring.Component):
         given, later = Signal(), Signal(STAGES - 1)
         gives = given | (self.visiting[0] & (stale & chosen).any())
         for cut in cuts[1:]:
+            coming = self._number(chosen, rest[0])
             chosen, *rest = pipeline.cut(cut, chosen, *rest)
         tile, *colour = rest
         m.d.comb += self.giving.eq(Cat(gives, later))
@@ -234,7 +235,8 @@ class Rasterizer(wiring.Component):
         seen = visit & Cat(pixel.seen for pixel in evaluate.log2_alphas).any()
         m.d.comb += [
             blend.valid.eq(seen | give | rests),
-            blend.block.eq(tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile),
+            blend.block.eq(self._number(chosen, tile)),
+            *((blend.coming.eq(coming),) if self.config.logic == "fpga" else ()),
             blend.give.eq(give),
             blend.blends.eq(visit | rests),
             blend.rest.eq(rests),
@@ -251,6 +253,10 @@ class Rasterizer(wiring.Component):
             finished.block.eq(blend.given_block),
             finished.pixels.eq(blend.o),
         ]
+
+    def _number(self, chosen: Value, tile: Value) -> Value:
+        """A block's in the memories of pixels."""
+        return tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile
 
     def _edges(self, m: Module, tile: Value, chosen: Value):
         """A bit for each of a block's pixels within the image."""
