@@ -18,18 +18,16 @@ ALONE_FO4 = 44.5
 register at its port, as it is assumed there."""
 
 
-def ways(netlist: Netlist, library: Library, passes: int) -> list[Mapped]:
-    """A netlist in cells, its sums made in each way of `SUMS`; the one to choose comes first: the
-    smallest of those whose longest path is not above `ALONE_FO4`, or the fastest.
-
-    Of blocks that are no memory nothing is known here: paths end at them.
-    """
-    found = (mapped(netlist, library, sums, passes) for sums in SUMS)
-    return sorted(found, key=lambda piece: cost(piece, library))
+def ways(netlist: Netlist, library: Library, passes: int) -> Iterator[Mapped]:
+    """A netlist in cells, its sums made in each way of `SUMS`."""
+    return (mapped(netlist, library, sums, passes) for sums in SUMS)
 
 
 def cost(piece: Mapped, library: Library) -> tuple[float, float]:
-    """FO4 of a part's longest path, or `ALONE_FO4` if it is shorter; its um²."""
+    """FO4 of a part's longest path, or `ALONE_FO4` if it is shorter; its um².
+
+    Of blocks that are no memory nothing is known here: paths end at them.
+    """
     assumed = Assumed.of(library, False)
     blocks = [block for block in piece.blocks if block[0].startswith(MEMORY)]
     alone = put_together(library, {"": replace(piece, blocks=blocks)})
@@ -38,12 +36,25 @@ def cost(piece: Mapped, library: Library) -> tuple[float, float]:
 
 
 def fastest(netlist: Netlist, library: Library) -> Mapped:
-    """The first of a netlist's `ways`; if it is too slow, of those with a pass more as well."""
-    first = ways(netlist, library, PASSES)[0]
-    if cost(first, library)[0] <= ALONE_FO4:
-        return first
-    more = ways(netlist, library, PASSES + 1)[0]
-    return min(first, more, key=lambda piece: cost(piece, library))
+    """The smallest of a netlist's `ways` whose longest path is not above `ALONE_FO4`; if all are,
+    with a pass more; the fastest one if all still are."""
+    found: list[tuple[tuple[float, float], Mapped]] = []
+    for passes in (PASSES, PASSES + 1):
+        found += [(cost(way, library), way) for way in ways(netlist, library, passes)]
+        least, best = min(found, key=lambda each: each[0])
+        if least[0] <= ALONE_FO4:
+            break
+    return best
+
+
+class Trial(NamedTuple):
+    """The machine put together from pieces by their paths. fo4: of its longest path, `LONG_FO4` if
+    it is shorter."""
+
+    fo4: float
+    path: Path
+    pieces: dict[str, Mapped]
+    whole: CellNetlist
 
 
 def settled(
@@ -67,11 +78,11 @@ def settled(
         parts = list(parts_of(now.path, netlists))
         for part in parts if len(parts) > 1 else ():
             netlist = netlists[part]
-            trials = [
+            trials = (
                 (together(found | {netlist.text: way}), way)
                 for passes in (PASSES, PASSES + 1)
                 for way in ways(netlist, library, passes)
-            ]
+            )
             trial, way = min(trials, key=lambda each: (each[0].fo4, each[0].whole.area))
             if trial.fo4 < now.fo4:
                 found[netlist.text] = way
@@ -82,16 +93,6 @@ def settled(
     while now.fo4 > LONG_FO4 and (next_ := better(now)):
         now = next_
     return now.whole, now.pieces
-
-
-class Trial(NamedTuple):
-    """The machine put together from pieces by their paths. fo4: of its longest path, `LONG_FO4` if
-    it is shorter."""
-
-    fo4: float
-    path: Path
-    pieces: dict[str, Mapped]
-    whole: CellNetlist
 
 
 def parts_of(path: Path, instances: Mapping[str, object]) -> Iterator[str]:
