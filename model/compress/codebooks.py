@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from splatcore.model.compress.quantize import Quantised, round_fixed
-from splatcore.model.gradients.trainable import RATES, Tensors, scene_of, tensors_of
+from splatcore.model.gradients.trainable import RATES, Tensors, tensors_of
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.pack import appearance, pack
 from splatcore.model.pack.quality import COMPACT
@@ -85,9 +85,7 @@ class InCodebooks(Quantised):
 
     def packed(self, name: str) -> PackedModel:
         codebooks = self.colour.codebook(), self.harmonics.codebook()
-        with torch.no_grad():
-            sh = self.harmonics_of(self.tensors)
-        scene = scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, name)
+        scene = self.as_read(name)
         degree, quality = scene.sh_degree, self.quality
         return pack(scene, self.config, degree, codebooks=codebooks, quality=quality)[0]
 

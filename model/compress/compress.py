@@ -17,7 +17,7 @@ from splatcore.model.compress.codebooks import in_codebooks
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.judge import best_looking, decibels, spread
 from splatcore.model.compress.prune import prune, sound
-from splatcore.model.compress.quantize import REFRESH, Quantised
+from splatcore.model.compress.quantize import REFRESH, SHARE, Quantised
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.compress.steps import InSteps
@@ -202,7 +202,7 @@ class Compression:
             self.tell(what, done, total, loss)
 
         rates = trainable.REFINING | rates
-        adams = trainable.optimizers(leaves, self.extent, rates, self.recipe.rate)
+        adams = trainable.optimizers(leaves, self.extent, rates, SHARE * self.recipe.rate)
         loss = finetune(
             work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed + 1,
             tell, name, work.rendered,

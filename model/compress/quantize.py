@@ -22,9 +22,12 @@ from splatcore.spec.packed import PackedModel, grid_points, offsets
 from splatcore.spec.scene import Scene
 from splatcore.spec.small import EXPONENT_LAST, LARGEST, UNIT
 
+SHARE = 0.2
+"""Of fine-tuning's learning rates: what rounding moved is near. With all of them a scene first
+loses more than it gains (docs/compression.md)."""
+
 REFRESH = 50
-"""Steps after which the chunks, their grids and steps, and L's unit are taken anew: they change
-little."""
+"""Steps after which the chunks, their grids and L's unit are taken anew: they change little."""
 
 
 def straight(value: torch.Tensor, rounded: torch.Tensor) -> torch.Tensor:
@@ -123,6 +126,12 @@ class Quantised(ABC):
         steps = self.format.stored_record["opacity"]
         opacity = torch.exp2(-round_fixed(-torch.log2(opacity), steps)) * self.stored
         return position, factor, opacity, self.harmonics_of(tensors)
+
+    def as_read(self, name: str = "") -> Scene:
+        """The scene as it is, with harmonics as the machine reads them."""
+        with torch.no_grad():
+            sh = self.harmonics_of(self.tensors)
+        return scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, name)
 
     @abstractmethod
     def refresh_colours(self, scene: Scene, order: np.ndarray):

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from splatcore.model.compress.quantize import Quantised, straight
-from splatcore.model.gradients.trainable import Tensors, scene_of
+from splatcore.model.gradients.trainable import Tensors
 from splatcore.model.pack.pack import layouts, pack
 from splatcore.model.pack.steps import Steps, quantise_steps
 from splatcore.spec.colour import BASE, FOLDED, LAYOUTS, folded, step
@@ -36,11 +36,13 @@ class Grid:
 class InSteps(Quantised):
     """A scene of any degree under the numbers of a model in steps."""
 
-    grids: list[Grid] = field(init=False)  # of each degree
+    grids: list[Grid] = field(init=False, default_factory=list)  # of each degree
 
     def refresh_colours(self, scene: Scene, order: np.ndarray):
-        """Choose the steps as packing will."""
-        factors = folded(scene.sh[order])
+        """Choose the steps as packing will: those of the scene at first, then those that hold
+        what is rendered. What learned is near the middle between two codes, and other steps would
+        round it elsewhere."""
+        factors = folded((self.as_read() if self.grids else scene).sh[order])
         steps = quantise_steps(factors, layouts(factors, self.quality))
         device = self.tensors["means"].device
         self.grids = [
@@ -62,7 +64,7 @@ class InSteps(Quantised):
         return self.tensors, {}
 
     def packed(self, name: str) -> PackedModel:
-        scene = scene_of(self.tensors, name)
+        scene = self.as_read(name)
         return pack(scene, self.config, scene.sh_degree, quality=self.quality)[0]
 
 
