@@ -91,7 +91,8 @@ check: install
 # measured if it is missing or older than its scene files. SCENES: files, those of the folder
 # SPLATCORE_SCENES by name, and generated scenes. Default: all in that folder, without that the
 # garden at 640x360. SIZE, PRESET: WxH, and NAME or FILE. SCENE, CAMERA: the view of `power`. POINTS:
-# machines of the sweep. Compression needs `make .venv/compress` first, and is measured with few
+# machines of the sweep. Not among `make results` are what takes hours: fpga-whole.json, and
+# compression/compression.json, which needs `make .venv/compress` first and is measured with few
 # steps; docs/compression.md has longer runs.
 REPORT ?= out/report
 only := $(addprefix --results ,$(RESULTS))
@@ -143,6 +144,7 @@ $(RESULTS)/synth.json: ; $(measure) synth --stage top --json $@ $(preset)
 $(RESULTS)/memories.json: ; $(measure) memories --json $@ $(preset)
 $(RESULTS)/fpga-tiny.json: ; $(measure) fpga --preset TINY --json $@
 $(RESULTS)/fpga.json: ; $(measure) fpga --json $@ $(preset)
+$(RESULTS)/fpga-whole.json: ; $(measure) fpga --whole --speed 8 --json $@
 $(RESULTS)/compression/compression.json: ; $(measure) bench compression $(few) --out $(@D) $(SCENES)
 
 clean:

@@ -49,10 +49,9 @@ CASES = Kept(
     {"": Sheet("cases{case}", "about bound psnr_db_machine max_error_machine passed")},
 )
 
-DEVICE = Kept(
-    "preset device speed failed",
-    {"": Sheet("parts{part}", "luts flip_flops multipliers block_rams fmax_mhz begin end")},
-)
+PLACED = "luts flip_flops multipliers block_rams fmax_mhz begin end"
+
+DEVICE = Kept("preset device speed failed", {"": Sheet("parts{part}", PLACED)})
 
 PROGRAMS = Kept(
     "preset",
@@ -125,6 +124,7 @@ TABLES = {
     "hard-paper": CASES,
     "fpga-tiny": DEVICE,
     "fpga": DEVICE,
+    "fpga-whole": DEVICE._replace(sheets={"": Sheet("seeds[]", f"{PLACED} logic routing")}),
     "compression": Kept("preset size degree quality beside failed", {
         "steps": Sheet(
             "scenes{scene}.steps.rows[]",

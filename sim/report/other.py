@@ -26,6 +26,8 @@ from splatcore.spec.error import InputError
 
 HARD_SOURCES = ("hard", "hard-rtl", "hard-paper")
 
+FPGA_SOURCES = ("fpga-whole", "fpga-tiny", "fpga")
+
 SHEET_BYTES, SHRINK = 1_000_000, 0.85
 """A picture within the page is no larger; its sides shrink by this until it is small enough."""
 
@@ -148,9 +150,9 @@ def power(results: Results) -> Iterator[Item]:
 
 
 def placed(results: Results) -> Iterator[Item]:
-    """Parts of both machines on a device."""
+    """A whole machine on a device, and parts of two others."""
     rows = []
-    for facts in results.each(("fpga-tiny", "fpga")):
+    for facts in results.each(FPGA_SOURCES):
         for name, why in facts["failed"].items():
             results.troubles.append(f"{facts.file}: {name} is not placed: {why}")
         try:
@@ -161,27 +163,29 @@ def placed(results: Results) -> Iterator[Item]:
         return
     yield Table(
         "fpga",
-        "Parts placed and routed on a Lattice ECP5 by yosys and nextpnr, with the ends of the path "
-        "that limits Fmax. What the registers around a part take is subtracted.",
+        "Placed and routed on a Lattice ECP5 by yosys and nextpnr, with the ends of the path that "
+        "limits Fmax: a whole machine, from several seeds, and parts of machines, each on its own. "
+        "What the registers around them take is subtracted.",
         [
             Column("machine"), Column("device"), Column("part"), Column("LUTs", "", 0),
             Column("flip-flops", "", 0), Column("multipliers", "MULT18X18D", 0),
             Column("block RAMs", "DP16KD", 0), Column("Fmax", "MHz", 1), Column("from"),
             Column("to"),
         ],
-        rows, ("fpga-tiny", "fpga"),
+        rows, FPGA_SOURCES,
     )  # fmt: skip
 
 
 def parts(facts: Facts) -> list[list]:
-    """Cells of a machine's parts."""
+    """Cells of a machine's parts, or of the whole of it from each seed."""
+    seeds = {f"whole, seed {n}": part for n, part in enumerate(facts.get("seeds", ()), 1)}
     return [
         [
             facts["preset"], f"LFE5U-{facts['device'].upper()}-{facts['speed']}", name,
             part["luts"], part["flip_flops"], part["multipliers"], part["block_rams"],
             part["fmax_mhz"], part["begin"], part["end"],
         ]
-        for name, part in facts["parts"].items()
+        for name, part in (seeds or facts["parts"]).items()
     ]  # fmt: skip
 
 

@@ -33,6 +33,7 @@ SOURCES = {
     "hard-paper": ("hard-paper/hard.json", ""),
     "fpga-tiny": ("fpga-tiny.json", ""),
     "fpga": ("fpga.json", "PRESET"),
+    "fpga-whole": ("fpga-whole.json", ""),
     "compression": ("compression/compression.json", "SCENES"),
 }
 """Files by name, and the variables of make that their rules take. `fit` has no rule, as only its

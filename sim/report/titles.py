@@ -60,8 +60,8 @@ SECTIONS = {
     ),
     "fpga": (
         "On an FPGA",
-        "Parts placed and routed on a Lattice ECP5, each on its own. The machine is made for "
-        "800 MHz in 28 nm; this shows that its parts can be placed and routed.",
+        "Preset FPGA as one design on a Lattice ECP5 (docs/fpga.md), and parts of machines that "
+        "are made for 800 MHz in 28 nm, each on its own: they can be placed and routed.",
     ),
     "fit": (
         "Machines made to measure",

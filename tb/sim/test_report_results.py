@@ -71,7 +71,11 @@ def test_what_is_missing_is_named(results, capsys, what, named):
     assert found.said.count("\n") == 1 and found.said.startswith("fpga: ")
     assert found.table("power", "power") and not found.sections["power"]["problems"]
     if what != "odd":
-        assert any(row["machine"] == "TINY" for row in found.table("fpga", "fpga"))
+        rows = found.table("fpga", "fpga")
+        assert [row["part"] for row in rows if row["machine"] == "FPGA"] == [
+            "whole, seed 1", "whole, seed 2",
+        ]  # fmt: skip
+        assert any(row["machine"] == "TINY" for row in rows)
 
 
 def test_everything_is_missing(tmp_path, capsys):
@@ -133,6 +137,7 @@ COMMANDS = {
     "--json DIR/hard-paper/hard.json",
     "fpga-tiny": "fpga --preset TINY --json DIR/fpga-tiny.json",
     "fpga": "fpga --json DIR/fpga.json PRESET",
+    "fpga-whole": "fpga --whole --speed 8 --json DIR/fpga-whole.json",
     "compression": "bench compression --part steps,curve,power --ratios 15,20,30,40,60,80 "
     "--view-size 960x540 --steps 40 --out DIR/compression SCENES",
 }
