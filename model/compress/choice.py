@@ -1,13 +1,14 @@
 """What a model shall be: degree, quality and number of Gaussians, chosen by trials on the scene.
 
 A trial merges Gaussians and fits the harmonics that stay by least squares, packs the result and
-looks at it, without fine-tuning, which changes hardly more than near ties (docs/compression.md).
+looks at it, without fine-tuning. That favours models in steps (`STEPS_LEARN`), and else changes
+hardly more than near ties (docs/compression.md).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 
@@ -41,6 +42,10 @@ TIE = 0.1
 LEARNED = 2.0
 """dB that fine-tuning gives back, at least, of what a trial has lost (eleven models of four scenes:
 1.4 to 7); by so much a trial may miss the PSNR that is asked for."""
+
+STEPS_LEARN = 1.2
+"""dB that a model in steps learns more than one in codebooks of as many bytes, where harmonics are
+worth something (skull and leica-sofort at 30 to 80 times; docs/compression.md)."""
 
 REACHED = 6.0
 """dB that a compact model of all Gaussians may gain by fine-tuning, at most."""
@@ -224,10 +229,27 @@ def for_bytes(trials: Trials, size: float) -> Trial:
 
 
 def best_of(found: list[Trial]) -> Trial:
-    """The trial of the most dB, and of those that are as good the one of the lowest degree."""
-    most = max(trial.psnr_db for trial in found)
-    good = [trial for trial in found if trial.psnr_db >= most - TIE]
+    """The trial that promises the most dB once it has learned, and of those that promise as much
+    the one of the lowest degree."""
+    more = STEPS_LEARN if harmonics_count(found) else 0.0
+
+    def promised(trial: Trial) -> float:
+        return trial.psnr_db + more * (trial.quality in STEPPED)
+
+    most = max(map(promised, found))
+    good = [trial for trial in found if promised(trial) >= most - TIE]
     return min(good, key=lambda trial: (trial.degree, trial.bytes))
+
+
+def harmonics_count(found: list[Trial]) -> bool:
+    """True if of the trials in codebooks the best of degree 1 is better than that of degree 0, so
+    that there is something for harmonics in steps to learn."""
+    codebooks = [trial for trial in found if trial.quality in INDEXED]
+    plain, turning = (
+        max((trial.psnr_db for trial in codebooks if trial.degree == degree), default=-inf)
+        for degree in (0, COMPACT_DEGREE)
+    )
+    return turning > plain + TIE
 
 
 def edge(low: int, high: int, over: Callable[[int], bool]) -> tuple[int, int]:

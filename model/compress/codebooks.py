@@ -1,10 +1,12 @@
-"""Colours by codebooks in fine-tuning: entries are optimised on their grid, and the gradients reach
-them through the assignment of the Gaussians, which stays."""
+"""Colours by codebooks in fine-tuning. Entries are optimised on their grid. Each Gaussian's own
+harmonics learn as well, by the same gradients (a straight-through estimator; van den Oord et al.
+2017), and from time to time it takes the entries that are nearest to them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from sklearn.metrics import pairwise_distances_argmin
 
 from splatcore.model.compress.quantize import Quantised, round_fixed
 from splatcore.model.gradients.trainable import RATES, Tensors, tensors_of
@@ -49,6 +51,15 @@ class Stages:
         stages = zip(self.rounded(), self.index, strict=True)
         return sum(values.index_select(0, index) for values, index in stages)
 
+    def assign(self, vectors: np.ndarray):
+        """Give each of the vectors [N, D] the nearest entry of each stage, in turn."""
+        rest = vectors
+        for index, entries in zip(self.index, self.rounded(), strict=True):
+            values = entries.detach().double().cpu().numpy()
+            nearest = pairwise_distances_argmin(rest, values)
+            index[:] = torch.as_tensor(nearest)
+            rest = rest - values[nearest]
+
     def codebook(self) -> Codebook:
         """The codebook as the model stores it."""
         unit = 2.0**self.exponent
@@ -65,23 +76,25 @@ class InCodebooks(Quantised):
     harmonics: Stages
 
     def refresh_colours(self, scene: Scene, order: np.ndarray):
-        """Entries and their assignment stay."""
+        """Give each Gaussian the entries nearest to what it has learned."""
+        for stages, vectors in zip((self.colour, self.harmonics), appearance(scene), strict=True):
+            stages.assign(vectors)
 
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
         sh = [((self.colour.decode() - COLOUR_OFFSET) / SH_C0)[:, None]]
         if self.harmonics.entries:
             x, y, z = self.harmonics.decode().reshape(-1, 3, 3).unbind(2)
             sh.append(torch.stack([-y, z, -x], dim=1) / SH_C1)
-        return torch.cat(sh, dim=1)
+        own = torch.cat([tensors["sh0"], tensors["shN"]], dim=1)
+        return torch.cat(sh, dim=1) + (own - own.detach())
 
     def leaves(self) -> tuple[Tensors, dict[str, float]]:
-        found = {name: self.tensors[name] for name in ("means", "scales", "quats", "opacities")}
         entries = {
             f"{part}{stage}": values
             for part, stages in (("colour", self.colour), ("harmonics", self.harmonics))
             for stage, values in enumerate(stages.entries)
         }
-        return found | entries, dict.fromkeys(entries, CODEBOOK_RATE)
+        return self.tensors | entries, dict.fromkeys(entries, CODEBOOK_RATE)
 
     def packed(self, name: str) -> PackedModel:
         codebooks = self.colour.codebook(), self.harmonics.codebook()

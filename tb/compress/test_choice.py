@@ -68,6 +68,19 @@ def test_lower_degree_of_two_that_are_as_good():
     assert best_of(rows[2:]).degree == 2
 
 
+def test_steps_learn_more_where_harmonics_are_worth_something():
+    """A model in steps may be a little behind one in codebooks before both learn."""
+
+    def chosen(none: float, codebooks: float, steps: float) -> str:
+        rows = (0, "compact", none), (1, "small", codebooks), (3, "balanced", steps)
+        return best_of([Trial(degree, quality, 9, 9, db) for degree, quality, db in rows]).quality
+
+    assert chosen(30.0, 31.0, 30.0) == "balanced"
+    assert chosen(30.0, 31.0, 29.8) == "small"
+    assert chosen(31.0, 31.0, 30.5) == "compact"
+    assert chosen(31.0, 30.0, 31.5) == "balanced"
+
+
 def test_learning_never_loses(scene, targets, checkpoints):
     """Where next to nothing is lost by pruning, fine-tuning from it would: it is left out."""
     bad = replace(RECIPE, degree=3, quality="faithful", schedule=(0.28,), steps=30, rate=10.0)
