@@ -231,7 +231,7 @@ def for_bytes(trials: Trials, size: float) -> Trial:
 def best_of(found: list[Trial]) -> Trial:
     """The trial that promises the most dB once it has learned, and of those that promise as much
     the one of the lowest degree."""
-    more = STEPS_LEARN if harmonics_count(found) else 0.0
+    more = STEPS_LEARN if harmonics_matter(found) else 0.0
 
     def promised(trial: Trial) -> float:
         return trial.psnr_db + more * (trial.quality in STEPPED)
@@ -241,7 +241,7 @@ def best_of(found: list[Trial]) -> Trial:
     return min(good, key=lambda trial: (trial.degree, trial.bytes))
 
 
-def harmonics_count(found: list[Trial]) -> bool:
+def harmonics_matter(found: list[Trial]) -> bool:
     """True if of the trials in codebooks the best of degree 1 is better than that of degree 0, so
     that there is something for harmonics in steps to learn."""
     codebooks = [trial for trial in found if trial.quality in INDEXED]

@@ -81,6 +81,7 @@ class InCodebooks(Quantised):
             stages.assign(vectors)
 
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
+        """Those of the entries; gradients go to the entries and to the Gaussian's own alike."""
         sh = [((self.colour.decode() - COLOUR_OFFSET) / SH_C0)[:, None]]
         if self.harmonics.entries:
             x, y, z = self.harmonics.decode().reshape(-1, 3, 3).unbind(2)
