@@ -1,13 +1,15 @@
 """Colours by codebooks in fine-tuning. Entries are optimised on their grid. Each Gaussian's own
 harmonics learn as well, by the same gradients (a straight-through estimator; van den Oord et al.
-2017), and from time to time it takes the entries that are nearest to them."""
+2017), and from time to time it takes the entries that are nearest to them, as the views see it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from sklearn.metrics import pairwise_distances_argmin
 
+from splatcore.model.compress.directions import Directions
 from splatcore.model.compress.quantize import Quantised, round_fixed
 from splatcore.model.gradients.trainable import RATES, Tensors, tensors_of
 from splatcore.model.pack.codebook import Codebook, quantise
@@ -23,6 +25,10 @@ from splatcore.spec.scene import Scene
 
 CODEBOOK_RATE = RATES["sh0"] * SH_C0
 """Learning rate of the codebooks' entries, which are colours: that of sh0 in units of colour."""
+
+
+Nearest = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Of vectors [N, D] and entries [K, D] the index [N] of the entry that is nearest to each."""
 
 
 @dataclass(eq=False)
@@ -51,14 +57,16 @@ class Stages:
         stages = zip(self.rounded(), self.index, strict=True)
         return sum(values.index_select(0, index) for values, index in stages)
 
-    def assign(self, vectors: np.ndarray):
-        """Give each of the vectors [N, D] the nearest entry of each stage, in turn."""
+    def assign(self, vectors: np.ndarray, nearest: Nearest) -> np.ndarray:
+        """Give each of the vectors [N, D] the nearest entry of each stage, in turn; returns what is
+        left of them."""
         rest = vectors
         for index, entries in zip(self.index, self.rounded(), strict=True):
             values = entries.detach().double().cpu().numpy()
-            nearest = pairwise_distances_argmin(rest, values)
-            index[:] = torch.as_tensor(nearest)
-            rest = rest - values[nearest]
+            found = nearest(rest, values)
+            index[:] = torch.as_tensor(found)
+            rest = rest - values[found]
+        return rest
 
     def codebook(self) -> Codebook:
         """The codebook as the model stores it."""
@@ -74,11 +82,12 @@ class InCodebooks(Quantised):
 
     colour: Stages
     harmonics: Stages
+    seen: Directions
 
     def refresh_colours(self, scene: Scene, order: np.ndarray):
-        """Give each Gaussian the entries nearest to what it has learned."""
-        for stages, vectors in zip((self.colour, self.harmonics), appearance(scene), strict=True):
-            stages.assign(vectors)
+        """Give each Gaussian the entries nearest to what it has learned, as the views see it."""
+        colours = colours_beside(self.harmonics, scene, self.seen)
+        self.colour.assign(colours, pairwise_distances_argmin)
 
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
         """Those of the entries; gradients go to the entries and to the Gaussian's own alike."""
@@ -105,16 +114,31 @@ class InCodebooks(Quantised):
 
 
 def in_codebooks(
-    scene: Scene, weight: np.ndarray, config: Config, seed: int, quality: str = COMPACT
+    scene: Scene,
+    weight: np.ndarray,
+    seen: Directions,
+    config: Config,
+    seed: int,
+    quality: str = COMPACT,
 ) -> InCodebooks:
     """A scene of degree 0 or 1 with codebooks by k-means weighted by significance [N]."""
     format = model_format(config, scene.sh_degree)
-    colours, slopes = appearance(scene)
     weight = np.maximum(weight, np.finfo(np.float32).tiny)
-    tensors = tensors_of(scene)
+    tensors, (_, slopes) = tensors_of(scene), appearance(scene)
     like = tensors["means"].detach()
-    colour = quantise(colours, format.colour_index, COMPONENT, seed, weight)
     of_slopes = weight if len(slopes) else None
-    harmonics = quantise(slopes, format.sh_index, SLOPE, seed, of_slopes, SH_EXPONENT_MAX)
-    stages = Stages.of(colour, COMPONENT, like), Stages.of(harmonics, SLOPE, like)
-    return InCodebooks(tensors, config, quality, *stages)
+    found = quantise(slopes, format.sh_index, SLOPE, seed, of_slopes, SH_EXPONENT_MAX)
+    harmonics = Stages.of(found, SLOPE, like)
+    colours = colours_beside(harmonics, scene, seen)
+    found = quantise(colours, format.colour_index, COMPONENT, seed, weight)
+    colour = Stages.of(found, COMPONENT, like)
+    return InCodebooks(tensors, config, quality, colour, harmonics, seen)
+
+
+def colours_beside(harmonics: Stages, scene: Scene, seen: Directions) -> np.ndarray:
+    """Give each Gaussian of the scene the nearest slopes; returns the colours [N, 3] beside them,
+    which make up for what these lack."""
+    colours, slopes = appearance(scene)
+    if not harmonics.entries:
+        return colours
+    return seen.made_up(colours, harmonics.assign(slopes, seen.nearest))

@@ -14,6 +14,7 @@ import numpy as np
 from splatcore.model.compress.checkpoint import Checkpoints, Result, Step
 from splatcore.model.compress.choice import TIMED, WEIGHED, Speed, decide
 from splatcore.model.compress.codebooks import in_codebooks
+from splatcore.model.compress.directions import directions_of
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.judge import best_looking, decibels, spread
 from splatcore.model.compress.prune import prune, sound
@@ -216,7 +217,9 @@ class Compression:
             self.tell(f"{name}: steps", 0, 1, None)
             return InSteps(trainable.tensors_of(scene), self.config, quality)
         self.tell(f"{name}: codebooks", 0, 1, None)
-        return in_codebooks(scene, self.weights(scene, name), self.config, recipe.seed, quality)
+        weight = self.weights(scene, name)
+        seen = directions_of(scene, spread(self.cameras, WEIGHED))
+        return in_codebooks(scene, weight, seen, self.config, recipe.seed, quality)
 
     def fast_enough(self, scene: Scene, wanted: float) -> Steps:
         """The scene pruned further until the machine makes so many frames a second of it."""

@@ -6,19 +6,27 @@ import numpy as np
 import pytest
 import torch
 
-from splatcore.model.compress.codebooks import in_codebooks
+from splatcore.model.compress import codebooks
+from splatcore.model.compress.directions import Directions
 from splatcore.model.compress.quantize import round_fixed, round_float
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import as_tensor, difference, finetune
 from splatcore.model.gradients.trainable import RATES, REFINING, optimizers, scene_of, tensors_of
 from splatcore.model.pack.pack import stored_order
-from splatcore.model.pack.quality import INDEXED
+from splatcore.model.pack.quality import COMPACT, INDEXED
 from splatcore.spec.colour import COARSE, FINE
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.memory import FACTOR, OPACITY
 from splatcore.spec.number import Float
 from tb.helpers.compression_scene import nothing
+
+
+def in_codebooks(scene, weight, config, seed, quality=COMPACT):
+    """Those of views from everywhere."""
+    count = len(scene)
+    seen = Directions(np.zeros((count, 3)), np.broadcast_to(np.eye(3), (count, 3, 3)))
+    return codebooks.in_codebooks(scene, weight, seen, config, seed, quality)
 
 
 def compared(work):
