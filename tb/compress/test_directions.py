@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.model.compress.codebooks import in_codebooks
+from splatcore.model.compress.codebooks import colours_beside, in_codebooks
 from splatcore.model.compress.directions import ELSEWHERE, Directions, directions_of
 from splatcore.model.compress.judge import decibels
 from splatcore.model.compress.significance import view_weights
@@ -89,4 +89,7 @@ def test_models_look_better_so(scene):
         each = Directions(mean * seen.mean, variance * seen.variance + (1 - variance) * np.eye(3))
         work = in_codebooks(strong, np.ones(len(scene)), each, DEFAULT, 0)
         found.append(decibels(work.packed("").gaussians(), shown))
+        wanted = colours_beside(work.harmonics, strong, each)
+        off = work.colour.decode().detach().numpy() - wanted
+        assert off.std() < 0.04 * wanted.std()  # first entries for colours without: 0.06
     assert found[0] > found[1] + 0.1 and min(found[:2]) > max(found[2:]) + 5
