@@ -46,12 +46,15 @@ class Directions:
 
 
 def directions_of(scene: Scene, cameras: Sequence[Camera]) -> Directions:
-    """Those of the cameras."""
-    total = np.full(len(scene), float(np.finfo(np.float32).tiny))
+    """The directions in which the cameras look at the scene's Gaussians."""
+    tiny = float(np.finfo(np.float32).tiny)
+    total = np.full(len(scene), tiny)
     mean, square = np.zeros((len(scene), 3)), np.zeros((len(scene), 3, 3))
     for camera, weight in zip(cameras, view_weights(scene, cameras), strict=True):
         ray = scene.position - camera.position
-        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        ray /= np.maximum(
+            np.linalg.norm(ray, axis=1, keepdims=True), tiny
+        )  # one may be in a camera
         total += weight
         mean += weight[:, None] * ray
         square += weight[:, None, None] * ray[:, :, None] * ray[:, None]

@@ -40,6 +40,13 @@ def test_directions(seen, rays):
     assert (rays[1].sum(axis=1) > 0).mean() > 0.9
 
 
+def test_a_gaussian_in_a_camera(scene, cameras):
+    position = scene.position.copy()
+    position[3] = cameras[0].position
+    found = directions_of(replace(scene, position=position), cameras)
+    assert np.isfinite(found.mean).all() and np.isfinite(found.variance).all()
+
+
 def test_nearest_is_nearest_in_colour(seen, rays):
     """By the colours in all directions, about their mean: what c cannot make up for."""
     rng = np.random.default_rng(0)
