@@ -18,7 +18,7 @@ from splatcore.model.compress.directions import directions_of
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.judge import best_looking, decibels, spread
 from splatcore.model.compress.prune import prune, sound
-from splatcore.model.compress.quantize import REFRESH, SHARE, Quantised
+from splatcore.model.compress.quantize import LAST, REFRESH, SHARE, Quantised
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.compress.steps import InSteps
@@ -151,7 +151,8 @@ class Compression:
         def make() -> tuple[Scene, float | None]:
             smaller = prune(scene, self.weights(scene, name), rate)
             tensors, recipe = trainable.tensors_of(smaller), self.recipe
-            adams = trainable.optimizers(tensors, self.extent, trainable.REFINING, recipe.rate)
+            unit = trainable.size_of(tensors)
+            adams = trainable.optimizers(tensors, unit, trainable.REFINING, recipe.rate)
             steps, seed = round(share * recipe.steps), recipe.seed
             loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name)
             learned = sound(trainable.scene_of(tensors, scene.name))
@@ -202,11 +203,11 @@ class Compression:
                 work.refresh()
             self.tell(what, done, total, loss)
 
-        rates = trainable.REFINING | rates
-        adams = trainable.optimizers(leaves, self.extent, rates, SHARE * self.recipe.rate)
+        rates, unit = trainable.REFINING | rates, trainable.size_of(leaves)
+        adams = trainable.optimizers(leaves, unit, rates, SHARE * self.recipe.rate)
         loss = finetune(
             work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed + 1,
-            tell, name, work.rendered,
+            tell, name, work.rendered, LAST,
         )  # fmt: skip
         return best_looking((first, work.packed(scene.name)), self.targets), loss
 
@@ -245,7 +246,7 @@ class Compression:
         levels = [(yield from self.before_pruning(scene))]
         rates = self.recipe.schedule or (0.4,)
         rate = rates[0]
-        while rate >= RATE_MIN and len(levels[-1]) > 1:
+        while rate >= RATE_MIN and 0 < round(rate * len(levels[-1])) < len(levels[-1]):
             smaller = yield from self.pruned(levels[-1], rate)
             if decibels(smaller, aside) >= best - PRUNING_SHARE * drop:
                 levels.append(smaller)

@@ -32,7 +32,7 @@ def distill(
 ) -> tuple[trainable.Tensors, float | None]:
     """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
 
-    `extent` (scene units) and the recipe's rate, a share of REFINING, set the learning rates.
+    `extent` is that of the cameras, scene units. Learning rates are the recipe's share of REFINING.
 
     It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
     views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
@@ -52,7 +52,8 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*trainable.rendered(student), camera).image, wanted)
 
-    adams = trainable.optimizers(student, extent, trainable.REFINING, SHARE * recipe.rate)
+    unit = trainable.size_of(student)
+    adams = trainable.optimizers(student, unit, trainable.REFINING, SHARE * recipe.rate)
     loss = optimise(adams, recipe.distill_steps, loss_of, tell, what)
     return student, loss
 

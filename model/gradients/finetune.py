@@ -13,10 +13,9 @@ from splatcore.spec.error import InputError
 Tell = Callable[[str, int, int, float | None], None]
 """Progress callback: activity, steps done, steps in all, mean loss of the last steps."""
 
-DECAY = 0.1
-"""Share of the learning rates left at the end of a phase; they fall by the same share a step."""
-
-DECAY_MEANS = 0.01  # the same of the positions' (3DGS: from 1.6e-4 to 1.6e-6)
+LEFT = 0.3
+"""Share of the learning rates left at the end of fine-tuning; they fall by the same share a step.
+Those under a model's numbers begin with it (`compress.quantize`) and go on falling."""
 
 WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
@@ -55,16 +54,21 @@ def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
 
 
 def optimise(
-    optimizers: Optimizers, steps: int, loss_of: Callable[[], torch.Tensor], tell: Tell, what: str
+    optimizers: Optimizers,
+    steps: int,
+    loss_of: Callable[[], torch.Tensor],
+    tell: Tell,
+    what: str,
+    left: float = LEFT,
 ) -> float | None:
-    """`steps` steps of Adam with learning rates that rise, then fall; returns the mean loss lately.
+    """`steps` steps of Adam with learning rates that rise, then fall until the share `left`;
+    returns the mean loss lately.
 
     InputError, saying at which step, if the loss is NaN or infinite: the parameters are not changed
     by it.
     """
     mean = None
-    left = {name: DECAY_MEANS if name == "means" else DECAY for name in optimizers}
-    falling = {name: share ** (1 / max(steps, 1)) for name, share in left.items()}
+    falling = left ** (1 / max(steps, 1))
     full = {name: optimizer.param_groups[0]["lr"] for name, optimizer in optimizers.items()}
     for step in range(steps):
         loss = loss_of()
@@ -74,7 +78,7 @@ def optimise(
         loss.backward()
         for name, optimizer in optimizers.items():
             rise = min((step + 1) / WARM_UP, 1.0)
-            optimizer.param_groups[0]["lr"] = full[name] * rise * falling[name] ** step
+            optimizer.param_groups[0]["lr"] = full[name] * rise * falling**step
             optimizer.step()
             optimizer.zero_grad(set_to_none=True)
         mean = value if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * value
@@ -91,10 +95,11 @@ def finetune(
     tell: Tell,
     what: str,
     parameters: Callable[[Tensors], tuple[torch.Tensor, ...]] = rendered,
+    left: float = LEFT,
 ) -> float | None:
     """Fit a scene to its targets by `difference`; returns the mean loss of the last steps.
 
-    `parameters` makes of the tensors what is rendered.
+    `parameters` makes of the tensors what is rendered; `left` is that of `optimise`.
     """
     views = views_in_turn(targets, seed, ROUND)
 
@@ -103,4 +108,4 @@ def finetune(
         picture = render(*parameters(tensors), target.camera).image
         return difference(picture, as_tensor(target.image, picture))
 
-    return optimise(optimizers, steps, loss_of, tell, what)
+    return optimise(optimizers, steps, loss_of, tell, what, left)

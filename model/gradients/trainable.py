@@ -21,7 +21,7 @@ RATES = {
 """Learning rates of 3DGS (Kerbl et al. 2023, `arguments/__init__.py`)."""
 
 REFINING = {
-    "means": 6.4e-5,  # times the scene's extent
+    "means": 5e-2,  # times the Gaussians' size (`size_of`)
     "scales": 2e-2,
     "quats": 4e-3,
     "opacities": 6e-2,
@@ -29,8 +29,7 @@ REFINING = {
     "shN": 1e-2,
 }
 """Learning rates of a trained scene that has lost Gaussians or harmonics: shapes and colours have
-far to go, places hardly any way. What 3DGS trains with moves the places too much: it spoils a scene
-before it mends it."""
+far to go, places hardly any way, and in scenes of smaller Gaussians less (docs/compression.md)."""
 
 EPSILON = 1e-15  # Adam's, as 3DGS has it
 
@@ -93,16 +92,21 @@ def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
 
 
 def optimizers(
-    tensors: Tensors, extent: float, rates: dict[str, float] = RATES, share: float = 1.0
+    tensors: Tensors, unit: float, rates: dict[str, float] = RATES, share: float = 1.0
 ) -> Optimizers:
-    """One Adam for each tensor, at that share of the learning rates; `extent` (scene units) scales
+    """One Adam for each tensor, at that share of the learning rates; `unit` (scene units) scales
     that of the positions."""
-    rates = {name: share * rates[name] * (extent if name == "means" else 1) for name in tensors}
+    rates = {name: share * rates[name] * (unit if name == "means" else 1) for name in tensors}
     return {
         name: torch.optim.Adam([tensor], lr=rates[name], eps=EPSILON, fused=True)
         for name, tensor in tensors.items()
         if tensor.numel()
     }
+
+
+def size_of(tensors: Tensors) -> float:
+    """Median of the middle one of each Gaussian's three scales, scene units."""
+    return float(tensors["scales"].detach().median(dim=1).values.median().exp())
 
 
 def extent_of(cameras: list) -> float:

@@ -17,8 +17,10 @@ from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance, view_weights
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.gradients import finetune as finetune_module
+from splatcore.model.gradients import trainable
 from splatcore.model.gradients.finetune import (
     LAPS,
+    LEFT,
     ROUND,
     difference,
     finetune,
@@ -221,19 +223,58 @@ def test_finetuning_helps(scene, targets):
 
 
 def test_learning_rates_rise_then_fall():
-    """From a tenth to the whole in ten steps, and down to a tenth; positions to a hundredth."""
-    leaves = {name: torch.zeros(1, requires_grad=True) for name in ("means", "scales")}
-    adams = {name: torch.optim.Adam([leaf], lr=2.0) for name, leaf in leaves.items()}
-    seen = []
+    """From a tenth to the whole in ten steps, and down to the share that is to be left."""
+    for given, left in (((), LEFT), ((0.02,), 0.02)):
+        leaves = {name: torch.zeros(1, requires_grad=True) for name in ("means", "scales")}
+        adams = {name: torch.optim.Adam([leaf], lr=2.0) for name, leaf in leaves.items()}
+        seen = []
 
-    def tell(*_):
-        seen.append([adam.param_groups[0]["lr"] for adam in adams.values()])
+        def tell(*_, adams=adams, seen=seen):
+            seen.append([adam.param_groups[0]["lr"] for adam in adams.values()])
 
-    optimise(adams, 200, lambda: sum(leaf.sum() for leaf in leaves.values()), tell, "test")
-    rates = np.array(seen)
-    assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
-    assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
-    assert np.allclose(rates[-1], [0.02, 0.2], rtol=0.03)
+        def loss(leaves=leaves) -> torch.Tensor:
+            return sum(leaf.sum() for leaf in leaves.values())
+
+        optimise(adams, 200, loss, tell, "test", *given)
+        rates = np.array(seen)
+        assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
+        assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
+        assert np.allclose(rates[-1], 2 * left, rtol=0.03)
+
+
+def test_learning_goes_on_with_the_rates_that_it_ended_with(
+    scene, targets, checkpoints, monkeypatch
+):
+    """Under the model's numbers they begin where fine-tuning leaves them."""
+    seen, learn = {}, finetune_module.optimise
+
+    def noted(optimizers, steps, loss_of, tell, what, left):
+        rates = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
+        seen[what] = rates, left
+        return learn(optimizers, steps, loss_of, tell, what, left)
+
+    monkeypatch.setattr(finetune_module, "optimise", noted)
+    list(compress(scene, targets, replace(FIRST, schedule=(0.3,), distill_steps=0), checkpoints))
+    (before, left), (after, last) = seen["prune 0.3"], seen["quantize"]
+    for name, rate in before.items():
+        changed = 0.2 if name == "means" else 1e-6  # the Gaussians' size has changed a little
+        assert after[name] == pytest.approx(rate * left, rel=changed), name
+    assert last < left < 1
+
+
+def test_positions_learn_in_sizes_of_the_gaussians(scene, targets, checkpoints, monkeypatch):
+    """Half of their middle scales are below the unit of the positions' learning rate."""
+    units, make = [], trainable.optimizers
+
+    def noted(tensors, unit, *others):
+        units.append((unit, np.median(np.sort(scene_of(tensors).scale, axis=1)[:, 1])))
+        return make(tensors, unit, *others)
+
+    monkeypatch.setattr(trainable, "optimizers", noted)
+    list(compress(scene, targets, FIRST, checkpoints))
+    assert len(units) == 5, "two degrees, two prunings, quantisation"
+    for unit, middle in units:
+        assert unit == pytest.approx(middle, rel=0.01)
 
 
 def test_rendered_parameters(scene):

@@ -28,6 +28,7 @@ def test_max_drop(scene, targets, checkpoints, tmp_path):
     lost = decibels(scene, aside) - decibels(checkpoints.load(step).gaussians(), aside)
     assert lost <= 3.0
     assert any(each.kind == "prune" for each in checkpoints.steps)
+    assert min(each.gaussians for each in checkpoints.steps) < 20, "until rates remove nothing"
     strict, empty = replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", "")
     with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
         list(compress(scene, targets, strict, empty))
