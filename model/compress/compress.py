@@ -151,8 +151,7 @@ class Compression:
         def make() -> tuple[Scene, float | None]:
             smaller = prune(scene, self.weights(scene, name), rate)
             tensors, recipe = trainable.tensors_of(smaller), self.recipe
-            unit = trainable.size_of(tensors)
-            adams = trainable.optimizers(tensors, unit, trainable.REFINING, recipe.rate)
+            adams = trainable.refining(tensors, recipe.rate)
             steps, seed = round(share * recipe.steps), recipe.seed
             loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name)
             learned = sound(trainable.scene_of(tensors, scene.name))
@@ -203,8 +202,7 @@ class Compression:
                 work.refresh()
             self.tell(what, done, total, loss)
 
-        rates, unit = trainable.REFINING | rates, trainable.size_of(leaves)
-        adams = trainable.optimizers(leaves, unit, rates, SHARE * self.recipe.rate)
+        adams = trainable.refining(leaves, SHARE * self.recipe.rate, rates)
         loss = finetune(
             work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed + 1,
             tell, name, work.rendered, LAST,

@@ -52,9 +52,8 @@ def directions_of(scene: Scene, cameras: Sequence[Camera]) -> Directions:
     mean, square = np.zeros((len(scene), 3)), np.zeros((len(scene), 3, 3))
     for camera, weight in zip(cameras, view_weights(scene, cameras), strict=True):
         ray = scene.position - camera.position
-        ray /= np.maximum(
-            np.linalg.norm(ray, axis=1, keepdims=True), tiny
-        )  # one may be in a camera
+        length = np.linalg.norm(ray, axis=1, keepdims=True)  # 0 for a Gaussian in a camera
+        ray /= np.maximum(length, tiny)
         total += weight
         mean += weight[:, None] * ray
         square += weight[:, None, None] * ray[:, :, None] * ray[:, None]

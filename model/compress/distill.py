@@ -52,8 +52,7 @@ def distill(
             wanted = render(*teacher, camera).image.clamp(0, 1)
         return difference(render(*trainable.rendered(student), camera).image, wanted)
 
-    unit = trainable.size_of(student)
-    adams = trainable.optimizers(student, unit, trainable.REFINING, SHARE * recipe.rate)
+    adams = trainable.refining(student, SHARE * recipe.rate)
     loss = optimise(adams, recipe.distill_steps, loss_of, tell, what)
     return student, loss
 

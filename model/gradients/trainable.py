@@ -104,6 +104,11 @@ def optimizers(
     }
 
 
+def refining(tensors: Tensors, share: float, more: dict[str, float] | None = None) -> Optimizers:
+    """`optimizers` at that share of REFINING; `more` are rates of tensors that it does not know."""
+    return optimizers(tensors, size_of(tensors), REFINING | (more or {}), share)
+
+
 def size_of(tensors: Tensors) -> float:
     """Median of the middle one of each Gaussian's three scales, scene units."""
     return float(tensors["scales"].detach().median(dim=1).values.median().exp())
