@@ -18,7 +18,7 @@ from splatcore.model.compress.directions import directions_of
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.judge import best_looking, decibels, spread
 from splatcore.model.compress.prune import prune, sound
-from splatcore.model.compress.quantize import LAST, REFRESH, SHARE, Quantised
+from splatcore.model.compress.quantize import REFRESH, Quantised
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.compress.steps import InSteps
@@ -153,7 +153,8 @@ class Compression:
             tensors, recipe = trainable.tensors_of(smaller), self.recipe
             adams = trainable.refining(tensors, recipe.rate)
             steps, seed = round(share * recipe.steps), recipe.seed
-            loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name)
+            left = recipe.learning.left
+            loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name, left)
             learned = sound(trainable.scene_of(tensors, scene.name))
             return best_looking((smaller, learned), self.targets), loss
 
@@ -202,10 +203,11 @@ class Compression:
                 work.refresh()
             self.tell(what, done, total, loss)
 
-        adams = trainable.refining(leaves, SHARE * self.recipe.rate, rates)
+        recipe, learning = self.recipe, self.recipe.learning
+        adams = trainable.refining(leaves, learning.numbers * recipe.rate, rates)
         loss = finetune(
-            work.tensors, adams, self.targets, self.recipe.quantize_steps, self.recipe.seed + 1,
-            tell, name, work.rendered, LAST,
+            work.tensors, adams, self.targets, recipe.quantize_steps, recipe.seed + 1, tell, name,
+            learning.last, work.rendered,
         )  # fmt: skip
         return best_looking((first, work.packed(scene.name)), self.targets), loss
 

@@ -53,7 +53,7 @@ def distill(
         return difference(render(*trainable.rendered(student), camera).image, wanted)
 
     adams = trainable.refining(student, SHARE * recipe.rate)
-    loss = optimise(adams, recipe.distill_steps, loss_of, tell, what)
+    loss = optimise(adams, recipe.distill_steps, loss_of, tell, what, recipe.learning.left)
     return student, loss
 
 

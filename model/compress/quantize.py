@@ -12,7 +12,6 @@ from math import isqrt
 import numpy as np
 import torch
 
-from splatcore.model.gradients.finetune import LEFT
 from splatcore.model.gradients.trainable import Tensors, rotation, scene_of
 from splatcore.model.pack.chunk import Chunks
 from splatcore.model.pack.pack import factor_exponent, format_of, stored_order
@@ -22,12 +21,6 @@ from splatcore.spec.number import Fixed, Float
 from splatcore.spec.packed import PackedModel, grid_points, offsets
 from splatcore.spec.scene import Scene
 from splatcore.spec.small import EXPONENT_LAST, LARGEST, UNIT
-
-SHARE = LEFT
-"""Of fine-tuning's learning rates: learning goes on with those it ended with, as what rounding
-moved is near. With all of them a scene first loses more than it gains (docs/compression.md)."""
-
-LAST = 0.02  # share of these that is left at the end
 
 REFRESH = 50
 """Steps after which the chunks, their grids and L's unit are taken anew: they change little."""

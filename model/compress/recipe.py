@@ -20,6 +20,24 @@ TARGETS = {
 
 
 @dataclass(frozen=True)
+class Learning:
+    """Learning rates of a compression, as shares of those with which fine-tuning begins.
+
+    A model in codebooks goes on to learn under its numbers with the rates that fine-tuning ended
+    with. In steps each Gaussian has harmonics of its own, and what rounding moves is nearer: it
+    comes to rest before, and begins anew (docs/compression.md). With all of the rates a scene first
+    loses under its numbers more than it gains.
+    """
+
+    left: float  # at the end of fine-tuning
+    numbers: float  # at the beginning under the packed model's numbers
+    last: float = 0.02  # of these that is left at the end
+
+
+IN_CODEBOOKS, IN_STEPS = Learning(0.3, 0.3), Learning(0.03, 0.2)
+
+
+@dataclass(frozen=True)
 class Recipe:
     """Options of a compression. InputError names the option of a value that cannot be.
 
@@ -89,6 +107,11 @@ class Recipe:
     def in_steps(self) -> bool:
         """True if the model is in steps, False if it is compact."""
         return self.highest > COMPACT_DEGREE
+
+    @property
+    def learning(self) -> Learning:
+        """How learning rates fall, for the model's format."""
+        return IN_STEPS if self.in_steps else IN_CODEBOOKS
 
     @property
     def packing(self) -> dict:

@@ -13,10 +13,6 @@ from splatcore.spec.error import InputError
 Tell = Callable[[str, int, int, float | None], None]
 """Progress callback: activity, steps done, steps in all, mean loss of the last steps."""
 
-LEFT = 0.3
-"""Share of the learning rates left at the end of fine-tuning; they fall by the same share a step.
-Those under a model's numbers begin with it (`compress.quantize`) and go on falling."""
-
 WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
 
@@ -59,10 +55,10 @@ def optimise(
     loss_of: Callable[[], torch.Tensor],
     tell: Tell,
     what: str,
-    left: float = LEFT,
+    left: float,
 ) -> float | None:
-    """`steps` steps of Adam with learning rates that rise, then fall until the share `left`;
-    returns the mean loss lately.
+    """`steps` steps of Adam with learning rates that rise, then fall by the same share a step until
+    the share `left`; returns the mean loss lately.
 
     InputError, saying at which step, if the loss is NaN or infinite: the parameters are not changed
     by it.
@@ -94,8 +90,8 @@ def finetune(
     seed: int,
     tell: Tell,
     what: str,
+    left: float,
     parameters: Callable[[Tensors], tuple[torch.Tensor, ...]] = rendered,
-    left: float = LEFT,
 ) -> float | None:
     """Fit a scene to its targets by `difference`; returns the mean loss of the last steps.
 

@@ -20,7 +20,6 @@ from splatcore.model.gradients import finetune as finetune_module
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.finetune import (
     LAPS,
-    LEFT,
     ROUND,
     difference,
     finetune,
@@ -197,7 +196,7 @@ def test_every_view_is_learned_from(scene, targets, monkeypatch):
 
     monkeypatch.setattr(finetune_module, "render", noted)
     tensors = tensors_of(scene)
-    finetune(tensors, optimizers(tensors, 1.0), targets, len(targets), 0, nothing, "test")
+    finetune(tensors, optimizers(tensors, 1.0), targets, len(targets), 0, nothing, "test", 0.3)
     assert {*seen} == {target.camera for target in targets} and len(seen) == len(targets)
 
 
@@ -218,13 +217,13 @@ def test_a_perfect_picture_moves_nothing():
 def test_finetuning_helps(scene, targets):
     tensors = tensors_of(replace(scene, sh=scene.sh * 0.9))
     before = decibels(scene_of(tensors), targets)
-    finetune(tensors, optimizers(tensors, 1.0), targets, 30, 0, nothing, "test")
+    finetune(tensors, optimizers(tensors, 1.0), targets, 30, 0, nothing, "test", 0.3)
     assert decibels(scene_of(tensors), targets) > before + 1
 
 
 def test_learning_rates_rise_then_fall():
     """From a tenth to the whole in ten steps, and down to the share that is to be left."""
-    for given, left in (((), LEFT), ((0.02,), 0.02)):
+    for left in (0.3, 0.02):
         leaves = {name: torch.zeros(1, requires_grad=True) for name in ("means", "scales")}
         adams = {name: torch.optim.Adam([leaf], lr=2.0) for name, leaf in leaves.items()}
         seen = []
@@ -235,17 +234,17 @@ def test_learning_rates_rise_then_fall():
         def loss(leaves=leaves) -> torch.Tensor:
             return sum(leaf.sum() for leaf in leaves.values())
 
-        optimise(adams, 200, loss, tell, "test", *given)
+        optimise(adams, 200, loss, tell, "test", left)
         rates = np.array(seen)
         assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
         assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
         assert np.allclose(rates[-1], 2 * left, rtol=0.03)
 
 
-def test_learning_goes_on_with_the_rates_that_it_ended_with(
-    scene, targets, checkpoints, monkeypatch
-):
-    """Under the model's numbers they begin where fine-tuning leaves them."""
+@pytest.mark.parametrize(("degree", "wanted"), [(1, (0.3, 0.3)), (2, (0.03, 0.2))])
+def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, degree, wanted):
+    """Under a small model's numbers they begin where fine-tuning leaves them; before those of a
+    model in steps learning comes to rest, and begins again."""
     seen, learn = {}, finetune_module.optimise
 
     def noted(optimizers, steps, loss_of, tell, what, left):
@@ -254,12 +253,13 @@ def test_learning_goes_on_with_the_rates_that_it_ended_with(
         return learn(optimizers, steps, loss_of, tell, what, left)
 
     monkeypatch.setattr(finetune_module, "optimise", noted)
-    list(compress(scene, targets, replace(FIRST, schedule=(0.3,), distill_steps=0), checkpoints))
+    recipe = replace(RECIPE, degree=degree, schedule=(0.3,), distill_steps=0)
+    list(compress(scene, targets, recipe, checkpoints))
     (before, left), (after, last) = seen["prune 0.3"], seen["quantize"]
     for name, rate in before.items():
         changed = 0.2 if name == "means" else 1e-6  # the Gaussians' size has changed a little
-        assert after[name] == pytest.approx(rate * left, rel=changed), name
-    assert last < left < 1
+        assert after[name] == pytest.approx(rate * wanted[1], rel=changed), name
+    assert (left, last) == (wanted[0], 0.02)
 
 
 def test_positions_learn_in_sizes_of_the_gaussians(scene, targets, checkpoints, monkeypatch):

@@ -15,23 +15,34 @@ from splatcore.spec.error import InputError
 from tb.helpers.compression_scene import RECIPE, nothing
 
 
-def test_max_drop(scene, targets, checkpoints, tmp_path):
-    """The loss on what is kept aside is kept, and something was pruned."""
+@pytest.fixture
+def noisy(targets):
+    """Photographs, which are not what the scene draws."""
     rng = np.random.default_rng(0)
-    noisy = []  # photographs are not what the scene draws
+    photographs = []
     for each in targets:
         image = np.clip(each.image + rng.normal(0, 12, each.image.shape), 0, 255)
-        noisy.append(Target(each.camera, image.astype(np.uint8), each.name))
+        photographs.append(Target(each.camera, image.astype(np.uint8), each.name))
+    return photographs
+
+
+def test_max_drop(scene, targets, noisy, checkpoints, tmp_path):
+    """The loss on what is kept aside is kept, and something was pruned."""
     recipe = replace(RECIPE, max_drop=3.0, steps=20, quantize_steps=20)
     *_, step = compress(scene, noisy, recipe, checkpoints)
     aside = noisy[:: compress_module.ASIDE]
     lost = decibels(scene, aside) - decibels(checkpoints.load(step).gaussians(), aside)
     assert lost <= 3.0
     assert any(each.kind == "prune" for each in checkpoints.steps)
-    assert min(each.gaussians for each in checkpoints.steps) < 20, "until rates remove nothing"
     strict, empty = replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", "")
     with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
         list(compress(scene, targets, strict, empty))
+
+
+def test_pruning_ends_where_rates_remove_nothing(scene, noisy, checkpoints):
+    """A drop that any model is within: as few Gaussians stay as the smallest rate can remove of."""
+    recipe = replace(RECIPE, degree=1, max_drop=60.0, steps=1, quantize_steps=1, distill_steps=0)
+    assert min(step.gaussians for step in compress(scene, noisy, recipe, checkpoints)) < 5
 
 
 def test_what_is_kept_aside_is_not_learned_from(scene, targets, checkpoints, monkeypatch):

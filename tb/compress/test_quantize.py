@@ -119,7 +119,7 @@ def test_codebooks_learn(scene, targets):
     wrong = error(work.rendered(work.tensors), targets)
     leaves, rates = work.leaves()
     adams = optimizers(leaves, 1.0, RATES | rates)
-    finetune(work.tensors, adams, targets, 40, 0, nothing, "x", work.rendered)
+    finetune(work.tensors, adams, targets, 40, 0, nothing, "x", 0.3, work.rendered)
     after = work.colour.codebook()
     assert any((a != b).any() for a, b in zip(before, after.entries, strict=True))
     assert all(np.array_equal(entries, np.rint(entries)) for entries in after.entries)
@@ -140,7 +140,7 @@ def test_gaussians_take_nearer_entries(scene, targets, quality):
     harmonics = {name: leaves[name] for name in ("sh0", "shN")}
     adams = optimizers(harmonics, 1.0, REFINING | rates)
     for _ in range(3):
-        finetune(work.tensors, adams, targets, 20, 0, nothing, "x", work.rendered)
+        finetune(work.tensors, adams, targets, 20, 0, nothing, "x", 0.3, work.rendered)
         work.refresh()
     assert error(work.rendered(work.tensors), targets) < 0.96 * before
     assert all((a != b).any() for a, b in zip(given, work.colour.index, strict=True))
@@ -155,7 +155,7 @@ def test_harmonics_in_steps_learn(scene, targets):
     leaves, rates = work.leaves()
     harmonics = {name: leaves[name] for name in ("sh0", "shN")}
     adams = optimizers(harmonics, 1.0, REFINING | rates)
-    finetune(work.tensors, adams, targets, 30, 0, nothing, "x", work.rendered)
+    finetune(work.tensors, adams, targets, 30, 0, nothing, "x", 0.3, work.rendered)
     assert error(work.rendered(work.tensors), targets) < 0.7 * before
     work.refresh()
     assert np.allclose(*compared(work), rtol=1e-6, atol=1e-7)
