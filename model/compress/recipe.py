@@ -24,9 +24,9 @@ class Learning:
     """Learning rates of a compression, as shares of those with which fine-tuning begins.
 
     A model in codebooks goes on to learn under its numbers with the rates that fine-tuning ended
-    with. In steps each Gaussian has harmonics of its own, and what rounding moves is nearer: it
-    comes to rest before, and begins anew (docs/compression.md). With all of the rates a scene first
-    loses under its numbers more than it gains.
+    with. In a model in steps rounding moves less: its fine-tuning comes to rest first, and learning
+    under its numbers begins with higher rates again, but not with all of them, by which a scene
+    loses more than it gains (docs/compression.md).
     """
 
     left: float  # at the end of fine-tuning
