@@ -31,15 +31,17 @@ def teacher_views(
     """`count` views to learn from: from all round, or on the path of `cameras` and never where one
     of them is, `beside` of them off it.
 
-    Few harmonics cannot be right from everywhere: what is learned is best where the views are.
+    Few harmonics cannot be right from everywhere: what is learned is best where the views are. Off
+    the path more of them are far off, where a view has fewer others round it.
     """
     if not cameras:
         return surrounding_views(gaussians, count, *size, seed)
     given, middle = [camera.resized(*size) for camera in cameras], core_of(gaussians).middle
     off, views = round(beside * count), []
-    for number, rise, nearer in ((count - off, RISE, NEARER), (off, ASIDE, FARTHER)):
-        if number:
-            views += orbiting_views(given, middle, number, rise, nearer, seed)
+    if count != off:
+        views += orbiting_views(given, middle, count - off, RISE, NEARER, seed)
+    if off:
+        views += orbiting_views(given, middle, off, ASIDE, FARTHER, seed, outward=True)
     return views
 
 

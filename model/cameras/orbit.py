@@ -25,10 +25,18 @@ BESIDE = {
 
 
 def orbiting_views(
-    cameras: list[Camera], middle: np.ndarray, count: int, rise: float, nearer: float, seed: int = 0
+    cameras: list[Camera],
+    middle: np.ndarray,
+    count: int,
+    rise: float,
+    nearer: float,
+    seed: int = 0,
+    outward: bool = False,
 ) -> list[Camera]:
     """`count` views: the cameras in turn, turned about the upright line through what they look at
     together, raised by up to ±`rise` radians, at 1/`nearer` … `nearer` times their distance.
+
+    Rises are drawn evenly, or with `outward` more densely the larger they are.
 
     What the cameras look at is the point nearest to their axes; `middle` [3] is where on its axis a
     single camera looks. No view looks within GAP of where a camera does (less where cameras leave
@@ -50,7 +58,10 @@ def orbiting_views(
     while len(tried) < TRIES * count:
         camera = cameras[number % len(cameras)]
         turn = Rotation.from_rotvec(rng.uniform(0, 2 * np.pi) * up)
-        turn *= Rotation.from_rotvec(rng.uniform(-rise, rise) * camera.rotation[0])
+        raised = rng.uniform(-rise, rise)
+        if outward:
+            raised = np.copysign(np.sqrt(rise * abs(raised)), raised)
+        turn *= Rotation.from_rotvec(raised * camera.rotation[0])
         view = moved(camera, centre, turn.as_matrix(), nearer ** rng.uniform(-1, 1))
         gap = GAP * 0.5 ** (number // (4 * TRIES * count))
         if (ahead @ view.rotation[2] < np.cos(gap)).all():

@@ -24,7 +24,7 @@ from splatcore.model.compress.significance import significance
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
-from splatcore.model.gradients.finetune import ROUND, Tell, finetune
+from splatcore.model.gradients.finetune import Tell, finetune
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, Config
@@ -32,7 +32,10 @@ from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
-ASIDE = 7  # one view of so many is kept aside where a PSNR or a loss is asked for
+ASIDE, ASIDE_MOST = 7, 24
+"""One view of so many is kept aside where a PSNR or a loss is asked for, and at most so many."""
+
+FITTED = 96  # views, at most, by which harmonics that go are fitted
 
 PRUNING_SHARE = 0.6
 """Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
@@ -165,7 +168,7 @@ class Compression:
         name = f"distill {degree}"
 
         def make() -> tuple[Scene, float | None]:
-            cameras = spread(self.cameras, ROUND)
+            cameras = spread(self.cameras, FITTED)
             student, loss = distill(
                 scene, degree, cameras, self.extent, self.recipe, self.tell, name
             )
@@ -231,7 +234,7 @@ class Compression:
 
     def keep_aside(self) -> tuple[Target, ...]:
         """Views by which models are judged, some of those that are not learned from any more."""
-        aside = spread(self.targets[::ASIDE], ROUND // 4)
+        aside = spread(self.targets[::ASIDE], ASIDE_MOST)
         self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
         if not self.targets:
             raise InputError("one picture to learn from is too few: another is to be kept aside")

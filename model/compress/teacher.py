@@ -6,19 +6,23 @@ from functools import lru_cache
 
 import numpy as np
 import torch
+import zstandard
 
 from splatcore.model.cameras.capture import teacher_views
 from splatcore.model.compress.prune import sound
 from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.finetune import ROUND
 from splatcore.model.gradients.trainable import rendered, tensors_of
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
 Cameras = Sequence[Camera]
 
-REMEMBERED = 128
-"""Pictures of a scene that stay in memory: those of a round of views (`finetune.ROUND`), and those
-by which scenes are compared."""
+REMEMBERED = ROUND + 32
+"""Pictures of a scene that stay in memory: those of a round of views, and those by which scenes are
+compared."""
+
+LEVEL = 1  # of zstd: a picture of 1920×1080 in 10 ms; 3 takes as many bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +58,25 @@ def pictures(scene: Scene, cameras: Cameras) -> tuple[OwnPicture, ...]:
 
     @lru_cache(REMEMBERED)
     @torch.no_grad()
-    def see(camera: Camera) -> np.ndarray:
+    def kept(camera: Camera) -> bytes:
         image = render(*parameters, camera).image.clamp(0, 1) * 255
-        return image.round().to(torch.uint8).cpu().numpy()
+        return packed_picture(image.round().to(torch.uint8).cpu().numpy())
+
+    def see(camera: Camera) -> np.ndarray:
+        return unpacked_picture(kept(camera), camera)
 
     return tuple(OwnPicture(camera, see) for camera in cameras)
+
+
+def packed_picture(image: np.ndarray) -> bytes:
+    """A picture (uint8 [H, W, 3]) in about half its bytes or less, without loss: colour by colour
+    each pixel less the one on its left, in zstd."""
+    steps = np.diff(np.moveaxis(image, 2, 0), axis=2, prepend=np.uint8(0))
+    return zstandard.compress(steps.tobytes(), LEVEL)
+
+
+def unpacked_picture(data: bytes, camera: Camera) -> np.ndarray:
+    """The picture of `packed_picture`, of the camera's size."""
+    steps = np.frombuffer(zstandard.decompress(data), np.uint8)
+    steps = steps.reshape(3, camera.height, camera.width)
+    return np.ascontiguousarray(np.moveaxis(np.cumsum(steps, axis=2, dtype=np.uint8), 0, 2))

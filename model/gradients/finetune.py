@@ -16,9 +16,10 @@ Tell = Callable[[str, int, int, float | None], None]
 WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
 
-ROUND, LAPS = 96, 4
+ROUND, LAPS = 512, 4
 """Views of a round of fine-tuning, at most, and how often each is seen before the next round: what
-renders its own pictures renders each once for all laps, and keeps those of a round only."""
+renders its own pictures renders each once for all laps, and keeps those of a round only. Views come
+again late: of rounds of 96 the last ones are learned, and the first ones forgotten."""
 
 FLOOR = 1e-10  # of the mean squared error, at whose root the gradient would be infinite
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from splatcore.golden.reference import render
 from splatcore.model.cameras.capture import NEARER, teacher_views
@@ -13,7 +14,12 @@ from splatcore.model.compress import teacher as teacher_module
 from splatcore.model.compress.compress import decibels
 from splatcore.model.compress.distill import degrees, distill, projected
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.teacher import pictures, teacher_targets
+from splatcore.model.compress.teacher import (
+    packed_picture,
+    pictures,
+    teacher_targets,
+    unpacked_picture,
+)
 from splatcore.model.gradients.differentiable import render as torch_render
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
@@ -125,15 +131,34 @@ def test_on_the_path_of_cameras(garden):
 
 
 def test_beside_the_path(garden):
-    """A share of the views, the last ones, is up to 15° off it and 25 % nearer or farther."""
+    """A share of the views, the last ones, is up to 15° off it, few by less than a quarter of that,
+    and 25 % nearer or farther."""
+
+    def deviations(count: int, beside: float) -> tuple[np.ndarray, np.ndarray]:
+        views = teacher_views(garden.gaussians(), count, SMALL, 0, cameras, beside)
+        away = np.array([view.position for view in views]) - [0, -0.3, 0]
+        far = np.linalg.norm(away, axis=1)
+        rise = np.arcsin(-away[:, 1] / far) - np.arctan2(0.9, 3)
+        return abs(np.degrees(rise)), abs(far / np.hypot(3, 0.9) - 1)
+
     eyes = [np.array([3 * np.sin(a), -1.2, 3 * np.cos(a)]) for a in (0.0, 1.5, 3.0, 4.5)]
     cameras = [look_at(eye, [0, -0.3, 0], 480, 240, 400.0) for eye in eyes]
-    views = teacher_views(garden.gaussians(), 20, SMALL, 0, cameras, 0.4)
-    away = np.array([view.position for view in views]) - [0, -0.3, 0]
-    far = np.linalg.norm(away, axis=1) / np.hypot(3, 0.9)
-    rise = np.degrees(np.arcsin(-away[:, 1] / np.linalg.norm(away, axis=1)) - np.arctan2(0.9, 3))
-    assert len(views) == 20 and abs(rise[:12]).max() < 3.1 and abs(far[:12] - 1).max() < 0.06
-    assert 6 < abs(rise[12:]).max() < 15.1 and 0.1 < abs(far[12:] - 1).max() < 0.26
+    rise, far = deviations(20, 0.4)
+    assert len(rise) == 20 and rise[:12].max() < 3.1 and far[:12].max() < 0.06
+    assert 6 < rise[12:].max() < 15.1 and 0.1 < far[12:].max() < 0.26
+    assert np.mean(deviations(60, 1.0)[0] < 15 / 4) < 0.1
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 3), (64, 48)])
+def test_kept_pictures(size):
+    """Every bit comes back, and a smooth picture takes less than half its bytes."""
+    camera = look_at([0, 0, -3], [0, 0, 0], *size, 50.0)
+    random = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), np.uint8)
+    smooth = np.add.outer(np.arange(size[1]), np.arange(size[0]))[..., None] * [1, 2, 3]
+    for image in (random, smooth.astype(np.uint8)):
+        data = packed_picture(image)
+        assert np.array_equal(unpacked_picture(data, camera), image)
+    assert size != (64, 48) or 2 * len(data) < image.nbytes
 
 
 def test_pictures_are_the_scenes_own(garden):

@@ -76,6 +76,24 @@ def test_rise_and_distance():
     assert -0.205 < lifted.min() < -0.15 and 0.15 < lifted.max() < 0.205
 
 
+def test_outward():
+    """Fewer views near the cameras' own rise than where rises are even, in the same bounds."""
+
+    def rises(outward: bool) -> np.ndarray:
+        views = [
+            view
+            for seed in range(4)
+            for view in orbiting_views(ring(3), CENTRE, 60, 0.2, 1.25, seed, outward)
+        ]
+        away = np.array([view.position for view in views]) - CENTRE
+        lifted = np.arcsin(-away[:, 1] / np.linalg.norm(away, axis=1))
+        return np.abs(lifted - np.arctan2(HEIGHT, RADIUS))
+
+    even, outward = rises(False), rises(True)
+    assert np.mean(outward < 0.05) < 0.05 < 0.08 < np.mean(even < 0.05)
+    assert 0.195 < outward.max() < 0.205
+
+
 def test_beside_the_path():
     """Every camera once in each way: so far off about what they look at, up and down in turns, or
     at another distance."""
