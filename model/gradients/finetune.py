@@ -16,26 +16,22 @@ Tell = Callable[[str, int, int, float | None], None]
 WARM_UP = 10
 """Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
 
-ROUND, LAPS = 512, 4
-"""Views of a round of fine-tuning, at most, and how often each is seen before the next round: what
-renders its own pictures renders each once for all laps, and keeps those of a round only. Views come
-again late: of rounds of 96 the last ones are learned, and the first ones forgotten."""
+LAPS = 4  # over the views, after which these are shuffled from a new order
 
 FLOOR = 1e-10  # of the mean squared error, at whose root the gradient would be infinite
 
 SMOOTHING = 0.95  # weight of the past in the moving average of the loss
 
 
-def views_in_turn(targets: Sequence, seed: int, most: int | None = None) -> Iterator:
-    """The targets in random order, the same for the same seed: all of a round before one of it
-    comes again, and all rounds before one comes again. A round has at most so many, or all."""
+def views_in_turn(targets: Sequence, seed: int) -> Iterator:
+    """The targets in random order, the same for the same seed: all before one of them comes
+    again; of views that came again and again the last would be learned, the first forgotten."""
     rng = np.random.default_rng(seed)
     while True:
         order = rng.permutation(len(targets))
-        for some in np.array_split(order, -(-len(order) // (most or len(order)))):
-            for _ in range(LAPS):
-                for index in rng.permutation(some):
-                    yield targets[index]
+        for _ in range(LAPS):
+            for index in rng.permutation(order):
+                yield targets[index]
 
 
 def as_tensor(image: np.ndarray, like: torch.Tensor) -> torch.Tensor:
@@ -98,7 +94,7 @@ def finetune(
 
     `parameters` makes of the tensors what is rendered; `left` is that of `optimise`.
     """
-    views = views_in_turn(targets, seed, ROUND)
+    views = views_in_turn(targets, seed)
 
     def loss_of() -> torch.Tensor:
         target = next(views)
