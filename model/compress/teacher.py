@@ -68,8 +68,8 @@ def pictures(scene: Scene, cameras: Cameras) -> tuple[OwnPicture, ...]:
 
 
 def packed_picture(image: np.ndarray) -> bytes:
-    """A picture (uint8 [H, W, 3]) in half its bytes or less, without loss: red and blue less green,
-    each pixel less the one on its left, each row less the one above, in zstd."""
+    """A picture (uint8 [H, W, 3]) without loss, a smooth one in half its bytes or less: red and
+    blue less green, each pixel less the one on its left, each row less the one above, in zstd."""
     planes = np.moveaxis(image, 2, 0).copy()
     planes[::2] -= planes[1]
     for axis in (2, 1):
