@@ -2,7 +2,7 @@
 
 `steps.json` says what is computed (the key) and what was chosen, and lists the steps; each has a
 file of its own beside it: a scene (.npz with the fields of `Scene` as float32) or a packed model
-(.splatcore).
+(.splatcore). A step that is not finished may keep its state there (.pt).
 """
 
 import json
@@ -73,6 +73,11 @@ class Checkpoints:
     def last(self) -> Step | None:
         return self.steps[-1] if self.steps else None
 
+    @property
+    def unfinished(self) -> Path:
+        """Where the step after the last one may keep its state; removed when that step is kept."""
+        return self.folder / f"{len(self.steps):02}-unfinished.pt"
+
     def find(self, name: str) -> Step | None:
         """The step of that name, if there is one."""
         return next((step for step in self.steps if step.name == name), None)
@@ -119,6 +124,7 @@ class Checkpoints:
                 np.savez(part, name=result.name, **arrays)
             os.replace(part, self.folder / step.file)
             self._write((*self.steps, step))
+            self.unfinished.unlink(missing_ok=True)
         self.steps += (step,)
         return step
 

@@ -89,6 +89,9 @@ class InCodebooks(Quantised):
         colours = colours_beside(self.harmonics, scene, self.seen)
         self.colour.assign(colours, pairwise_distances_argmin)
 
+    def taken(self) -> list[torch.Tensor]:
+        return super().taken() + self.colour.index + self.harmonics.index
+
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
         """Those of the entries; gradients go to the entries and to the Gaussian's own alike."""
         sh = [((self.colour.decode() - COLOUR_OFFSET) / SH_C0)[:, None]]

@@ -25,6 +25,7 @@ from splatcore.model.compress.steps import InSteps
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.finetune import Tell, finetune
+from splatcore.model.gradients.unfinished import Unfinished
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, Config
@@ -157,7 +158,10 @@ class Compression:
             adams = trainable.refining(tensors, recipe.rate)
             steps, seed = round(share * recipe.steps), recipe.seed
             left = recipe.learning.left
-            loss = finetune(tensors, adams, self.targets, steps, seed, self.tell, name, left)
+            loss = finetune(
+                tensors, adams, self.targets, steps, seed, self.tell, name, left,
+                kept=Unfinished(self.checkpoints.unfinished),
+            )  # fmt: skip
             learned = sound(trainable.scene_of(tensors, scene.name))
             return best_looking((smaller, learned), self.targets), loss
 
@@ -170,8 +174,9 @@ class Compression:
         def make() -> tuple[Scene, float | None]:
             cameras = spread(self.cameras, FITTED)
             student, loss = distill(
-                scene, degree, cameras, self.extent, self.recipe, self.tell, name
-            )
+                scene, degree, cameras, self.extent, self.recipe, self.tell, name,
+                Unfinished(self.checkpoints.unfinished),
+            )  # fmt: skip
             return sound(trainable.scene_of(student, scene.name)), loss
 
         return self.step(name, "distill", make)
@@ -210,7 +215,7 @@ class Compression:
         adams = trainable.refining(leaves, learning.numbers * recipe.rate, rates)
         loss = finetune(
             work.tensors, adams, self.targets, recipe.quantize_steps, recipe.seed + 1, tell, name,
-            learning.last, work.rendered,
+            learning.last, work.rendered, Unfinished(self.checkpoints.unfinished, work.taken),
         )  # fmt: skip
         return best_looking((first, work.packed(scene.name)), self.targets), loss
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import Tell, difference, optimise, views_in_turn
 from splatcore.model.gradients.rendering_points import basis_of
+from splatcore.model.gradients.unfinished import Unfinished
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import Scene, sh_count
@@ -28,11 +30,19 @@ PULL = 0.1  # weight of the coefficients as they were in the least squares, over
 
 
 def distill(
-    scene: Scene, degree: int, cameras: Views, extent: float, recipe: Recipe, tell: Tell, what: str
+    scene: Scene,
+    degree: int,
+    cameras: Views,
+    extent: float,
+    recipe: Recipe,
+    tell: Tell,
+    what: str,
+    kept: Unfinished | None = None,
 ) -> tuple[trainable.Tensors, float | None]:
     """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
 
-    `extent` is that of the cameras, scene units. Learning rates are the recipe's share of REFINING.
+    `extent` is that of the cameras, scene units. Learning rates are the recipe's share of REFINING;
+    `kept` is that of `optimise`.
 
     It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
     views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
@@ -42,18 +52,19 @@ def distill(
         teacher = [tensor.detach() for tensor in trainable.rendered(trainable.tensors_of(scene))]
     student = trainable.tensors_of(projected(scene, degree, cameras))
     rng = np.random.default_rng(recipe.seed)
-    views = views_in_turn(cameras, recipe.seed)
+    views = [
+        perturbed(camera, MOVE * extent, TURN, rng) if rng.random() < PERTURBED else camera
+        for camera in islice(views_in_turn(cameras, recipe.seed), recipe.distill_steps)
+    ]
 
-    def loss_of() -> torch.Tensor:
-        camera = next(views)
-        if rng.random() < PERTURBED:
-            camera = perturbed(camera, MOVE * extent, TURN, rng)
+    def loss_of(step: int) -> torch.Tensor:
         with torch.no_grad():
-            wanted = render(*teacher, camera).image.clamp(0, 1)
-        return difference(render(*trainable.rendered(student), camera).image, wanted)
+            wanted = render(*teacher, views[step]).image.clamp(0, 1)
+        return difference(render(*trainable.rendered(student), views[step]).image, wanted)
 
     adams = trainable.refining(student, SHARE * recipe.rate)
-    loss = optimise(adams, recipe.distill_steps, loss_of, tell, what, recipe.learning.left)
+    left = recipe.learning.left
+    loss = optimise(adams, recipe.distill_steps, loss_of, tell, what, left, kept)
     return student, loss
 
 

@@ -88,7 +88,7 @@ class Quantised(ABC):
     format: ModelFormat = field(init=False)
     position_error: torch.Tensor = field(init=False)  # [N, 3] stored − optimised, scene units
     stored: torch.Tensor = field(init=False)  # [N] 1, and 0 for Gaussians that packing drops
-    factor_exponent: int = field(init=False)
+    unit: torch.Tensor = field(init=False)  # that of L, scene units
 
     def __post_init__(self):
         degree = isqrt(1 + self.tensors["shN"].shape[1]) - 1
@@ -108,16 +108,20 @@ class Quantised(ABC):
         self.position_error = means.new_tensor(position - scene.position)
         self.stored = means.new_tensor(np.isin(np.arange(len(scene)), order))
         largest = float(lower_factor(self.tensors).abs().max())
-        self.factor_exponent = factor_exponent(self.config, self.format, largest)
+        exponent = factor_exponent(self.config, self.format, largest)
+        self.unit = means.new_tensor(2.0**exponent)
         self.refresh_colours(scene, order)
+
+    def taken(self) -> list[torch.Tensor]:
+        """What `refresh` took: with the leaves all that decides on what is rendered."""
+        return [self.position_error, self.stored, self.unit]
 
     def rendered(self, tensors: Tensors) -> tuple[torch.Tensor, ...]:
         """Position, L, opacity and harmonics as the machine reads them."""
         position = tensors["means"] + self.position_error
-        unit = 2.0**self.factor_exponent
-        factor = lower_factor(tensors) / unit
+        factor = lower_factor(tensors) / self.unit
         factor = round_shared(factor) if self.format.small else round_float(factor, FACTOR)
-        factor = factor * unit
+        factor = factor * self.unit
         opacity = torch.sigmoid(tensors["opacities"])
         steps = self.format.stored_record["opacity"]
         opacity = torch.exp2(-round_fixed(-torch.log2(opacity), steps)) * self.stored

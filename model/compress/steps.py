@@ -50,6 +50,9 @@ class InSteps(Quantised):
             for grid in grids(steps, len(factors), order, len(scene))
         ]
 
+    def taken(self) -> list[torch.Tensor]:
+        return super().taken() + [each for grid in self.grids for each in vars(grid).values()]
+
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
         """In float64, as packing rounds."""
         sh = torch.cat([tensors["sh0"], tensors["shN"]], dim=1)

@@ -1,6 +1,7 @@
 """Fine-tuning: Adam on the parameters of a scene until its pictures are those it should have."""
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 import torch
@@ -8,6 +9,7 @@ import torch
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.trainable import Optimizers, Tensors, rendered
+from splatcore.model.gradients.unfinished import KEEP_EVERY, Unfinished
 from splatcore.spec.error import InputError
 
 Tell = Callable[[str, int, int, float | None], None]
@@ -49,22 +51,23 @@ def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
 def optimise(
     optimizers: Optimizers,
     steps: int,
-    loss_of: Callable[[], torch.Tensor],
+    loss_of: Callable[[int], torch.Tensor],
     tell: Tell,
     what: str,
     left: float,
+    kept: Unfinished | None = None,
 ) -> float | None:
     """`steps` steps of Adam with learning rates that rise, then fall by the same share a step until
     the share `left`; returns the mean loss lately.
 
-    InputError, saying at which step, if the loss is NaN or infinite: the parameters are not changed
-    by it.
+    `loss_of` a step is its loss. Goes on after the steps that `kept` has a state of. InputError,
+    saying at which step, if the loss is NaN or infinite: the parameters are not changed by it.
     """
-    mean = None
     falling = left ** (1 / max(steps, 1))
     full = {name: optimizer.param_groups[0]["lr"] for name, optimizer in optimizers.items()}
-    for step in range(steps):
-        loss = loss_of()
+    done, mean = kept.load(optimizers) if kept else (0, None)
+    for step in range(done, steps):
+        loss = loss_of(step)
         value = float(loss.detach())
         if not np.isfinite(value):
             raise InputError(f"{what}: the loss is {value} at step {step + 1} of {steps}")
@@ -76,6 +79,8 @@ def optimise(
             optimizer.zero_grad(set_to_none=True)
         mean = value if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * value
         tell(what, step + 1, steps, mean)
+        if kept and (step + 1) % KEEP_EVERY == 0:
+            kept.save(optimizers, step + 1, mean)
     return mean
 
 
@@ -89,16 +94,16 @@ def finetune(
     what: str,
     left: float,
     parameters: Callable[[Tensors], tuple[torch.Tensor, ...]] = rendered,
+    kept: Unfinished | None = None,
 ) -> float | None:
     """Fit a scene to its targets by `difference`; returns the mean loss of the last steps.
 
-    `parameters` makes of the tensors what is rendered; `left` is that of `optimise`.
+    `parameters` makes of the tensors what is rendered; `left` and `kept` are those of `optimise`.
     """
-    views = views_in_turn(targets, seed)
+    views = list(islice(views_in_turn(targets, seed), steps))
 
-    def loss_of() -> torch.Tensor:
-        target = next(views)
-        picture = render(*parameters(tensors), target.camera).image
-        return difference(picture, as_tensor(target.image, picture))
+    def loss_of(step: int) -> torch.Tensor:
+        picture = render(*parameters(tensors), views[step].camera).image
+        return difference(picture, as_tensor(views[step].image, picture))
 
-    return optimise(optimizers, steps, loss_of, tell, what, left)
+    return optimise(optimizers, steps, loss_of, tell, what, left, kept)

@@ -225,7 +225,7 @@ def test_learning_rates_rise_then_fall():
         def tell(*_, adams=adams, seen=seen):
             seen.append([adam.param_groups[0]["lr"] for adam in adams.values()])
 
-        def loss(leaves=leaves) -> torch.Tensor:
+        def loss(_, leaves=leaves) -> torch.Tensor:
             return sum(leaf.sum() for leaf in leaves.values())
 
         optimise(adams, 200, loss, tell, "test", left)
@@ -241,10 +241,10 @@ def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, 
     model in steps learning comes to rest, and begins again."""
     seen, learn = {}, finetune_module.optimise
 
-    def noted(optimizers, steps, loss_of, tell, what, left):
+    def noted(optimizers, steps, loss_of, tell, what, left, kept):
         rates = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
         seen[what] = rates, left
-        return learn(optimizers, steps, loss_of, tell, what, left)
+        return learn(optimizers, steps, loss_of, tell, what, left, kept)
 
     monkeypatch.setattr(finetune_module, "optimise", noted)
     recipe = replace(RECIPE, degree=degree, schedule=(0.3,), distill_steps=0)

@@ -50,9 +50,9 @@ def test_what_is_kept_aside_is_not_learned_from(scene, targets, checkpoints, mon
     seen = set()
     right = compress_module.finetune
 
-    def noted(tensors, optimizers, targets, *rest):
+    def noted(tensors, optimizers, targets, *rest, **more):
         seen.update(target.name for target in targets)
-        return right(tensors, optimizers, targets, *rest)
+        return right(tensors, optimizers, targets, *rest, **more)
 
     monkeypatch.setattr(compress_module, "finetune", noted)
     steps = list(compress(scene, targets, replace(RECIPE, degree=1, max_drop=30.0), checkpoints))
