@@ -3,6 +3,7 @@ of the scene and frames a second; contact sheets."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from operator import itemgetter
 from pathlib import Path
 
 import matplotlib
@@ -27,8 +28,10 @@ AGAINST = {
 """Value that is drawn of a scene, axis, and the bound: at least this ratio and this many dB."""
 
 
+ratio_of = itemgetter("ratio")
+
 ACROSS: dict[str, Callable[[dict], float]] = {
-    "smaller than the float32 PLY, times; a cross is packing alone": lambda point: point["ratio"],
+    "smaller than the float32 PLY, times; a cross is packing alone": ratio_of,
     "bytes for each Gaussian of the scene": lambda point: point["bytes_each"],
     "frames a second at 800 MHz, by the cycle model": lambda point: point["work"]["fps_at_800mhz"],
 }
@@ -39,11 +42,11 @@ def write_curve(path: Path, scenes: dict[str, dict]):
     """Loss of all scenes along each of `ACROSS`, a row for each kind of truth; nothing without
     points.
 
-    A cross is packing alone; a grey corner marks the bound.
+    Lines go from ratio to ratio. A cross is packing alone; a grey corner marks the bound.
     """
     rows = {
         against: {
-            name: [point for point in scene["curve"]["points"] if point["ratio"]]
+            name: sorted(filter(ratio_of, scene["curve"]["points"]), key=ratio_of)
             for name, scene in scenes.items()
             if "curve" in scene and scene["against"] == against
         }
@@ -74,7 +77,7 @@ def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]], across: str)
     value, label, _, _ = AGAINST[against]
     of = ACROSS[across]
     for k, (name, points) in enumerate(scenes.items()):
-        drawn = sorted((of(p), p[value]) for p in points if p[value] is not None)
+        drawn = [(of(p), p[value]) for p in points if p[value] is not None]
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         axes.plot(*zip(*drawn, strict=True), color=colour, marker=marker, label=name)
         alone = [(of(p), p[value]) for p in points if p["target_ratio"] is None]
