@@ -45,7 +45,7 @@ LEARNED = 2.0
 
 STEPS_LEARN = 1.2
 """dB that a model in steps learns more than one in codebooks of as many bytes, where harmonics are
-worth something (skull and leica-sofort at 30 to 80 times; docs/compression.md)."""
+worth something (skull and leica-sofort at 40 to 80 times; docs/compression.md)."""
 
 REACHED = 6.0
 """dB that a compact model of all Gaussians may gain by fine-tuning, at most."""
