@@ -72,7 +72,7 @@ def factor(config: Config, parts: Parts, power: np.ndarray) -> np.ndarray:
 def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarray:
     """`OUTLINE` of splats with the codes [N] of a `splat_record`, on an image of that size.
 
-    A splat whose box is beside the image has no rows.
+    A splat whose box is outside of the image, or that has no extent, has no rows.
     """
     part = {name: take_apart(config.arithmetic, codes[name]) for name in codes}
     square = config.tile_test == "3sigma"
@@ -85,7 +85,10 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarra
     first, last = np.where(y["vast"], 0, first), np.where(y["vast"], (height - 1) // TILE, last)
     found["between"] = first > last  # one row is looked at
     found["first"] = first
-    found["last"] = np.where(x["seen"] & y["seen"], np.maximum(first, last), first - 1)
+    seen = x["seen"] & y["seen"]
+    if config.compensates:  # an opacity below 1/255 makes the square of the extent negative
+        seen = seen & ~part["half_width"].negative.astype(bool)
+    found["last"] = np.where(seen, np.maximum(first, last), first - 1)
     found["box"] = y["vast"] | square
     if not square:
         add_ellipse(config, part, found)

@@ -45,9 +45,8 @@ class Points:
 
 def project_points(config: Config, model: PackedModel, camera: Camera) -> Points:
     """Stages 0 and 1 on a whole model."""
-    frame = frame_constants(
-        config, camera, model.value("position_exponent"), model.value("factor_exponent")
-    )
+    exponents = model.value("position_exponent"), model.value("factor_exponent")
+    frame = frame_constants(config, camera, *exponents, model.antialiased)
     chunks, read = chunk(config, frame, model)
     points = np.flatnonzero(read[np.arange(len(model)) // CHUNK])
     found = in_batches(lambda b: _batch(config, frame, model, chunks, points[b]), len(points))

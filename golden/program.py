@@ -4,11 +4,11 @@ from itertools import groupby
 
 import numpy as np
 
+from splatcore.golden import compensation
 from splatcore.golden.pe import ABSENT, evaluate, rounding
 from splatcore.golden.unary import reciprocal, rsqrt
 from splatcore.spec.config import Config
-from splatcore.spec.microprogram import Program, Step
-from splatcore.spec.number import Float
+from splatcore.spec.microprogram import COMPENSATION_UNITS, Program, Step
 
 Values = dict[str, np.ndarray | float]
 """Float64 values that `Config.arithmetic` holds, by name: [N], or one number for a constant."""
@@ -30,7 +30,7 @@ def run(config: Config, program: Program, inputs: Values) -> Values:
             continue
         for step in steps:
             operands = [values[number[name]] for name in step.operands]
-            values[number[step.name]] = _other(config.arithmetic, step.unit, *operands)
+            values[number[step.name]] = _other(config, step.unit, *operands)
     return found | {step.name: values[number[step.name]] for step in program.steps}
 
 
@@ -40,10 +40,14 @@ def _numbered(steps: list[Step], number: dict[str, int]) -> np.ndarray:
     return np.array([[absent[n] for n in (s.name, s.a, s.b, s.c)] + [s.negate] for s in steps])
 
 
-def _other(format: Float, unit: str, a: np.ndarray, b: np.ndarray | None = None) -> np.ndarray:
+def _other(config: Config, unit: str, a: np.ndarray, *others: np.ndarray) -> np.ndarray:
     """A step that no PE makes."""
     if unit == "clamp":
-        return np.clip(a, -b, b)
+        (limit,) = others
+        return np.clip(a, -limit, limit)
     if unit == "maximum":
-        return np.maximum(a, b)
+        return np.maximum(a, *others)
+    if unit in COMPENSATION_UNITS:
+        return getattr(compensation, unit)(config, a, *others)
+    format = config.arithmetic
     return format.decode(UNARY[unit](format, format.encode(a)))

@@ -6,6 +6,7 @@ import numpy as np
 
 from splatcore.golden.colour import codebook_sums, colours
 from splatcore.golden.program import Values, run
+from splatcore.spec.compensation import ATTENUATIONS
 from splatcore.spec.config import Config
 from splatcore.spec.frame import FrameConstants
 from splatcore.spec.microprogram import projection
@@ -19,7 +20,8 @@ def attributes(config: Config, model: PackedModel, index: np.ndarray) -> Values:
     L in units of 2^factor_exponent, the attenuation in steps of `spec.memory.OPACITY`.
     """
     record, codes = model.format.attribute_record, model.attributes
-    fields: Values = {"attenuation": codes["opacity"][index].astype(np.float64)}
+    steps = codes["opacity"][index].astype(np.float64)
+    fields: Values = {name: steps for name in ATTENUATIONS}
     for row in range(3):
         for name in (f"l{row}{k}" for k in range(row + 1)):
             fields[name] = config.arithmetic.round(record[name].decode(codes[name][index]))
@@ -34,9 +36,10 @@ def project(
     `points` are their camera coordinates x, y, z and their rays.
     """
     fields = frame.constants | points | attributes(config, model, index)
+    machine = replace(config, antialiasing=model.antialiased)  # the same bits, found sooner
     if config.colours == "beside":
-        return run(config, projection(config), fields) | colours(config, model, points, index)
-    steps = projection(replace(config, sh_degree=model.format.sh_degree))
+        return run(config, projection(machine), fields) | colours(config, model, points, index)
+    steps = projection(replace(machine, sh_degree=model.format.sh_degree))
     return run(config, steps, fields | look_up(config, model, index))
 
 

@@ -33,7 +33,7 @@ class Splats:
     depth: np.ndarray  # [M] camera z, scene units
     covariance: np.ndarray  # [M, 3] xx, xy, yy with the blur added, square pixels
     conic: np.ndarray  # [M, 3] inverse covariance A, B, C: Q = A·dx² + 2·B·dx·dy + C·dy²
-    opacity: np.ndarray  # [M]
+    opacity: np.ndarray  # [M] compensated for the blur if the Gaussians are `antialiased`
     reach: np.ndarray  # [M] largest Q at which alpha ≥ alpha_min: 2·ln(opacity / alpha_min)
     colour: np.ndarray  # [M, 3] RGB ≥ 0
 
@@ -126,9 +126,13 @@ def project(
     centre = point[:, :2] / depth[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     centre -= convention.principal_point_shift + convention.pixel_centre
     with np.errstate(all="ignore"):  # what overflows is counted as not finite just below
-        covariance, conic = covariance_and_conic(gaussians.factor[index], point, camera, convention)
+        covariance, conic, compensation = covariance_and_conic(
+            gaussians.factor[index], point, camera, convention
+        )
     opacity = gaussians.opacity[index]
-    with np.errstate(divide="ignore"):
+    if gaussians.antialiased:
+        opacity = opacity * compensation
+    with np.errstate(divide="ignore"):  # of opacity 0, that of what has no area
         reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
     splats = Splats(index, centre, depth, covariance, conic, opacity, reach, np.zeros_like(point))
     sound = np.isfinite(splats.centre).all(1) & np.isfinite(conic).all(1)
@@ -148,12 +152,14 @@ def project(
 
 def covariance_and_conic(
     factor: np.ndarray, point: np.ndarray, camera: Camera, convention: Convention
-) -> tuple[np.ndarray, np.ndarray]:
-    """2D covariance (xx, xy, yy) [N, 3] and its inverse (A, B, C) [N, 3].
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """2D covariance (xx, xy, yy) [N, 3], its inverse (A, B, C) [N, 3], and the compensation [N] for
+    the blur: √(det(M·Mᵀ) / det(M·Mᵀ + blur·I)), by which `antialiased` opacities are multiplied.
 
     With M = J·R·factor (2×3, J the Jacobian of the projection, R the camera's rotation) the
     covariance is M·Mᵀ + blur·I. Its determinant is taken as |m₀ × m₁|² + blur·(|m₀|² + |m₁|²) +
-    blur² (Lagrange's identity), a sum of squares: needles lose no digits to cancellation.
+    blur² (Lagrange's identity), a sum of squares: needles lose no digits to cancellation. The
+    first term is det(M·Mᵀ). Source of the compensation: Yu et al. 2024 (Mip-Splatting).
     """
     limit = convention.frustum_margin * np.array(camera.tan_half_fov)
     z = point[:, 2:]
@@ -165,10 +171,13 @@ def covariance_and_conic(
     m0, m1 = np.moveaxis(jacobian @ camera.rotation @ factor, 1, 0)  # [N, 3] each
     blur = convention.covariance_blur
     xx, xy, yy = (m0 * m0).sum(1), (m0 * m1).sum(1), (m1 * m1).sum(1)
-    determinant = (np.cross(m0, m1) ** 2).sum(1) + blur * (xx + yy) + blur**2
+    sharp, added = (np.cross(m0, m1) ** 2).sum(1), blur * (xx + yy) + blur**2
+    determinant = sharp + added
+    compensation = np.sqrt(1 / (1 + added / sharp))  # 0 for no area, 1 where squares overflow
     xx, yy = xx + blur, yy + blur
     covariance = np.stack([xx, xy, yy], axis=1)
-    return covariance, np.stack([yy, -xy, xx], axis=1) / determinant[:, None]
+    conic = np.stack([yy, -xy, xx], axis=1) / determinant[:, None]
+    return covariance, conic, compensation
 
 
 def colours(

@@ -92,6 +92,7 @@ class Config:
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
     culling: Literal["none", "near", "all"] = "all"  # at the near plane; and at the guard band
     skip_zeros: bool = True  # leave out the products with zeros of the Jacobian
+    antialiasing: bool = True  # see `compensates`
     multiply_latency: int = 2  # clock cycles of the units of stages 0 and 1
     add_latency: int = 3
     unary_latency: int = 4  # reciprocal and reciprocal root
@@ -190,6 +191,14 @@ class Config:
         return InputError(f"preset {self.name}: {field} {getattr(self, field)} {why}")
 
     @property
+    def compensates(self) -> bool:
+        """Whether it renders antialiased models (`spec.compensation`), too: only with arithmetic
+        that saturates and has no subnormal values."""
+        arithmetic = self.arithmetic
+        fits = not arithmetic.subnormal and arithmetic.overflow == "saturate"
+        return self.antialiasing and fits
+
+    @property
     def sort_key_bits(self) -> int:
         """Width of a sub-sorter's key."""
         return sum(self.sort_digits)
@@ -217,6 +226,7 @@ PAPER = Config(
     colour_index=((9,), (9,)),
     sh_index=((), (8,)),
     arithmetic=FP16,
+    antialiasing=False,
     depth=Float(5, 10, signed=False, overflow="infinity"),
     screen_exponent=5,
     pes=6,
@@ -247,6 +257,7 @@ TINY = Config(
 
 FPGA = Config(
     name="FPGA",
+    antialiasing=False,
     port=128,
     pes=4,
     add_latency=4,

@@ -53,9 +53,14 @@ def fixed_constants(config: Config) -> dict[str, float]:
 
 
 def frame_constants(
-    config: Config, camera: Camera, position_exponent: int, factor_exponent: int
+    config: Config,
+    camera: Camera,
+    position_exponent: int,
+    factor_exponent: int,
+    antialiased: bool = False,
 ) -> FrameConstants:
-    """The registers for a camera and a model's exponents.
+    """The registers for a camera and a model's exponents; and whether the model is antialiased,
+    which the machine itself reads from the model.
 
     Raises InputError for a camera that is too far off.
     """
@@ -68,7 +73,7 @@ def frame_constants(
     guard = np.maximum(size - 1 - principal, principal) + EXTENT_MARGIN
     guard = guard * (1 + GUARD_ROUNDINGS * config.arithmetic.epsilon) * pixel
     spread = np.hypot(focal, limit)  # largest half-extent at z = 1 of what reaches one scene unit
-    constants = fixed_constants(config)
+    constants = fixed_constants(config) | {"antialiased": float(antialiased)}
     for axis, name in enumerate("xyz"):
         for k in range(3):
             constants[f"v{name}{k}"] = rows[axis, k]

@@ -48,7 +48,10 @@ from splatcore.spec.number import FP16, Bits, Fixed, Float
 from splatcore.spec.record import Array, Format, Record
 
 MAGIC = int.from_bytes(b"SPLT", "little")
-VERSION = 3
+VERSIONS = 3, 4
+"""Versions of models without and with the mark `antialiased` in their header: machines that do not
+compensate opacities take the first only."""
+
 ALIGNMENT = 64
 """Bytes: parts begin at a multiple of a short burst."""
 
@@ -135,7 +138,9 @@ HEADER = Record(
         "attributes": Bits(32),
         "colours": Bits(32),
         "end": Bits(32),
-        "reserved": Array(Bits(32), 3),
+        "antialiased": Bits(1),  # opacities are compensated for the blur (`spec.compensation`)
+        "spare": Bits(31),
+        "reserved": Array(Bits(32), 2),
     },
 )
 

@@ -11,6 +11,7 @@ The other steps have units of their own, of which there is one each:
     rsqrt(a)           1/√a
     clamp(a, limit)   a within ± limit
     maximum(a, b)     the larger one
+    product(a, b)     and the others of `spec.compensation`, which are no floats of the arithmetic
 
 What no line makes is an input: one of `CONSTANTS`, which stay for a frame, or a field that comes
 with each item. Values are floats of `Config.arithmetic`, those of the cull programs of
@@ -24,10 +25,20 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import cache
 
+from splatcore.spec.compensation import MODEL_CONSTANTS
 from splatcore.spec.config import Config
-from splatcore.spec.programs import BASIS_CONSTANTS, CONSTANTS, PROJECTIONS, SQUARE_CONSTANTS, TEXTS
+from splatcore.spec.programs import (
+    BASIS_CONSTANTS,
+    CONSTANTS,
+    PROJECTIONS,
+    SQUARE_CONSTANTS,
+    TEXTS,
+)
 
-UNITS = ("pe", "reciprocal", "rsqrt", "clamp", "maximum")
+COMPENSATION_UNITS = ("product", "minor", "log", "log_sum", "fade")
+"""Units of machines that compensate (`spec.compensation`)."""
+
+UNITS = ("pe", "reciprocal", "rsqrt", "clamp", "maximum", *COMPENSATION_UNITS)
 """Units that steps run on."""
 
 PATTERNS = (
@@ -37,6 +48,7 @@ PATTERNS = (
     (r"(?P<a>\w+) \+ (?P<c>\w+)", "pe", False),
     (r"(?P<c>\w+) - (?P<a>\w+)", "pe", True),
     (r"(?P<unit>\w+)\((?P<a>\w+)(, (?P<b>\w+))?\)", None, False),
+    (r"(?P<unit>minor)\((?P<a>\w+), (?P<b>\w+), (?P<c>\w+)\)", None, False),
 )
 
 
@@ -54,7 +66,7 @@ class Step:
     def __str__(self) -> str:
         """The line that says it."""
         if self.unit != "pe":
-            return f"{self.name} = {self.unit}({self.a}{f', {self.b}' if self.b else ''})"
+            return f"{self.name} = {self.unit}({', '.join(self.operands)})"
         product = f"{self.a} * {self.b}" if self.b else self.a
         if self.c is None:
             return f"{self.name} = {product}"
@@ -141,7 +153,8 @@ def projection(config: Config) -> Program:
     [name] = (name for name, test in PROJECTIONS.items() if test == config.tile_test)
     shaded = "_sh" if config.sh_degree else "_flat"
     colour = shaded if config.colours == "array" else ""
-    return program(name + colour + "_dense" * (not config.skip_zeros))
+    dense, compensated = "_dense" * (not config.skip_zeros), "_antialiased" * config.compensates
+    return program(name + colour + dense + compensated)
 
 
 def basis(config: Config) -> Program:
@@ -152,6 +165,7 @@ def basis(config: Config) -> Program:
 def constants(config: Config) -> tuple[str, ...]:
     """Those of `CONSTANTS` that a machine is given."""
     left_out = (*BASIS_CONSTANTS, *(SQUARE_CONSTANTS if config.tile_test == "exact" else ()))
+    left_out += () if config.compensates else MODEL_CONSTANTS
     return tuple(name for name in CONSTANTS if name not in left_out)
 
 

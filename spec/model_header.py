@@ -26,12 +26,14 @@ class ModelHeader:
         """InputError, naming the field, for a header that contradicts itself."""
         if len(self.image) < HEADER.size or self.value("magic") != memory.MAGIC:
             self.refuse("magic", "is not that of a packed model")
-        if self.value("version") != memory.VERSION:
+        if self.value("version") not in memory.VERSIONS:
             self.refuse(
                 "version",
-                f"{self.value('version')} is not {memory.VERSION}; make the model anew from its "
-                "scene by: splatcore pack SCENE -o MODEL",
+                f"{self.value('version')} is not {' or '.join(map(str, memory.VERSIONS))}; repack "
+                "the scene: splatcore pack SCENE -o MODEL",
             )
+        if self.value("version") != memory.VERSIONS[self.antialiased]:
+            self.refuse("antialiased", f"does not go with version {self.value('version')}")
         degree = self.value("sh_degree")
         if degree > SH_DEGREE_MAX:
             self.refuse("sh_degree", f"{degree} is not in 0 … {SH_DEGREE_MAX}")
@@ -75,6 +77,11 @@ class ModelHeader:
 
     def __len__(self) -> int:
         return self.value("count")
+
+    @property
+    def antialiased(self) -> bool:
+        """Whether opacities are compensated for the blur."""
+        return bool(self.value("antialiased"))
 
     @property
     def format(self) -> ModelFormat:

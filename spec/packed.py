@@ -236,7 +236,7 @@ class PackedModel(ModelHeader):
 
     def gaussians(self) -> Gaussians:
         """Exactly what the hardware sees."""
-        return Gaussians(self.position, self.factor, self.opacity, self.sh)
+        return Gaussians(self.position, self.factor, self.opacity, self.sh, self.antialiased)
 
     @property
     def bytes_per_gaussian(self) -> float:

@@ -8,6 +8,7 @@ camera to the points in world axes, exact on the model's grid (`spec.memory`) an
 """
 
 from splatcore.spec.colour import BASIS_CONSTANTS, BASIS_OF, polynomials
+from splatcore.spec.compensation import COMPENSATION
 
 CHUNK = """
 # how far a Gaussian of the chunk reaches sideways at z = 1
@@ -224,9 +225,9 @@ radius_rsqrt = rsqrt(radius_squared)
 radius = radius_squared * radius_rsqrt
 """
 
-CONIC = {"exact": FACTORS + EXTENTS + OUTLINE, "3sigma": FACTORS + EXTENTS + SQUARE}
-"""`Config.tile_test` → what follows from a covariance. The outline and the square tell binning
-which tiles a splat touches; the rasterizer goes by the extents in either case."""
+SHAPE = {"exact": EXTENTS + OUTLINE, "3sigma": EXTENTS + SQUARE}
+"""`Config.tile_test` → what follows from covariance and opacity. By the outline or the square
+binning finds the tiles that a splat touches; the rasterizer goes by the extents in either case."""
 
 COLOUR = """
 # length of the way from the camera
@@ -253,7 +254,7 @@ blue = blue2 * length_inverse + colour_blue
 CONSTANTS = (
     "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 spread_x spread_y guard_x guard_y principal_x principal_y "
     "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full "
-    "power square_reach spread_least"
+    "power square_reach spread_least antialiased"
 ).split() + list(BASIS_CONSTANTS)
 """Inputs that are alike for all items."""
 
@@ -301,15 +302,17 @@ TEXTS = {
     "place": (PLACE, "x y bound_x bound_y"),
 }
 TEXTS |= {
-    f"{name}{sh}{dense}": (
-        COVARIANCE_OF[dense] + CONIC[test] + COLOUR_OF[sh][0],
+    f"{name}{sh}{dense}{compensated}": (
+        COVARIANCE_OF[dense] + FACTORS + opacity + SHAPE[test] + COLOUR_OF[sh][0],
         f"{PROJECTED[test]} {COLOUR_OF[sh][1]}",
     )
     for name, test in PROJECTIONS.items()
     for dense in COVARIANCE_OF
     for sh in COLOUR_OF
+    for compensated, opacity in (("", ""), ("_antialiased", COMPENSATION))
 }
 TEXTS |= {f"basis{d}": (text, " ".join(polynomials(d))) for d, text in BASIS_OF.items()}
 """Name → lines and outputs, which may be inputs. Models without harmonics need no colour program;
 the dense programs multiply by zeros as well and give the same bits: they show what leaving them out
-saves. `square` is `project` for machines with the 3σ square."""
+saves. `square` is `project` for machines with the 3σ square. Machines that compensate opacities
+run the `antialiased` ones, for all models."""

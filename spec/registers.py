@@ -15,11 +15,12 @@ from typing import Literal
 from splatcore.spec.axi import ADDRESS_BITS, LITE_DATA_BITS, window_bits
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.colour import colour_format
+from splatcore.spec.compensation import MODEL_CONSTANTS
 from splatcore.spec.config import Config
 from splatcore.spec.counters import COUNTER_BITS, counters
 from splatcore.spec.frame import CAMERA, FrameConstants, fixed_constants
 from splatcore.spec.group import SPLAT_BITS
-from splatcore.spec.memory import ALIGNMENT, MAGIC, VERSION
+from splatcore.spec.memory import ALIGNMENT, MAGIC, VERSIONS
 from splatcore.spec.programs import BASIS_CONSTANTS, CONSTANTS
 from splatcore.spec.raster import COLOURS
 from splatcore.spec.work import STRIDE_ALIGNMENT, STRIDE_BITS, WORK_ALIGNMENT
@@ -111,14 +112,14 @@ class Register:
 
 def variable_constants(config: Config) -> list[str]:
     """Constants of `spec.programs` that depend on the camera."""
-    fixed = fixed_constants(config) | BASIS_CONSTANTS
-    return [name for name in CONSTANTS if name not in fixed]
+    others = {*fixed_constants(config), *BASIS_CONSTANTS, *MODEL_CONSTANTS}
+    return [name for name in CONSTANTS if name not in others]
 
 
 def control_registers(config: Config) -> list[Register]:
     """Registers of every machine."""
     size = config.width_max | config.height_max << 16
-    version, about = VERSION, "version of the packed models that it takes"
+    version, about = VERSIONS[config.compensates], "newest version of packed models that it takes"
     if window_bits(config):
         version, about = version | WIDE, f"{about}; addresses have 64 bits << 16"
     return [

@@ -9,6 +9,10 @@ from splatcore.spec.packed import PackedModel
 def check_renderable(config: Config, model: PackedModel):
     """InputError, naming what does not fit, for a model that a machine cannot render."""
     format, preset = model.format, f"preset {config.name}"
+    if model.antialiased and not config.compensates:
+        why = f"is of a scene trained with antialiasing, {preset} does not compensate opacities"
+        advice = f"splatcore pack SCENE --no-antialiased --preset {config.name} -o MODEL"
+        raise InputError(f"{model.name}: version {model.value('version')} {why}; repack: {advice}")
     if format.sh_degree > config.sh_degree:
         why = f"has SH degree {format.sh_degree}, {preset} renders up to {config.sh_degree}"
     elif not format.codebooks and config.colours == "array":

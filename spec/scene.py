@@ -21,20 +21,23 @@ class Gaussians:
 
     The covariance is factor @ factor.T; `factor` is R·S of a scene file or the lower-triangular L
     of a packed model. `sh` holds the real spherical-harmonics coefficients in the order of 3DGS
-    (degree 0, then 1: −y, z, −x, …); colour = Σ sh·basis + 0.5.
+    (degree 0, then 1: −y, z, −x, …); colour = Σ sh·basis + 0.5. `antialiased`: every renderer
+    multiplies opacities by √(det Σ / det(Σ + blur)), Σ a splat's 2D covariance (`spec.convention`).
     """
 
     position: np.ndarray  # [N, 3] scene units
     factor: np.ndarray  # [N, 3, 3] scene units
     opacity: np.ndarray  # [N] in [0, 1]
     sh: np.ndarray  # [N, (degree+1)², 3] RGB
+    antialiased: bool = False
 
     def __len__(self) -> int:
         return len(self.position)
 
     def __getitem__(self, index) -> "Gaussians":
-        """Those that a numpy index (slice, mask or integers) selects."""
-        return Gaussians(*(array[index] for array in vars(self).values()))
+        """The Gaussians that a numpy index (slice, mask or integers) selects."""
+        arrays = (self.position, self.factor, self.opacity, self.sh)
+        return Gaussians(*(array[index] for array in arrays), self.antialiased)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,8 @@ class Scene:
 
     Quaternions need not be normalised: `gaussians` does it (a zero quaternion is the identity, as
     in the original). NaN and Inf may occur; packing drops and counts them. `notes` are lines that
-    the reader wants the user to see (anything odd in the file).
+    the reader wants the user to see (anything odd in the file). `antialiased`: trained with opacity
+    compensation, and rendered with it; `mark` says where that is known from, empty if nothing says.
     """
 
     position: np.ndarray  # [N, 3] scene units
@@ -53,6 +57,8 @@ class Scene:
     sh: np.ndarray  # [N, (degree+1)², 3] RGB
     name: str = ""
     notes: tuple[str, ...] = field(default=())
+    antialiased: bool = False
+    mark: str = ""
 
     def __post_init__(self):
         count = len(self.position)
@@ -85,7 +91,8 @@ class Scene:
     def gaussians(self) -> Gaussians:
         """As a renderer needs them: factor = rotation matrix · diag(scale)."""
         rotation = rotation_matrix(self.quaternion)  # [N, 3, 3]
-        return Gaussians(self.position, rotation * self.scale[:, None, :], self.opacity, self.sh)
+        factor = rotation * self.scale[:, None, :]
+        return Gaussians(self.position, factor, self.opacity, self.sh, self.antialiased)
 
 
 def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:

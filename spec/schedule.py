@@ -23,6 +23,9 @@ from splatcore.spec.microprogram import Program, Step, projection
 LATENCY_OF_CHOICE = 1
 """Cycles of clamp and maximum."""
 
+LATENCY_OF_COMPENSATION = {"product": 3, "minor": 4, "log": 1, "log_sum": 2, "fade": 2}
+"""Cycles of the units of `spec.compensation`."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -79,7 +82,8 @@ def latencies(config: Config) -> dict[str, int]:
     """Clock cycles of each unit."""
     found = {"pe": config.multiply_latency + config.add_latency}
     found |= dict.fromkeys(("reciprocal", "rsqrt"), config.unary_latency)
-    return found | dict.fromkeys(("clamp", "maximum"), LATENCY_OF_CHOICE)
+    found |= dict.fromkeys(("clamp", "maximum"), LATENCY_OF_CHOICE)
+    return found | LATENCY_OF_COMPENSATION
 
 
 PES = {"chunk": 1, "cull": 1, "cull_interval": 1, "place": 2}

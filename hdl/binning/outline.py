@@ -242,6 +242,8 @@ class Outline(wiring.Component):
         first, end = ends["low"] >> shift, ends["high"] >> shift
         bottom, o = Signal.like(self.held.last), self.o.payload
         between = (first > end) & ~vast  # of two rows' pixels
+        if self.config.compensates:  # opacities below 1/255 have no extent
+            seen &= ~self.i.payload.half_width[-1]
         m.d.comb += [
             self.seen.eq(seen),
             bottom.eq((self.height - 1) >> TILE_BITS),

@@ -14,8 +14,9 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.arithmetic.add import MultiplyAdd
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
 from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
+from splatcore.hdl.points.compensation import Fade, Log, LogSum, Minor, Product
 from splatcore.spec.config import Config
-from splatcore.spec.microprogram import Program
+from splatcore.spec.microprogram import COMPENSATION_UNITS, Program
 from splatcore.spec.schedule import Place, latencies, pes, schedule
 
 
@@ -152,12 +153,20 @@ class Array(wiring.Component):
             "rsqrt": lambda: Rsqrt(config.arithmetic, delay["rsqrt"]),
             "clamp": lambda: Clamp(config.arithmetic),
             "maximum": lambda: Maximum(config.arithmetic),
+            "product": lambda: Product(config, delay["product"]),
+            "minor": lambda: Minor(config),
+            "log": lambda: Log(config),
+            "log_sum": lambda: LogSum(config),
+            "fade": lambda: Fade(config),
         }
         used = {step.unit for step in self.program.steps}
         self.units |= {(kind, 0): make() for kind, make in others.items() if kind in used}
         for (kind, number), unit in self.units.items():
             m.submodules[f"{kind}{number}" if kind == "pe" else kind] = unit
-            m.d.comb += unit.enable.eq(self.enable)
+            enable = self.enable
+            if kind in COMPENSATION_UNITS:  # nothing moves for models that want none of it
+                enable = enable & self.constants.antialiased.any()
+            m.d.comb += unit.enable.eq(enable)
 
     def _during(self, m: Module, numbers: tuple[int, ...]) -> Value:
         """High in these phases; decoded in the cycle before where operands go to the multipliers in
@@ -194,7 +203,7 @@ class Array(wiring.Component):
         for key in takes:
             (unit, number), register = key
             name = f"{unit}{number}_wait{register}"
-            self.banks[key] = Signal(self.config.arithmetic.width, name=name, reset_less=True)
+            self.banks[key] = Signal(len(self.units[unit, number].o), name=name, reset_less=True)
         for key, waits in takes.items():
             sources = {p: self._source(wait.value, wait.begin) for p, wait in waits.items()}
             value, loads = self._select(m, sources), self._during(m, tuple(sorted(waits)))
@@ -220,9 +229,11 @@ class Array(wiring.Component):
         sources = {"a": a ^ (1 << (len(a) - 1)) if step.negate else a}
         if step.b:
             sources["b"] = self._source(step.b, slot.time)
+        if step.c:
+            sources["c"] = self._source(step.c, slot.time)
         if step.unit == "pe":
             sources.setdefault("b", self.one)
-            sources["c"] = self._source(step.c, slot.time) if step.c else self.nothing
+            sources.setdefault("c", self.nothing)
         return sources
 
     def _source(self, name: str, time: int) -> Value:

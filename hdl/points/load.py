@@ -28,7 +28,8 @@ class Load(wiring.Component):
         gaussians, position_exponent, exponent: what the header says.
         sh: the model's degree is above 0. codebooks: it is compact; a machine with colours in the
             array renders no others and has no such bit. small: it has half a beat of attributes for
-            each Gaussian, if the machine knows such models.
+            each Gaussian, if the machine knows such models. antialiased: its opacities are to be
+            compensated, if the machine does that.
         positions, attributes: addresses of these parts in beats.
         loaded: the header, and codebooks if there are any, have been read, until the next start.
         error, detail: `ErrorCode`, not NONE: the header does not fit; nothing more happens.
@@ -68,6 +69,7 @@ class Load(wiring.Component):
             "detail": Out(DETAIL_BITS),
         }
         own = {"codebooks": self.steps, "small": config.small_models}
+        own |= {"antialiased": config.compensates}
         super().__init__(ports | {name: Out(1) for name, has in own.items() if has})
 
     def elaborate(self, platform) -> Module:
@@ -139,6 +141,8 @@ class Load(wiring.Component):
         kept |= {"position_exponent": self.position_exponent}
         kept |= {"small": self.small} if self.config.small_models else {}
         kept = {name: (target, field(name)) for name, target in kept.items()}
+        if self.config.compensates:
+            kept["version"] = self.antialiased, field("version") == memory.VERSIONS[True]
         parts = {"positions": self.positions, "attributes": self.attributes, "colours": colours}
         kept |= {name: (target, self._address(field(name))) for name, target in parts.items()}
         known = range(EXPONENT_MIN, EXPONENT_MAX + 1)  # of all that fit
@@ -162,7 +166,7 @@ class Load(wiring.Component):
         unfit = [in_beat(name) & ~fit for name, fit in self._fits(field, degree).items()]
         errors = {
             ErrorCode.MAGIC: in_beat("magic") & (field("magic") != memory.MAGIC),
-            ErrorCode.VERSION: in_beat("version") & (field("version") != memory.VERSION),
+            ErrorCode.VERSION: in_beat("version") & ~self._known(field("version")),
             ErrorCode.DEGREE: in_beat("sh_degree") & (field("sh_degree") > self.config.sh_degree),
             ErrorCode.FORMAT: Cat(unfit).any(),
             ErrorCode.PARTS: Cat(in_beat(name) & wrong for name, wrong in unordered.items()).any(),
@@ -172,6 +176,10 @@ class Load(wiring.Component):
         for code, wrong in reversed(errors.items()):
             found = Mux(wrong, code, found)
         return found
+
+    def _known(self, version: Value) -> Value:
+        """Whether this machine renders models of a version."""
+        return Cat(version == v for v in memory.VERSIONS[: 1 + self.config.compensates]).any()
 
     def _places(self, field: Callable, colours: Value) -> tuple[dict, dict]:
         """Fields of the header, and whether parts that they place are out of order or too short;
@@ -210,7 +218,9 @@ class Load(wiring.Component):
         each = zip(exponents(field), most, strict=True)
         known = self.config.small_models
         stepped = ~index.any() & ~self.small if known else ~index.any()
+        marked = self.antialiased if self.config.compensates else 0
         return {
+            "antialiased": field("antialiased") == marked,
             "position": field("position") == position,
             "small": Const(1) if known else ~field("small"),
             "position_exponent": (scale >= -memory.EXPONENT_MAX) & (scale <= memory.EXPONENT_MAX),

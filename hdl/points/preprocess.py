@@ -1,6 +1,6 @@
 """First half of a frame: the model in memory to splats' features and groups' lists in memory."""
 
-from amaranth.hdl import Cat, Const, Module, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -21,6 +21,7 @@ from splatcore.spec.axi import (
     write_record,
 )
 from splatcore.spec.binning import PAGE_BITS
+from splatcore.spec.compensation import MODEL_CONSTANTS
 from splatcore.spec.config import Config
 from splatcore.spec.frame import fixed_constants
 from splatcore.spec.registers import ErrorCode
@@ -101,11 +102,12 @@ class Preprocess(wiring.Component):
         frame, points, config = self.frame, self.points, self.config
         fixed = fixed_constants(config)
         for name in points.constants.shape().members:
-            code = (
-                Const(int(config.arithmetic.encode(fixed[name])), config.arithmetic.width)
-                if name in fixed
-                else frame[f"constant_{name}"]
-            )
+            if name in MODEL_CONSTANTS:
+                code = Mux(getattr(self.model, name), int(config.arithmetic.encode(1.0)), 0)
+            elif name in fixed:
+                code = Const(int(config.arithmetic.encode(fixed[name])), config.arithmetic.width)
+            else:
+                code = frame[f"constant_{name}"]
             m.d.comb += points.constants[name].eq(code)
         for k, axis in enumerate("xyz"):
             low, high = frame[f"camera_{axis}_low"], frame[f"camera_{axis}_high"]

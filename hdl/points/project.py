@@ -15,6 +15,7 @@ from splatcore.hdl.points.array import Array, codes
 from splatcore.hdl.points.colour import RAY, Colour
 from splatcore.hdl.points.look_up import LookUp
 from splatcore.hdl.points.slots import POINT, Slots
+from splatcore.spec.compensation import ATTENUATIONS
 from splatcore.spec.config import Config
 from splatcore.spec.memory import OPACITY, step_format
 from splatcore.spec.microprogram import projection
@@ -23,7 +24,7 @@ from splatcore.spec.point import splat_record
 from splatcore.spec.programs import COLOURS, SLOPES
 from splatcore.spec.schedule import schedule
 
-FACTOR = ("l00", "l10", "l11", "l20", "l21", "l22", "attenuation")
+FACTOR = ("l00", "l10", "l11", "l20", "l21", "l22", *ATTENUATIONS)
 
 SPARE = 2  # rows of the output queue beyond what the array can hold: what passing through it takes
 
@@ -204,9 +205,9 @@ class Project(wiring.Component):
         if self._behind_memory("factor"):
             factor = Signal(len(factor), reset_less=True)
             m.d.sync += factor.eq(found.factor)
-        for name in FACTOR:
-            field = "opacity" if name == "attenuation" else name
-            if name == "attenuation":  # counted in steps
+        for name in self.groups["factor"]:
+            field = "opacity" if name in ATTENUATIONS else name
+            if name in ATTENUATIONS:  # counted in steps
                 steps = Fixed(OPACITY.width, 0)
                 convert = FromFixed(steps, config.arithmetic, 0)
             else:

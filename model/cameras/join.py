@@ -23,13 +23,16 @@ def side_by_side(
     rotations and harmonics stay as they are. The image has a column for each, in order: the middle
     of a scene's core (`core_of`) comes to the middle of its column, √n times as far away as it is
     from its own camera: so n scenes share the image's area. They reach into each other's columns;
-    what is in front hides the rest.
+    what is in front hides the rest. The scene is `antialiased` if all of them are.
 
     behind: a scene that is moved behind the camera as a whole: it is loaded and never seen.
     count: Gaussians that are left, as evenly picked as they are stored; first those of `behind` go.
 
-    Raises InputError for a count below 1 or above what there is.
+    The mark of antialiasing is that of all scenes in view. Raises InputError for scenes of which
+    some are antialiased, and for a count below 1 or above what there is.
     """
+    first = views[0][0]
+    _check_marks([scene for scene, _ in views])
     camera = views[0][1]
     farther = np.sqrt(len(views))
     parts = []
@@ -47,7 +50,8 @@ def side_by_side(
     degree = max(scene.sh_degree for scene in parts)
     parts = [_with_degree(scene, degree) for scene in parts]
     arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
-    return Scene(**arrays, name="joined"), replace(camera, name="joined")
+    joined = replace(first, **arrays, name="joined", notes=())
+    return joined, replace(camera, name="joined")
 
 
 def depths(scene: Scene, camera: Camera) -> np.ndarray:
@@ -62,6 +66,14 @@ def in_view(scene: Scene, camera: Camera) -> int:
         u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
         inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     return int((inside & (z > NEAR_PLANE)).sum())
+
+
+def _check_marks(scenes: list[Scene]):
+    """InputError if some scenes are antialiased and others are not."""
+    names = {scene.antialiased: scene.name for scene in scenes}
+    if len(names) > 1:
+        which = f"{names[True]} is antialiased, {names[False]} is not"
+        raise InputError(f"{which}; choose --antialiased or --no-antialiased for all")
 
 
 def _moved(scene: Scene, way: np.ndarray) -> Scene:

@@ -119,7 +119,8 @@ def _visible(gaussians: Gaussians) -> Gaussians:
     if not seen.any():
         raise input_error("scene", "no Gaussian can be seen: all are transparent or not finite")
     arrays = (gaussians.position, gaussians.factor, gaussians.opacity)
-    return Gaussians(*(array[seen] for array in arrays), gaussians.sh[:0])
+    arrays = [array[seen] for array in arrays]
+    return Gaussians(*arrays, gaussians.sh[:0], gaussians.antialiased)
 
 
 def _candidates(

@@ -1,8 +1,8 @@
 """The finished steps of a compression: a folder from which it goes on where it ended.
 
 `steps.json` says what is computed (the key) and what was chosen, and lists the steps; each has a
-file of its own beside it: a scene (.npz with the fields of `Scene` as float32) or a packed model
-(.splatcore). A step that is not finished may keep its state there (.pt).
+file of its own beside it: a scene (.npz with the arrays of `Scene` as float32, its name and mark)
+or a packed model (.splatcore). A step that is not finished may keep its state there (.pt).
 """
 
 import json
@@ -22,6 +22,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import ARRAYS, Scene, sh_count
 
 STEPS = "steps.json"
+MARK = ("antialiased", "mark")  # fields of a scene
 KINDS = ("original", "prune", "distill", "quantize")
 Result = Scene | PackedModel
 
@@ -121,7 +122,8 @@ class Checkpoints:
                 result.image.tofile(part)
             else:
                 arrays = {array: getattr(result, array).astype(np.float32) for array in ARRAYS}
-                np.savez(part, name=result.name, **arrays)
+                words = {name: getattr(result, name) for name in ("name", *MARK)}
+                np.savez(part, **words, **arrays)
             os.replace(part, self.folder / step.file)
             self._write((*self.steps, step))
             self.unfinished.unlink(missing_ok=True)
@@ -137,8 +139,11 @@ class Checkpoints:
                 raise input_error(model.name, f"is not the model of step {step.name!r}")
             return model
         with reading(path, "is not a step's scene"), np.load(path, allow_pickle=False) as arrays:
-            name = str(arrays["name"])
-            scene = replace(Scene(*(arrays[array] for array in ARRAYS), str(path)), name=name)
+            scene = Scene(*(arrays[array] for array in ARRAYS), str(path))
+            scene = replace(scene, name=str(arrays["name"]))
+            if MARK[0] in arrays:  # a file without the mark holds an unmarked scene
+                antialiased, mark = (arrays[name] for name in MARK)
+                scene = replace(scene, antialiased=bool(antialiased), mark=str(mark))
             if (len(scene), scene.sh_degree) != (step.gaussians, step.sh_degree):
                 raise input_error(path, f"is not the scene of step {step.name!r}")
         return scene

@@ -109,9 +109,9 @@ class InCodebooks(Quantised):
         }
         return self.tensors | entries, dict.fromkeys(entries, CODEBOOK_RATE)
 
-    def packed(self, name: str) -> PackedModel:
+    def packed(self, of: Scene | None = None) -> PackedModel:
         codebooks = self.colour.codebook(), self.harmonics.codebook()
-        scene = self.as_read(name)
+        scene = self.as_read(of)
         degree, quality = scene.sh_degree, self.quality
         return pack(scene, self.config, degree, codebooks=codebooks, quality=quality)[0]
 

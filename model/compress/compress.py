@@ -160,9 +160,9 @@ class Compression:
             left = recipe.learning.left
             loss = finetune(
                 tensors, adams, self.targets, steps, seed, self.tell, name, left,
-                kept=Unfinished(self.checkpoints.unfinished),
+                kept=Unfinished(self.checkpoints.unfinished), antialiased=scene.antialiased,
             )  # fmt: skip
-            learned = sound(trainable.scene_of(tensors, scene.name))
+            learned = sound(trainable.scene_of(tensors, scene))
             return best_looking((smaller, learned), self.targets), loss
 
         return self.step(name, "prune", make)
@@ -177,7 +177,7 @@ class Compression:
                 scene, degree, cameras, self.extent, self.recipe, self.tell, name,
                 Unfinished(self.checkpoints.unfinished),
             )  # fmt: skip
-            return sound(trainable.scene_of(student, scene.name)), loss
+            return sound(trainable.scene_of(student, scene)), loss
 
         return self.step(name, "distill", make)
 
@@ -203,7 +203,7 @@ class Compression:
     def quantised(self, scene: Scene, name: str) -> tuple[PackedModel, float | None]:
         """The packed model after fine-tuning under its numbers."""
         work = self.under_numbers(scene, name)
-        first = work.packed(scene.name)
+        first = work.packed(scene)
         leaves, rates = work.leaves()
 
         def tell(what: str, done: int, total: int, loss: float | None):
@@ -216,8 +216,9 @@ class Compression:
         loss = finetune(
             work.tensors, adams, self.targets, recipe.quantize_steps, recipe.seed + 1, tell, name,
             learning.last, work.rendered, Unfinished(self.checkpoints.unfinished, work.taken),
+            scene.antialiased,
         )  # fmt: skip
-        return best_looking((first, work.packed(scene.name)), self.targets), loss
+        return best_looking((first, work.packed(scene)), self.targets), loss
 
     def under_numbers(self, scene: Scene, name: str) -> Quantised:
         """The scene under the numbers of the model that it becomes."""

@@ -57,10 +57,13 @@ def distill(
         for camera in islice(views_in_turn(cameras, recipe.seed), recipe.distill_steps)
     ]
 
+    def picture(parameters: Sequence[torch.Tensor], step: int) -> torch.Tensor:
+        return render(*parameters, views[step], antialiased=scene.antialiased).image
+
     def loss_of(step: int) -> torch.Tensor:
         with torch.no_grad():
-            wanted = render(*teacher, views[step]).image.clamp(0, 1)
-        return difference(render(*trainable.rendered(student), views[step]).image, wanted)
+            wanted = picture(teacher, step).clamp(0, 1)
+        return difference(picture(trainable.rendered(student), step), wanted)
 
     adams = trainable.refining(student, SHARE * recipe.rate)
     left = recipe.learning.left

@@ -36,7 +36,7 @@ def decibels(scene: Scene | Gaussians, targets: Sequence[Target]) -> float:
     parameters = [torch.tensor(array, **kind) for array in arrays]
     squares, count = 0.0, 0
     for target in targets:
-        picture = render(*parameters, target.camera).image
+        picture = render(*parameters, target.camera, antialiased=seen.antialiased).image
         squares += float(((picture.clamp(0, 1) - as_tensor(target.image, picture)) ** 2).sum())
         count += target.image.size
     return psnr_of_square(max(squares / count, np.finfo(float).tiny))

@@ -107,7 +107,8 @@ def merge(scene: Scene, weight: np.ndarray, group: np.ndarray, count: int) -> Sc
 
     Each has its group's moments, weighted by `weight` [N] > 0. Its opacity times area (of the two
     larger axes) is that of the first member, times what the group weighs more than that: with
-    significance as weight, it gives the views what they all gave.
+    significance as weight, it gives the views what they all gave. Opacities are those before any
+    compensation for the blur.
     """
     total = np.bincount(group, weight, count)
 
@@ -127,7 +128,8 @@ def merge(scene: Scene, weight: np.ndarray, group: np.ndarray, count: int) -> Sc
     covered = scene.opacity[first] * area(scene.scale[first]) * total / weight[first]
     room = np.maximum(area(scale), np.finfo(np.float64).tiny)
     opacity = np.minimum(covered / room, ALPHA_MAX)
-    return Scene(position, scale, quaternion, opacity, mean(scene.sh), scene.name)
+    arrays = position, scale, quaternion, opacity, mean(scene.sh)
+    return replace(scene, **dict(zip(ARRAYS, arrays, strict=True)))
 
 
 def area(scale: np.ndarray) -> np.ndarray:

@@ -127,11 +127,12 @@ class Quantised(ABC):
         opacity = torch.exp2(-round_fixed(-torch.log2(opacity), steps)) * self.stored
         return position, factor, opacity, self.harmonics_of(tensors)
 
-    def as_read(self, name: str = "") -> Scene:
-        """The scene as it is, with harmonics as the machine reads them."""
+    def as_read(self, of: Scene | None = None) -> Scene:
+        """The scene as it is, with harmonics as the machine reads them; `of` is that of
+        `scene_of`."""
         with torch.no_grad():
             sh = self.harmonics_of(self.tensors)
-        return scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, name)
+        return scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, of)
 
     @abstractmethod
     def refresh_colours(self, scene: Scene, order: np.ndarray):
@@ -146,8 +147,8 @@ class Quantised(ABC):
         """Optimised tensors by name, and learning rates of those that `trainable` does not know."""
 
     @abstractmethod
-    def packed(self, name: str) -> PackedModel:
-        """The packed model of the parameters as they are."""
+    def packed(self, of: Scene | None = None) -> PackedModel:
+        """The packed model of the parameters as they are, with the mark of the scene `of`."""
 
 
 def stored_positions(chunks: Chunks) -> np.ndarray:

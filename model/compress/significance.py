@@ -18,11 +18,7 @@ VOLUME_POWER = 0.1  # exponent of the volume
 
 def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:
     """For each camera Σ over its pixels of alpha·T, [N]."""
-    gaussians = scene.gaussians()
-    arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
-    arrays = [np.asarray(array, np.float32) for array in arrays]
-    for camera in cameras:
-        yield blending_weights(*arrays, camera)
+    return blending_weights(scene.gaussians(), cameras)
 
 
 def significance(

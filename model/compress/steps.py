@@ -66,8 +66,8 @@ class InSteps(Quantised):
     def leaves(self) -> tuple[Tensors, dict[str, float]]:
         return self.tensors, {}
 
-    def packed(self, name: str) -> PackedModel:
-        scene = self.as_read(name)
+    def packed(self, of: Scene | None = None) -> PackedModel:
+        scene = self.as_read(of)
         return pack(scene, self.config, scene.sh_degree, quality=self.quality)[0]
 
 

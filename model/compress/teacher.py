@@ -59,8 +59,9 @@ def pictures(scene: Scene, cameras: Cameras) -> tuple[OwnPicture, ...]:
     @lru_cache(REMEMBERED)
     @torch.no_grad()
     def kept(camera: Camera) -> mmap:
-        image = render(*parameters, camera).image.clamp(0, 1) * 255
-        return outside(packed_picture(image.round().to(torch.uint8).cpu().numpy()))
+        image = render(*parameters, camera, antialiased=scene.antialiased).image
+        pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8)
+        return outside(packed_picture(pixels.cpu().numpy()))
 
     def see(camera: Camera) -> np.ndarray:
         return unpacked_picture(kept(camera), camera)

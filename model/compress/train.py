@@ -5,6 +5,7 @@ with its ends in proportion to the number of steps. The loss is L1 and structura
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,9 @@ KEEP_EVERY = 500  # steps between two states that are kept
 
 STATE = "training.pt"
 
+TRAINED = "trained with antialiasing"
+"""`Scene.mark` of a scene that was trained with compensated opacities."""
+
 SSIM_SHARE = 0.2  # of the loss on photographs; the rest is L1 (Kerbl et al. 2023).
 
 SIGMA, RADIUS = 1.5, 5
@@ -63,16 +67,26 @@ def initial_scene(position: np.ndarray, colour: np.ndarray) -> Scene:
 
 
 def train(
-    photographs: Sequence[Target], points: Points, steps: int, seed: int, folder: Path, tell: Tell
+    photographs: Sequence[Target],
+    points: Points,
+    steps: int,
+    seed: int,
+    folder: Path,
+    tell: Tell,
+    antialiased: bool = False,
 ) -> Scene:
     """A scene of SH degree 3 from photographs and points (positions [N, 3], colours [N, 3]).
 
-    Its state is kept in `folder` every 500 steps, from where another call goes on. InputError,
-    saying at which step, if the loss is NaN; the last state stays.
+    `antialiased`: opacities are compensated for the blur, and the scene is marked so. Its state is
+    kept in `folder` every 500 steps, from where another call goes on. InputError, saying at which
+    step, if the loss is NaN; the last state stays.
     """
     torch.manual_seed(seed)
     extent = trainable.extent_of([target.camera for target in photographs])
-    training = Training(initial_scene(*points), extent, steps, seed)
+    start = initial_scene(*points)
+    if antialiased:
+        start = replace(start, antialiased=True, mark=TRAINED)
+    training = Training(start, extent, steps, seed)
     path = Path(folder) / STATE
     training.load(path)
     views = views_in_turn(photographs, seed)
@@ -89,7 +103,7 @@ def train(
         tell(what, training.step, steps, mean)
         if training.step % KEEP_EVERY == 0:
             training.save(path)
-    return sound(trainable.scene_of(training.tensors))
+    return sound(trainable.scene_of(training.tensors, start))
 
 
 class Training:
@@ -99,7 +113,10 @@ class Training:
         from gsplat import DefaultStrategy
 
         self.extent, self.steps, self.step = extent, steps, 0
+        self.antialiased = scene.antialiased
         self.key = f"{len(scene)} points, {steps} steps, seed {seed}"
+        if self.antialiased:
+            self.key += ", antialiased"
         leaves = trainable.tensors_of(scene).items()
         self.tensors = {name: torch.nn.Parameter(tensor.detach()) for name, tensor in leaves}
         self.optimizers = trainable.optimizers(self.tensors, extent)
@@ -118,7 +135,7 @@ class Training:
         sh = torch.cat([tensors["sh0"], tensors["shN"][:, : sh_count(degree) - 1]], dim=1)
         found = render(
             tensors["means"], trainable.factor_of(tensors), torch.sigmoid(tensors["opacities"]), sh,
-            target.camera, centre[0],
+            target.camera, centre[0], antialiased=self.antialiased,
         )  # fmt: skip
         loss = photograph_loss(found.image, as_tensor(target.image, found.image))
         if not torch.isfinite(loss):

@@ -5,11 +5,12 @@ its splat-transform reads it; `gsply` decodes all of it but the SH.
 """
 
 import os
+from dataclasses import replace
 
 import numpy as np
 from plyfile import PlyData, PlyElement
 
-from splatcore.model.formats import file
+from splatcore.model.formats import file, ply_marks
 from splatcore.model.formats.file import file_size, input_error
 from splatcore.spec.scene import Scene, sh_count
 
@@ -62,7 +63,8 @@ def read(path: str | os.PathLike) -> Scene:
         rest = file_size(path) - start - sum(element.nbytes for element in elements.values())
         size = 1 if compressed else 4  # as all known writers have it
         file.check_degree(scene.sh_degree, len(scene), size, rest, path)
-    return scene
+    comments = [text for part in (ply, *ply.elements) for text in part.comments]
+    return ply_marks.of_comments(scene, comments)
 
 
 def _check_header(path: str | os.PathLike) -> int:
@@ -121,7 +123,12 @@ def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
     constant, position, log_scale, quaternion, opacity = parts
     higher = _channel_last(_columns(vertex, rest, path)) if rest else None
     opacity = file.sigmoid(opacity[:, 0])
-    return file.stored_scene(path, position, log_scale, quaternion, opacity, constant, higher)
+    scene = file.stored_scene(path, position, log_scale, quaternion, opacity, constant, higher)
+    names, used = vertex.dtype.names, [*_PLAIN.split(), *rest]
+    if ply_marks.FILTER in names:
+        scene = ply_marks.fused(scene, _columns(vertex, [ply_marks.FILTER], path)[:, 0])
+        used.append(ply_marks.FILTER)
+    return replace(scene, notes=scene.notes + ply_marks.unused(names, used))
 
 
 def _channel_last(rest: np.ndarray) -> np.ndarray:
@@ -156,7 +163,9 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
     with file.reading(path):
         data = gsply.decompress_from_bytes(_layout(bounds, packed))
     opacity = file.sigmoid(data.opacities)
-    return file.stored_scene(path, data.means, data.scales, data.quats, opacity, data.sh0, higher)
+    arrays = data.means, data.scales, data.quats, opacity, data.sh0, higher
+    scene = file.stored_scene(path, *arrays)
+    return replace(scene, notes=ply_marks.unused(vertex.dtype.names, _PACKED))
 
 
 def _integers(table: np.ndarray, names: list[str], kind: type, where: object) -> np.ndarray:
@@ -179,7 +188,8 @@ def _layout(bounds: np.ndarray, packed: np.ndarray) -> bytes:
 
 
 def write_ply(path: str | os.PathLike, scene: Scene) -> None:
-    """Writes the original layout of 3DGS: binary, little-endian, float32, normals of zero."""
+    """Writes the original layout of 3DGS: binary, little-endian, float32, normals of zero; the
+    comment `ply_marks.COMMENT` if the scene is antialiased."""
     opacity = np.clip(scene.opacity, OPACITY_MARGIN, 1 - OPACITY_MARGIN)
     with np.errstate(divide="ignore"):
         log_scale = np.log(np.maximum(scene.scale, SCALE_MIN))
@@ -198,5 +208,7 @@ def write_ply(path: str | os.PathLike, scene: Scene) -> None:
     with np.errstate(over="ignore"):
         for name, column in zip(names, np.hstack([part for _, part in groups]).T, strict=True):
             vertex[name] = column
+    comments = [ply_marks.COMMENT] if scene.antialiased else []
     with file.reading(path, "cannot be written"):
-        PlyData([PlyElement.describe(vertex, "vertex")], byte_order="<").write(os.fspath(path))
+        element = PlyElement.describe(vertex, "vertex")
+        PlyData([element], byte_order="<", comments=comments).write(os.fspath(path))

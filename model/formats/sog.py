@@ -5,9 +5,10 @@ Version 2 looks bytes up in a codebook; version 1 places them linearly between `
 """
 
 import io
+import json
 import os
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from PIL import Image
@@ -22,6 +23,9 @@ QUATERNION_TAG = 252
 """The alpha of a quaternion's pixel is this plus the index of its largest component."""
 
 CODEBOOK_MAX = 256
+
+MARKS = {"model": {"antialiased": True, "default": False}, "antialias": {True: True, False: False}}
+"""Keys of meta.json that say whether a scene is antialiased, with their values."""
 
 _COEFFICIENTS = {1: 3, 2: 8, 3: 15}  # SH degree → coefficients per channel beyond the constant one
 
@@ -107,7 +111,19 @@ def read(path: str | os.PathLike) -> Scene:
     position = _position(sog, rows["means"], rows["means, upper bytes"])
     log_scale = sog.values("scales", rows["scales"][:, :3])
     quaternion = _quaternion(sog, rows["quats"])
-    return file.stored_scene(path, position, log_scale, quaternion, opacity, colour, higher)
+    scene = file.stored_scene(path, position, log_scale, quaternion, opacity, colour, higher)
+    return _marked(scene, meta)
+
+
+def _marked(scene: Scene, meta: dict) -> Scene:
+    """The scene with the mark that meta.json gives it at its top level: "model" (PlayCanvas'
+    splat-transform) or else "antialias" (GaussForge)."""
+    for key, stated in MARKS.items():
+        value = meta.get(key)
+        if isinstance(value, str | bool) and value in stated:
+            mark = f'SOG "{key}": {json.dumps(value)}'
+            return replace(scene, antialiased=stated[value], mark=mark)
+    return scene
 
 
 def _entry(archive: zipfile.ZipFile, name: str, path: str | os.PathLike, size: int) -> bytes:

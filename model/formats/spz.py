@@ -29,7 +29,8 @@ SPZ_MAGIC = b"NGSP"
 FRACTION_MAX = 24  # most fractional bits of a position, which has 24 bits
 
 ANTIALIASED = 1
-"""Flag of a scene trained with a renderer that makes up in opacity for the covariance's blur."""
+"""Flag of a scene trained with opacity compensation. A file without it states nothing: converters
+drop it."""
 
 EXTENDED = 2
 """Flag of a file with extensions: records of type, size in bytes (both uint32) and content."""
@@ -93,7 +94,7 @@ def read(path: str | os.PathLike) -> Scene:
         raise input_error(path, "is no SPZ file")
     scene = _read_version_1(header, payload, path) if header.version == 1 else _decode(path, path)
     if header.flags & ANTIALIASED:
-        scene = replace(scene, notes=(*scene.notes, "trained with antialiasing: rendered without"))
+        scene = replace(scene, antialiased=True, mark="SPZ flag")
     return scene
 
 

@@ -1,16 +1,20 @@
 """The hard cases by name: small scenes that each sit on a corner where renderers go wrong.
 
-First those of what is too faint to be seen (`hard_faint`) and those of harmonics
-(`hard_harmonics`), then those of shape and place (axis ratios, sizes,
-depths, lists, coordinates), then those of value and size (opacities, transmittance, colours, odd
-file content, odd images).
+First those of antialiased scenes (`hard_antialiased`), of splats that are too faint to be seen
+(`hard_faint`) and of harmonics (`hard_harmonics`), then those of shape and place (axis ratios,
+sizes, depths, lists, coordinates), then those of value and size (opacities, transmittance, colours,
+odd file content, odd images).
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from splatcore.model.generate import hard_faint, hard_harmonics  # noqa: F401, enter their cases
+from splatcore.model.generate import (  # noqa: F401, enter their cases
+    hard_antialiased,
+    hard_faint,
+    hard_harmonics,
+)
 from splatcore.model.generate.hard_case import (
     DEPTH,
     FOCAL,
@@ -196,7 +200,7 @@ def not_finite(rng: np.random.Generator) -> Scene:
     for array, rows in zip(arrays.values(), bad, strict=True):
         flat = array.reshape(300, -1)
         flat[rows, rng.integers(flat.shape[1], size=3)] = [np.nan, np.inf, -np.inf]
-    return Scene(**arrays)
+    return replace(scene, **arrays)
 
 
 @hard_case("no Gaussian at all: empty arrays, empty lists, and still a frame")

@@ -94,5 +94,6 @@ def in_one_tile(rng: np.random.Generator, scene: Scene, depth: np.ndarray) -> Sc
 
 
 def together(*scenes: Scene) -> Scene:
-    """One scene of all Gaussians of `scenes`, in order; their SH degrees are equal."""
-    return Scene(*(np.concatenate([getattr(s, name) for s in scenes]) for name in ARRAYS))
+    """One scene of all Gaussians of `scenes`, in order; their SH degrees and marks are equal."""
+    joined = {name: np.concatenate([getattr(s, name) for s in scenes]) for name in ARRAYS}
+    return replace(scenes[0], **joined)

@@ -33,34 +33,38 @@ def render(
     camera: Camera,
     shift: torch.Tensor | None = None,
     convention: Convention = SPLATCORE,
+    antialiased: bool = False,
 ) -> Rendered:
     """Render Gaussians: position [N, 3], factor [N, 3, 3] (Σ = A·Aᵀ), opacity [N], harmonics
     [N, (degree+1)², 3], all of one floating type and device, in which everything is computed.
 
     `shift` [N, 2] (pixels) moves the splats' centres; its gradient is that of the centres, which
     densification looks at. Gradients are zero where alpha or a colour is clamped, and do not know
-    that a pixel may pass 1/255 or end: as everywhere in 3DGS.
+    that a pixel may pass 1/255 or end: as everywhere in 3DGS. `antialiased`: opacities are
+    compensated for the blur, as those of `spec.scene.Gaussians` with this mark.
     """
     if shift is None:
         shift = torch.zeros_like(position[:, :2])
     if position.is_cuda:
         image, rest, visible = _render_cuda(
-            position, factor, opacity, sh, camera, shift, convention
+            position, factor, opacity, sh, camera, shift, convention, antialiased
         )
     else:
         found = []
         image, rest = _Render.apply(
-            position, factor, opacity, sh, shift, camera, convention, found.append
+            position, factor, opacity, sh, shift, camera, convention, antialiased, found.append
         )
         visible = found[0]
     background = image.new_tensor(convention.background)
     return Rendered(image + rest[..., None] * background, rest, visible)
 
 
-def _render_cuda(position, factor, opacity, sh, camera, shift, convention):
+def _render_cuda(position, factor, opacity, sh, camera, shift, convention, antialiased):
     """gsplat's picture. Of the convention it takes near plane and blur; its alpha is clamped at
     0.999, its splats end at 3.33 standard deviations, and its Jacobian's limits differ for a
-    principal point off the centre. Its centres' gradient goes to `shift`, which must be zero."""
+    principal point off the centre. Its compensation takes the determinant as a difference in
+    float32, which is rough for needles. Its centres' gradient goes to `shift`, which must be zero.
+    """
     from gsplat import rasterization
 
     view = np.eye(4)
@@ -72,6 +76,7 @@ def _render_cuda(position, factor, opacity, sh, camera, shift, convention):
         camera.width, camera.height, near_plane=convention.near_plane,
         eps2d=convention.covariance_blur, sh_degree=int(np.sqrt(sh.shape[1])) - 1, packed=False,
         covars=factor @ factor.transpose(1, 2),
+        rasterize_mode="antialiased" if antialiased else "classic",
     )  # fmt: skip
     if shift.requires_grad and found["means2d"].requires_grad:
         found["means2d"].register_hook(lambda gradient: shift.backward(gradient[0]))
@@ -83,9 +88,11 @@ class _Render(torch.autograd.Function):
     """The numba kernels as an operation of torch."""
 
     @staticmethod
-    def forward(context, position, factor, opacity, sh, shift, camera, convention, tell):
+    def forward(
+        context, position, factor, opacity, sh, shift, camera, convention, antialiased, tell
+    ):  # fmt: skip
         arrays = [tensor.detach().numpy() for tensor in (position, factor, opacity, sh, shift)]
-        drawn = Drawn(arrays, camera, convention)
+        drawn = Drawn(arrays, camera, convention, antialiased)
         tell(drawn.index)
         context.save_for_backward(position, factor, sh)
         context.drawn = drawn
@@ -104,4 +111,4 @@ class _Render(torch.autograd.Function):
             drawn.index, position, factor, sh, drawn.view, drawn.splats, gradient,
             get_num_threads(), *found,
         )  # fmt: skip
-        return *map(torch.from_numpy, found), None, None, None
+        return *map(torch.from_numpy, found), None, None, None, None

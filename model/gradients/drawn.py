@@ -1,5 +1,7 @@
 """A picture by the numba kernels, with what its gradients need; without PyTorch."""
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 from numba import get_num_threads
 
@@ -7,14 +9,16 @@ from splatcore.model.gradients import rendering_points, rendering_tiles
 from splatcore.model.gradients.rendering_points import RED
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SPLATCORE, TILE, Convention
+from splatcore.spec.scene import Gaussians
 
 
 class Drawn:
-    """A picture by the kernels, with all that its gradients need."""
+    """A picture by the kernels, with all that its gradients need. `antialiased`: opacities are
+    compensated for the blur."""
 
-    def __init__(self, arrays, camera: Camera, convention: Convention):
+    def __init__(self, arrays, camera: Camera, convention: Convention, antialiased: bool):
         self.camera = camera
-        self.view = rendering_points.view_numbers(camera, convention)
+        self.view = rendering_points.view_numbers(camera, convention, antialiased)
         self.splats, self.index = _project(arrays, self.view)
         size = camera.width, camera.height
         lists = rendering_tiles.tile_lists(self.splats, *size)
@@ -55,16 +59,21 @@ def to_tiles(image: np.ndarray, camera: Camera) -> np.ndarray:
     return tiles.reshape(-1, TILE, TILE).copy()
 
 
-def blending_weights(position, factor, opacity, sh, camera, convention=SPLATCORE):
-    """Contribution of each Gaussian to a view [N]: Σ over the pixels of alpha·T.
+def blending_weights(
+    gaussians: Gaussians, cameras: Iterable[Camera], kind: type = np.float32
+) -> Iterator[np.ndarray]:
+    """Contribution of each Gaussian to each view [N]: Σ over the pixels of alpha·T, computed in
+    the floating type `kind`.
 
     It is the gradient, by the colours, of the sum of a picture in which every splat is white.
     """
-    arrays = [np.asarray(a) for a in (position, factor, opacity, sh)]
-    arrays.append(np.zeros((len(position), 2), arrays[0].dtype))
-    drawn = Drawn(arrays, camera, convention)
-    to_colour = np.zeros_like(drawn.colour)
-    to_colour[:, 0] = 1
-    weight = np.zeros(len(position))
-    weight[drawn.index] = drawn.backward(to_colour, np.zeros_like(drawn.state[0]))[:, RED]
-    return weight
+    arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
+    arrays = [np.asarray(array, kind) for array in arrays]
+    arrays.append(np.zeros((len(gaussians), 2), kind))
+    for camera in cameras:
+        drawn = Drawn(arrays, camera, SPLATCORE, gaussians.antialiased)
+        to_colour = np.zeros_like(drawn.colour)
+        to_colour[:, 0] = 1
+        weight = np.zeros(len(gaussians))
+        weight[drawn.index] = drawn.backward(to_colour, np.zeros_like(drawn.state[0]))[:, RED]
+        yield weight

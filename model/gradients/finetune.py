@@ -95,15 +95,18 @@ def finetune(
     left: float,
     parameters: Callable[[Tensors], tuple[torch.Tensor, ...]] = rendered,
     kept: Unfinished | None = None,
+    antialiased: bool = False,
 ) -> float | None:
     """Fit a scene to its targets by `difference`; returns the mean loss of the last steps.
 
-    `parameters` makes of the tensors what is rendered; `left` and `kept` are those of `optimise`.
+    `parameters` makes of the tensors what is rendered; `left` and `kept` are those of `optimise`,
+    `antialiased` is the scene's.
     """
     views = list(islice(views_in_turn(targets, seed), steps))
 
     def loss_of(step: int) -> torch.Tensor:
-        picture = render(*parameters(tensors), views[step].camera).image
+        camera = views[step].camera
+        picture = render(*parameters(tensors), camera, antialiased=antialiased).image
         return difference(picture, as_tensor(views[step].image, picture))
 
     return optimise(optimizers, steps, loss_of, tell, what, left, kept)

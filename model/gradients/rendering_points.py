@@ -3,7 +3,8 @@
 The conventions are those of `spec.convention`; the formulas of the gradients are the chain rule on
 those of the reference renderer. With p = R·x + t, slopes s = p.xy / p.z, the Jacobian J and
 M = J·R·A (2×3) of a factor A, the splat's covariance is Σ = M·Mᵀ + blur and its conic K = Σ⁻¹, so
-dΣ = −K·dK·K, dM = 2·dΣ·M, dA = (J·R)ᵀ·dM. Parallel over Gaussians, each by one thread.
+dΣ = −K·dK·K, dM = 2·dΣ·M, dA = (J·R)ᵀ·dM. Opacities of antialiased scenes are multiplied by
+√(D / E) with D = det(M·Mᵀ) = |m₀ × m₁|² and E = det Σ. Parallel over Gaussians, each by one thread.
 """
 
 import numpy as np
@@ -24,15 +25,16 @@ form with alpha ≥ alpha_min, and the half sides (pixels) of the box around it.
 GRADIENTS = 9  # the first columns, those that the picture depends on smoothly
 
 
-def view_numbers(camera: Camera, convention: Convention) -> np.ndarray:
-    """Camera and convention for the kernels, [28]: R, t, centre, intrinsics, limits."""
+def view_numbers(camera: Camera, convention: Convention, antialiased: bool = False) -> np.ndarray:
+    """Camera and convention for the kernels, [28]: R, t, centre, intrinsics, limits, and whether
+    opacities are compensated for the blur."""
     limit = convention.frustum_margin * np.array(camera.tan_half_fov)
     shift = convention.principal_point_shift + convention.pixel_centre
     return np.concatenate([
         camera.rotation.reshape(-1), camera.translation, camera.position,
         (camera.fx, camera.fy, camera.cx - shift, camera.cy - shift), limit,
         (convention.near_plane, convention.covariance_blur, convention.alpha_min,
-         convention.colour_offset, camera.width, camera.height),
+         convention.colour_offset, camera.width, camera.height, antialiased),
     ])  # fmt: skip
 
 
@@ -61,22 +63,34 @@ def _projected(position, factor, view, point, slope, rows, m):
 
 
 @njit(cache=True)
-def _conic(m, blur, sigma, conic):
-    """Σ = M·Mᵀ + blur in `sigma` (xx, xy, yy), its inverse in `conic` (A, B, C).
+def _cross(m):
+    """The 2×2 minors of M, m₀ × m₁."""
+    return (
+        m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1],
+        m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2],
+        m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0],
+    )
+
+
+@njit(cache=True)
+def _conic(m, view, sigma, conic):
+    """Σ = M·Mᵀ + blur in `sigma` (xx, xy, yy), its inverse in `conic` (A, B, C); returns the factor
+    by which the opacity is compensated for the blur, 1 without antialiasing.
 
     The determinant is a sum of squares (Lagrange's identity): needles keep their digits.
     """
+    blur = view[22]
     xx = m[0, 0] ** 2 + m[0, 1] ** 2 + m[0, 2] ** 2
     yy = m[1, 0] ** 2 + m[1, 1] ** 2 + m[1, 2] ** 2
     xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
-    cross = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) ** 2
-    cross += (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) ** 2
-    cross += (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) ** 2
-    determinant = cross + blur * (xx + yy) + blur * blur
+    x, y, z = _cross(m)
+    sharp = x * x + y * y + z * z
+    determinant = sharp + blur * (xx + yy) + blur * blur
     sigma[0], sigma[1], sigma[2] = xx + blur, xy, yy + blur
     conic[0], conic[1], conic[2] = (
         sigma[2] / determinant, -xy / determinant, sigma[0] / determinant
     )  # fmt: skip
+    return np.sqrt(sharp / determinant) if view[27] else 1.0
 
 
 @njit(cache=True)
@@ -140,10 +154,12 @@ def project(position, factor, opacity, sh, shift, view, threads, splats, depth):
                 continue
             if not _projected(position[n], factor[n], view, point, slope, rows, m):
                 continue
-            _conic(m, view[22], sigma, conic)
+            strength = opacity[n] * _conic(m, view, sigma, conic)
+            if not strength >= view[23]:
+                continue
             u = view[15] * point[0] / point[2] + view[17] + shift[n, 0]
             v = view[16] * point[1] / point[2] + view[18] + shift[n, 1]
-            reach = 2 * np.log(opacity[n] / view[23])
+            reach = 2 * np.log(strength / view[23])
             wide, high = np.sqrt(reach * sigma[0]), np.sqrt(reach * sigma[2])
             if not (u + wide >= 0 and u - wide <= view[25] - 1):
                 continue
@@ -152,7 +168,7 @@ def project(position, factor, opacity, sh, shift, view, threads, splats, depth):
             _colour(position[n], sh[n], view, basis, splats[n])
             splats[n, U], splats[n, V] = u, v
             splats[n, A], splats[n, B], splats[n, C] = conic[0], conic[1], conic[2]
-            splats[n, OPACITY], splats[n, REACH] = opacity[n], reach
+            splats[n, OPACITY], splats[n, REACH] = strength, reach
             splats[n, WIDE], splats[n, HIGH] = wide, high
             depth[n] = point[2]
 
@@ -186,12 +202,13 @@ def project_backward(
         for i in range(thread * len(index) // threads, (thread + 1) * len(index) // threads):
             n = index[i]
             g[:] = gradient[i]
-            to_shift[n, 0], to_shift[n, 1], to_opacity[n] = g[U], g[V], g[OPACITY]
+            to_shift[n, 0], to_shift[n, 1] = g[U], g[V]
             _projected(position[n], factor[n], view, point, slope, rows, m)
+            to_opacity[n] = g[OPACITY] * _covariance_backward(g, m, view, scratch)
+            if view[27]:
+                _compensation_backward(g[OPACITY] * splats[i, OPACITY], m, view[22], scratch)
             toward[:] = 0  # of the point in camera coordinates
-            _shape_backward(
-                g, m, rows, factor[n], slope, point, view, to_factor[n], toward, scratch
-            )
+            _shape_backward(rows, factor[n], slope, point, view, scratch, to_factor[n], toward)
             z = point[2]
             for axis in range(2):
                 focal = view[15 + axis]
@@ -207,19 +224,45 @@ def project_backward(
 
 
 @njit(cache=True)
-def _shape_backward(g, m, rows, factor, slope, point, view, to_factor, toward, scratch):
-    """From the conic's gradient to the factor's, and into that of the camera point."""
-    _conic(m, view[22], scratch[0], scratch[1])
-    a, b, c = scratch[1, 0], scratch[1, 1], scratch[1, 2]
+def _covariance_backward(g, m, view, to_m):
+    """From the conic's gradient to that of M; returns the factor of the opacity."""
+    compensation = _conic(m, view, to_m[0], to_m[1])
+    a, b, c = to_m[1, 0], to_m[1, 1], to_m[1, 2]
     ga, gb, gc = g[A], g[B] / 2, g[C]
     # −K·G·K of the symmetric matrices
     xx = -(a * (ga * a + gb * b) + b * (gb * a + gc * b))
     xy = -(a * (ga * b + gb * c) + b * (gb * b + gc * c))
     yy = -(b * (ga * b + gb * c) + c * (gb * b + gc * c))
-    to_m = scratch
     for j in range(3):
         to_m[0, j] = 2 * (xx * m[0, j] + xy * m[1, j])
         to_m[1, j] = 2 * (xy * m[0, j] + yy * m[1, j])
+    return compensation
+
+
+@njit(cache=True)
+def _compensation_backward(pull, m, blur, to_m):
+    """Add to M's gradient that of f = √(D / E), `pull` being the loss's gradient by log f.
+
+    d log f = (dD / D − dE / E) / 2, where E − D = blur·(|m₀|² + |m₁|²) + blur² = B, so that
+    1/D − 1/E = B / (D·E) needs no difference; dD by m₀ is 2·m₁ × (m₀ × m₁), by m₁ 2·(m₀ × m₁) × m₀.
+    """
+    x, y, z = _cross(m)
+    sharp, added = x * x + y * y + z * z, blur * blur
+    for j in range(3):
+        added += blur * (m[0, j] ** 2 + m[1, j] ** 2)
+    less = pull * blur / (sharp + added)
+    more = pull * added / (sharp * (sharp + added))
+    to_m[0, 0] += more * (m[1, 1] * z - m[1, 2] * y) - less * m[0, 0]
+    to_m[0, 1] += more * (m[1, 2] * x - m[1, 0] * z) - less * m[0, 1]
+    to_m[0, 2] += more * (m[1, 0] * y - m[1, 1] * x) - less * m[0, 2]
+    to_m[1, 0] += more * (y * m[0, 2] - z * m[0, 1]) - less * m[1, 0]
+    to_m[1, 1] += more * (z * m[0, 0] - x * m[0, 2]) - less * m[1, 1]
+    to_m[1, 2] += more * (x * m[0, 1] - y * m[0, 0]) - less * m[1, 2]
+
+
+@njit(cache=True)
+def _shape_backward(rows, factor, slope, point, view, to_m, to_factor, toward):
+    """From the gradient of M to the factor's, and into that of the camera point."""
     for k in range(3):
         for j in range(3):
             to_factor[k, j] = rows[0, k] * to_m[0, j] + rows[1, k] * to_m[1, j]

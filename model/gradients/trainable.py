@@ -4,6 +4,8 @@ The names are gsplat's, whose densification works on them: means, scales (logari
 opacities (logits), sh0 [N, 1, 3] and shN [N, (degree+1)² − 1, 3].
 """
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -60,14 +62,17 @@ def tensors_of(scene: Scene) -> Tensors:
     return {name: torch.tensor(array, **leaf) for name, array in arrays.items()}
 
 
-def scene_of(tensors: Tensors, name: str = "") -> Scene:
-    """The scene of tensors, float64."""
+def scene_of(tensors: Tensors, of: Scene | None = None) -> Scene:
+    """The scene of tensors, float64, with name and mark of the scene `of` that they come from."""
     array = {name: tensor.detach().double().cpu().numpy() for name, tensor in tensors.items()}
-    return Scene(
+    scene = Scene(
         array["means"], np.exp(array["scales"]), array["quats"],
         1 / (1 + np.exp(-array["opacities"])),
-        np.concatenate([array["sh0"], array["shN"]], axis=1), name,
+        np.concatenate([array["sh0"], array["shN"]], axis=1),
     )  # fmt: skip
+    if of is None:
+        return scene
+    return replace(scene, name=of.name, antialiased=of.antialiased, mark=of.mark)
 
 
 def factor_of(tensors: Tensors) -> torch.Tensor:

@@ -28,6 +28,7 @@ class Quantised:
     factor_exponent: int
     attenuation: np.ndarray  # [N] −log2(opacity)
     colour: tuple[Codebook, Codebook] | Steps  # of colours and of G, or of all degrees
+    antialiased: bool = False
 
     @property
     def layouts(self) -> np.ndarray:
@@ -76,12 +77,14 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
     absolute = format.position == "absolute"
     numbers = {
         "magic": memory.MAGIC,
-        "version": memory.VERSION,
+        "version": memory.VERSIONS[model.antialiased],
         "sh_degree": format.sh_degree,
         "position": memory.POSITION_FORMATS.index(format.position),
         "small": format.small,
         "count": len(model),
         "checksum": check,
+        "antialiased": model.antialiased,
+        "spare": 0,
         "position_exponent": memory.ABSOLUTE_EXPONENT if absolute else model.chunks.exponent,
         "factor_exponent": model.factor_exponent,
     }

@@ -111,7 +111,9 @@ def pack(
     factor = np.ldexp(lower, -exponent)
     factor = rounded_factor(factor) if format.small else FACTOR.round(factor)
     opacity = format.stored_record["opacity"].round(-np.log2(np.minimum(kept.opacity, 1)))
-    quantised = Quantised(format, chunks, position, factor, exponent, opacity, colour)
+    quantised = Quantised(
+        format, chunks, position, factor, exponent, opacity, colour, scene.antialiased
+    )
     model = PackedModel(lay_out(quantised), scene.name)
     dropped = int((~finite).sum()), int((finite & ~visible).sum())
     return model, report(kept, lower, model, dropped)

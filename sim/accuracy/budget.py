@@ -107,7 +107,7 @@ def machine_parts(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Names of the machine's parts, and pictures [H, W, 3], 0 … 1, with that part alone."""
     model, camera = exact.model, exact.camera
-    splats = drawn_splats(fields_of(config, model, points), points, model)[0]
+    splats = drawn_splats(fields_of(config, model, points), points)[0]
     order = np.lexsort((splats.index, exact.depth[splats.index]))
     yield "arithmetic", picture(splats[order], camera)
     order = np.lexsort((exact.splats.index, keys_of(config, exact, points)))

@@ -24,6 +24,7 @@ from splatcore.spec.config import DEFAULT, PAPER, Config
 from splatcore.spec.convention import NEAR_PLANE, SPLATCORE, Convention
 from splatcore.spec.depth import whole_depth
 from splatcore.spec.error import InputError
+from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import COLOURS
@@ -185,16 +186,15 @@ def sizes(error: np.ndarray) -> dict[str, float | None]:
     return {"rms": float(np.sqrt(np.mean(error**2))), "max": float(np.abs(error).max())}
 
 
-def drawn_splats(
-    fields: Fields, points: Points, model: PackedModel
-) -> tuple[Splats, np.ndarray, np.ndarray]:
+def drawn_splats(fields: Fields, points: Points) -> tuple[Splats, np.ndarray, np.ndarray]:
     """The splats that can be drawn, in order of their depths; which of all are finite [M], and
     which have a positive definite conic [M]."""
     finite = np.all([np.isfinite(values) for values in fields.values()], axis=0)
     positive = (points.projected["across"] > 0) & (points.projected["along"] > 0)
     drawn = np.flatnonzero(finite & positive)
     left, index = {name: values[drawn] for name, values in fields.items()}, points.index[drawn]
-    return splats_of(left, model.opacity[index], index), finite, positive
+    opacity = np.exp2(-points.projected["attenuation"][drawn] * OPACITY.step)
+    return splats_of(left, opacity, index), finite, positive
 
 
 def measure(config: Config, exact: Reference, whole: Reference) -> dict:
@@ -206,7 +206,7 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     model, camera = exact.model, exact.camera
     points = project_points(config, model, camera)
     fields, index = fields_of(config, model, points), points.index
-    splats, finite, positive = drawn_splats(fields, points, model)
+    splats, finite, positive = drawn_splats(fields, points)
 
     true, depth = exact.depth[points.points], points.culled["z"]
     front = (true > NEAR_PLANE) & np.isfinite(depth)  # of what stage 0 reads
@@ -233,17 +233,23 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
 
 
 def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:
-    """Errors of all machines on a scene, which is packed once for each way to pack it."""
+    """Errors of all machines on a scene, which is packed once for each way to pack it.
+
+    Machines that do not compensate opacities are measured on the scene without its mark.
+    """
     tell("packing")
     begin = time.perf_counter()
     source, camera = view.open()
-    references = {}
+    sources, references = {True: source, False: source}, {}
+    if source.scene is not None and source.scene.antialiased:
+        plain = replace(source.scene, antialiased=False)
+        sources[False] = replace(source, scene=plain, packed={})
 
-    def reference(config: Config) -> Reference:
-        model = packed_model(source, config, camera)
+    def reference(config: Config, compensates: bool) -> Reference:
+        model = packed_model(sources[compensates], config, camera)
         return references.setdefault(id(model), Reference(model, camera))
 
-    whole = reference(DEFAULT)
+    whole = reference(DEFAULT, True)
     facts = {
         "hard": view.scene in HARD,
         "camera": view.camera_text or camera.name,
@@ -255,5 +261,6 @@ def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:
     facts["machines"] = results = {}
     for config in machines:
         tell(config.name)
-        results[config.name] = measure(config, reference(config), whole)
+        same = config.compensates
+        results[config.name] = measure(config, reference(config, same), reference(DEFAULT, same))
     return facts | {"seconds": round(time.perf_counter() - begin, 1)}

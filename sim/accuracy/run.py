@@ -10,6 +10,7 @@ from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.file import read_bytes
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.model.generate.hard import HARD
+from splatcore.model.generate.hard_antialiased import ANTIALIASED
 from splatcore.sim.accuracy.points import measure_view
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.sim.common.pool import CONTEXT, as_done, processes, send
@@ -22,20 +23,27 @@ PROCESSES = 2  # scenes that are measured at a time; one of half a million Gauss
 NOT_POINTS = ("transmittance_edge", "unnormalised_quaternions", "not_finite", "empty")
 """Hard cases of which stages 0 and 1 see nothing: they are over in packing or begin in blending."""
 
-HARD_CASES = tuple(name for name in HARD if name not in NOT_POINTS)
+HARD_CASES = tuple(name for name in HARD if name not in (*NOT_POINTS, *ANTIALIASED))
+"""Those that machines of all number widths can render."""
 
 
-def named(sources: list[str], camera: str | None, size: str | None) -> dict[str, View]:
+def named(
+    sources: list[str], camera: str | None, size: str | None, antialiased: bool | None = None
+) -> dict[str, View]:
     """The scenes that the command line names, each once; InputError for what cannot be opened."""
     check_view(camera, size)
     for source in sources:
         if source not in GENERATORS or os.path.exists(source):
             read_bytes(source, 4)
-    return {source: View(source, size=size, file=camera) for source in sources}
+    common = {"size": size, "file": camera, "antialiased": antialiased}
+    return {source: View(source, **common) for source in sources}
 
 
-def everything(folder: str | None, camera: str | None, size: str | None) -> dict[str, View]:
-    """Every scene of a folder, else the garden; and the hard cases that concern points; by name."""
+def everything(
+    folder: str | None, camera: str | None, size: str | None, antialiased: bool | None = None
+) -> dict[str, View]:
+    """Every scene of a folder, else the garden; and the hard cases that concern points; by name.
+    The override of the mark is for the scenes."""
     if camera:
         raise InputError("--camera: goes with a SCENE only")
     check_view(None, size)
@@ -44,12 +52,12 @@ def everything(folder: str | None, camera: str | None, size: str | None) -> dict
         paths = scene_files(place)
         if not paths:
             raise InputError(f"--scenes {place}: holds no scene ({', '.join(SUFFIXES)})")
-        views = {path.name: View(str(path), size=size) for path in paths}
+        views = {path.name: View(str(path), size=size, antialiased=antialiased) for path in paths}
     elif folder:
         raise InputError(f"--scenes {folder}: there is no such folder")
     else:
         messages.print(f"no folder {place}: the generated garden stands in", soft_wrap=True)
-        views = {"garden": View("garden", size=size)}
+        views = {"garden": View("garden", size=size, antialiased=antialiased)}
     return views | {name: View(name) for name in HARD_CASES}
 
 

@@ -44,11 +44,14 @@ WAYS: dict[str, Callable[[PackedModel], bytes]] = {
 `spec.coded` adds; with all of that, another compressor."""
 
 
-def coding(config: Config, scenes: list[str], qualities: list[str], tell: Callable) -> list[dict]:
+def coding(
+    config: Config, scenes: list[str], qualities: list[str], tell: Callable,
+    antialiased: bool | None = None,
+) -> list[dict]:  # fmt: skip
     """A row for each scene and quality; `tell(done, total, label)`."""
     rows = []
     for scene in scenes:
-        original = open_source(scene).unpacked
+        original = open_source(scene, antialiased).unpacked
         for quality in qualities:
             tell(len(rows), len(scenes) * len(qualities), f"{scene} {quality}")
             model = pack(original, config, quality=quality)[0]

@@ -6,6 +6,7 @@ dB are of the reference's 8-bit pictures against those of the scene as it is.
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 from splatcore.model.compress.checkpoint import ply_bytes
@@ -101,7 +102,7 @@ def measure(config: Config, view: View, tool: str, compressed: list[str], folder
         path = stem.with_name(stem.name + end)
         actions = TURNED if what == "SPZ" else ()
         called(tool, "--quiet", "--overwrite", "--gpu", "cpu", str(plain), *actions, str(path))
-        held = open_source(str(path)).unpacked
+        held = replace(open_source(str(path)).unpacked, antialiased=scene.antialiased)
         rows.append(row(what, held.gaussians(), held.sh_degree, path.stat().st_size, None))
     plain.unlink()
     for quality in UNLEARNED:

@@ -55,13 +55,15 @@ class Expected:
 
 
 def views(
-    scenes: list[str], cameras: str | None, size: str, quality: str | None = None
-) -> list[View]:
+    scenes: list[str], cameras: str | None, size: str, quality: str | None = None,
+    antialiased: bool | None = None,
+) -> list[View]:  # fmt: skip
     """The views of scenes, else of all in the shared folder."""
     found = []
     for scene in scenes or map(str, scene_files()):
         named = cameras.split(",") if cameras else ["", *MORE_CAMERAS.get(Path(scene).name, ())]
-        found += [View(scene, camera.strip(), size, quality=quality) for camera in named]
+        ids = (camera.strip() for camera in named)
+        found += [View(scene, i, size, None, quality, antialiased) for i in ids]
     for view in found:
         if view.camera_text:
             read_camera(view.camera_text)

@@ -51,7 +51,7 @@ def tasks(name: str, views: list[View], machines: dict[str, Config]) -> list[Tas
 def measure(view: View, machines: dict[str, Config]) -> dict:
     """{"rows": [a row for each machine]}; all machines make the same picture."""
     first = next(iter(machines.values()))
-    source = opened(view.scene)
+    source = opened(view.scene, view.antialiased)
     camera = view.camera_of(source)
     model = packed_model(source, first, camera, view.quality)
     frame = render(first, model, camera)
@@ -67,13 +67,13 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
 
 
 @lru_cache(maxsize=1)
-def opened(scene: str) -> Source:
+def opened(scene: str, antialiased: bool | None = None) -> Source:
     """The scene that this process has worked on last."""
-    return open_source(scene)
+    return open_source(scene, antialiased)
 
 
 @lru_cache(maxsize=8)
 def exact(view: View, model: PackedModel) -> dict[str, np.ndarray]:
     """The reference's 8-bit pictures of a model and of its scene."""
-    source = opened(view.scene)
+    source = opened(view.scene, view.antialiased)
     return truths(source, model, view.camera_of(source))

@@ -4,6 +4,7 @@ Culling, early termination and how busy the processing elements are, as the pape
 tables tell them of its scenes.
 """
 
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -30,10 +31,10 @@ def every_camera(views: list[View]) -> list[View]:
             found[view.scene, None] = view
             continue
         found.setdefault((view.scene, read_camera(view.camera_text).name), view)
-    for scene, size in dict.fromkeys((view.scene, view.size) for view in views):
-        beside = View(scene, "", size).camera_text
+    for view in {(view.scene, view.size): replace(view, camera="") for view in views}.values():
+        beside = view.camera_text
         for camera in read_cameras(beside) if beside else ():
-            found.setdefault((scene, camera.name), View(scene, camera.name, size))
+            found.setdefault((view.scene, camera.name), replace(view, camera=camera.name))
     return list(found.values())
 
 
@@ -58,7 +59,7 @@ def work(config: Config, views: list[View], folder: Path, scheduler: str | None)
 
 def view_work(config: Config, view: View) -> dict:
     """A frame's counts and rates, and how many splats reach each tile."""
-    source = opened(view.scene)
+    source = opened(view.scene, view.antialiased)
     camera = view.camera_of(source)
     model = packed_model(source, config, camera)
     frame = render(config, model, camera)

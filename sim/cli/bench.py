@@ -38,7 +38,7 @@ SIZE = "x".join(map(str, VIEW_SIZE))
 
 def look(
     output: Path, scene: list[str] | None, cameras: str | None, size: str,
-    machines: Iterable[Config], quality: str | None = None,
+    machines: Iterable[Config], quality: str | None = None, antialiased: bool | None = None,
 ) -> list[View]:  # fmt: skip
     """The views to measure by some machines; makes the folder."""
     for config in machines:
@@ -47,18 +47,20 @@ def look(
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
     for text in scene or ():
-        check_source(text)
+        check_source(text, antialiased)
     from splatcore.sim.bench.scenes import views
 
-    found = views(list(scene or ()), cameras, size, quality)
+    found = views(list(scene or ()), cameras, size, quality, antialiased)
     make_folder(output)
     return found
 
 
-def view_of(text: str, size: str, quality: str | None = None) -> View:
+def view_of(
+    text: str, size: str, quality: str | None = None, antialiased: bool | None = None
+) -> View:
     """The view of SCENE[:ID]."""
     scene, _, camera = text.partition(":")
-    return View(scene, camera, size, quality=quality)
+    return View(scene, camera, size, quality=quality, antialiased=antialiased)
 
 
 def finish(path: Path, facts: dict):

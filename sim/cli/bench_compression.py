@@ -4,7 +4,7 @@ from pathlib import Path
 
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
 from splatcore.sim.cli.compress import BesideOption, DegreeOption, QualityOption, RateOption
-from splatcore.sim.cli.options import PresetOption, argument, option
+from splatcore.sim.cli.options import AntialiasedOption, PresetOption, argument, option
 from splatcore.sim.cli.power import LibertyOption, ProcessOption, checked_library
 from splatcore.sim.common.output import make_folder
 from splatcore.sim.common.source import check_known, parse_size
@@ -66,6 +66,7 @@ def compression_command(
     degree: DegreeOption = DEFAULTS.degree,
     quality: QualityOption = DEFAULTS.quality,
     seed: SeedOption = DEFAULTS.seed,
+    antialiased: AntialiasedOption = None,
     preset: PresetOption = "DEFAULT",
     liberty: LibertyOption = None,
     process: ProcessOption = None,
@@ -89,7 +90,7 @@ def compression_command(
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
         at_least("--views", views), parse_size(view_size), beside,
-        parse_size(size), scale, seed, rate, order, degree, quality,
+        parse_size(size), scale, seed, rate, order, degree, quality, antialiased,
     )  # fmt: skip
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")

@@ -2,7 +2,7 @@
 
 from splatcore.sim.bench.quality import TARGETS, quality
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import PresetOption, option
+from splatcore.sim.cli.options import AntialiasedOption, PresetOption, option
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -18,6 +18,7 @@ def quality_command(
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
+    antialiased: AntialiasedOption = None,
     psnr: TargetsOption = TARGETS,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -32,7 +33,7 @@ def quality_command(
     except ValueError:
         raise InputError(f"--psnr '{psnr}': is not numbers between commas") from None
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config])
+    found = bench.look(output, scene, cameras, size, [config], antialiased=antialiased)
     facts = quality(config, found, targets, output, scheduler)
     headings = "bytes|dB, scene|dB, packing|dB, machine|max error, machine|k cycles|model MB read"
     table = new_table("view", headings.split("|"), "by golden and cycle model", ["asked for"])

@@ -1,7 +1,7 @@
 """The command `bench rule`: what is too faint to be seen, cycles against error."""
 
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import PresetOption, QualityOption
+from splatcore.sim.cli.options import AntialiasedOption, PresetOption, QualityOption
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.preset import find_preset
 
@@ -12,6 +12,7 @@ def rule_command(
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
+    antialiased: AntialiasedOption = None,
     quality: QualityOption = "compact",
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -27,7 +28,7 @@ def rule_command(
     from splatcore.sim.bench.rule import cells, measure_rules
 
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config], quality)
+    found = bench.look(output, scene, cameras, size, [config], quality, antialiased)
     facts = measure_rules(config, found, output, scheduler)
     rows = {name: cells(summary) for name, summary in facts["rules"].items()}
     if rows:

@@ -4,7 +4,7 @@ import typer
 from rich.table import Table
 
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import PresetOption, QualityOption, option
+from splatcore.sim.cli.options import AntialiasedOption, PresetOption, QualityOption, option
 from splatcore.sim.common.output import console
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
@@ -28,6 +28,7 @@ def scenes_command(
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
+    antialiased: AntialiasedOption = None,
     timing: TimingOption = "both",
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
@@ -39,7 +40,7 @@ def scenes_command(
     """
     config = find_preset(preset)
     timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
-    found = bench.look(output, scene, cameras, size, [config], quality)
+    found = bench.look(output, scene, cameras, size, [config], quality, antialiased)
     from splatcore.sim.bench import scenes
 
     right = scenes.bench_scenes(config, found, timings, output)
@@ -54,6 +55,7 @@ def sweep_command(
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
+    antialiased: AntialiasedOption = None,
     only: PointOption = None,
     listed: ListOption = False,
     confirm: ConfirmOption = None,
@@ -78,10 +80,11 @@ def sweep_command(
             console.print(f"{point.name:22} {point.fields}", markup=False, soft_wrap=True)
         return
     machines = [point.config for point in chosen]
-    found = bench.look(output, scene, cameras, size, machines)
+    found = bench.look(output, scene, cameras, size, machines, antialiased=antialiased)
     facts = campaigns.sweep(chosen, found, output, scheduler)
     if confirm:
-        campaigns.confirm(chosen, facts, bench.view_of(confirm, found[0].size), output)
+        view = bench.view_of(confirm, found[0].size, antialiased=antialiased)
+        campaigns.confirm(chosen, facts, view, output)
     print_whole(sweep_table(facts))
     bench.finish(output / "sweep.json", facts)
 
@@ -110,6 +113,7 @@ def ablation_command(
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
+    antialiased: AntialiasedOption = None,
     rtl: RtlOption = None,
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
@@ -121,10 +125,11 @@ def ablation_command(
     cycle model's; pictures and counts the golden model's. Writes DIR/ablation.json.
     """
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config], quality)
+    found = bench.look(output, scene, cameras, size, [config], quality, antialiased)
     from splatcore.sim.bench import campaigns
 
-    simulated = [bench.view_of(text, found[0].size, quality) for text in rtl or ()]
+    size = found[0].size
+    simulated = [bench.view_of(text, size, quality, antialiased) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
     names = [step["name"] for step in facts["steps"]]
     table = new_table("view", names, "frames a second at 800 MHz")
@@ -146,6 +151,7 @@ def work_command(
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
+    antialiased: AntialiasedOption = None,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
@@ -154,7 +160,7 @@ def work_command(
     Writes DIR/work.json, with how many splats reach each tile.
     """
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config])
+    found = bench.look(output, scene, cameras, size, [config], antialiased=antialiased)
     from splatcore.sim.bench import workload
 
     if cameras is None:

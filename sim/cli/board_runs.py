@@ -77,6 +77,7 @@ def render_command(
     port: PortOption,
     camera: options.CameraOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     json: options.JsonOption = None,
 ):
     """Render a frame by a board, and compare it with the golden model's.
@@ -89,7 +90,7 @@ def render_command(
 
     config, facts = read_board(board)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         view = open_camera(camera, size, source)
     check_fits(config, view.width, view.height)
     from splatcore.sim.machine import engines
@@ -107,9 +108,8 @@ def render_command(
     write_png(output, frame.pixels)
     golden = engines.golden(config, job)
     note_unseen(source.name, view, golden.counts)
-    wrong = int((frame.pixels != golden.pixels).any(2).sum())
+    wrong, clock = int((frame.pixels != golden.pixels).any(2).sum()), facts["clock_hz"]
     found = differences(frame.pixels, engines.truths(source, job.model, view))
-    clock = facts["clock_hz"]
     rate = clock / max(frame.preprocessing, frame.rendering)
     same = f"{wrong} pixels differ from" if wrong else "identical to"
     console.print(
@@ -125,7 +125,7 @@ def render_command(
         "scene": scene, "preset": config.name, "size": [view.width, view.height],
         "clock_hz": clock, "preprocessing_cycles": frame.preprocessing,
         "rendering_cycles": frame.rendering, "frames_a_second": round(rate, 3),
-        "seconds": round(seconds, 3), "identical": not wrong,
+        "seconds": round(seconds, 3), "identical": not wrong, **source.antialiasing,
     }  # fmt: skip
     write_json(json, told_facts | against(found))
     if wrong:

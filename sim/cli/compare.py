@@ -8,6 +8,7 @@ from rich.table import Table
 from splatcore.sim.cli import options, path
 from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.cli.options import argument, option
+from splatcore.sim.common import describe
 from splatcore.sim.common.metric import (
     LEVELS,
     Compared,
@@ -49,6 +50,7 @@ def compare_command(
     camera: options.CameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     preset: options.PresetOption = "DEFAULT",
     scheduler: SchedulerOption = None,
     output: OutputOption = None,
@@ -64,11 +66,11 @@ def compare_command(
     path.check(camera, cameras, scheduler)
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
-    config, drawn = find_preset(preset), {}
+    config, drawn, mark = find_preset(preset), {}, {}
     if cameras:
         if images != ["reference", "golden"] or scene is None or output:
             raise InputError("--cameras: goes with reference golden --scene SCENE, without -o")
-        source, views = path.open_all(cameras, size, scene, config)
+        source, views = path.open_all(cameras, size, scene, antialiased, config)
         quality = path.quality_of(source, config, views)
         rows = list(path.along(compared_view, source, views, (config, quality), scheduler))
         write_json(json, path.tell(source, rows, COLUMNS, "golden against reference"))
@@ -80,13 +82,13 @@ def compare_command(
             raise InputError(f"compare {text}: --scene says nothing about what to render")
     if named := [text for text in images if text in ENGINES]:
         with progress_bar(f"reading {scene}"):
-            source = open_source(scene)
+            source = open_source(scene, antialiased)
             view = open_camera(camera, size, source)
         pictures, counts = rendered(named, source, view, config)
-        drawn |= pictures
+        drawn, mark = drawn | pictures, source.antialiasing
         if counts:
             note_unseen(source.name, view, counts)
-    found = compared(images, drawn, config.name, scene, camera)
+    found = compared(images, drawn, config.name, scene, camera, mark)
     results = [result for result, _ in found]
     truth = results[0].against
     table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=f"against {truth}")
@@ -94,6 +96,8 @@ def compare_command(
         for name, one in rows.items():
             table.add_row(result.engine, name, *cells(one))
     console.print(table)
+    if mark:
+        console.print(describe.antialiased_line(source), soft_wrap=True)
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
         write_error_map(
@@ -103,9 +107,10 @@ def compare_command(
 
 
 def compared(
-    images: list[str], drawn: dict, preset: str, scene: str | None, camera: str | None
+    images: list[str], drawn: dict, preset: str, scene: str | None, camera: str | None, mark: dict
 ) -> list[tuple[Compared, dict[str, Difference]]]:
-    """What was drawn of each image against the first one, and by name the same for the table."""
+    """Metrics of each image against the first one, and by name the same for the table. mark:
+    `Source.antialiasing` of the scene that engines rendered, empty without one."""
     first = images[0]
     packed = bool({"golden", "rtl"} & set(images))
     truth = f"{first} on the packed model" if first == "reference" and packed else first
@@ -116,7 +121,7 @@ def compared(
         if first == "reference" and text in ("golden", "rtl"):
             found = differences(pixels, {"machine": drawn[first]} | drawn[WHOLE])
         about = text, preset, scene, camera, (pixels.shape[1], pixels.shape[0]), truth
-        facts = asdict(metrics) | against(found)
+        facts = asdict(metrics) | against(found) | mark
         result = Compared(*about, **facts, identical=metrics.identical)
         results.append((result, found or {first: metrics}))
     return results
@@ -128,7 +133,8 @@ def compared_view(source: Source, view: Camera, config: Config, quality: str | N
 
     images = ["reference", "golden"]
     drawn, counts = rendered(images, source, view, config, quality)
-    [(result, _)] = compared(images, drawn, config.name, source.name, view.name)
+    mark = source.antialiasing
+    [(result, _)] = compared(images, drawn, config.name, source.name, view.name, mark)
     exact = {"machine": drawn["reference"]} | drawn[WHOLE]
     return vars(result) | {"counts": counts, "packing": packing(source, exact)}
 

@@ -85,6 +85,9 @@ SeedOption = option(int, None, "Same seed, same result on one machine.", min=0)
 WorkOption = option(
     Path | None, "DIR", "Where steps are kept. Default: the output's name + .steps."
 )
+AntialiasedOption = option(
+    bool, None, "Compensate opacities for the blur of splats; the scene is marked and rendered so."
+)
 
 
 @options.app.command("train")
@@ -96,6 +99,7 @@ def train_command(
     hold_out: HoldOutOption = 7,
     seed: SeedOption = 0,
     work: WorkOption = None,
+    antialiased: AntialiasedOption = False,
     json: options.JsonOption = None,
 ):
     """Train a plain 3DGS scene from photographs: the baseline that compression starts from.
@@ -107,14 +111,14 @@ def train_command(
     run.check_installed()
     learn, aside = _split(folder, scale, hold_out)
     place = work or output.with_name(output.name + ".steps")
-    scene = run.trained(folder, learn, steps, seed, place, Path(folder).name)
+    scene = run.trained(folder, learn, steps, seed, place, Path(folder).name, antialiased)
     with files.whole_file(output) as part:
         write_ply(part, replace(scene, name=output.name))
     found = _decibels(scene.gaussians(), aside)
     facts = {
         "scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree, "steps": steps,
-        "photographs": len(learn), "held_out": len(aside), "against": "photographs",
-        "psnr_db": found,
+        "antialiased": scene.antialiased, "photographs": len(learn), "held_out": len(aside),
+        "against": "photographs", "psnr_db": found,
     }  # fmt: skip
     shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
     console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
@@ -143,6 +147,7 @@ def compress_command(
     quality: QualityOption = None,
     views: ViewsOption = 480,
     size: SizeOption = "1920x1080",
+    antialiased: options.AntialiasedOption = None,
     scale: ScaleOption = 1.0,
     hold_out: HoldOutOption = 7,
     seed: SeedOption = 0,
@@ -167,7 +172,7 @@ def compress_command(
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-psnr")
     config, pixels, share = find_preset(preset), parse_size(size), _beside(beside, cameras)
-    original = _opened(scene)
+    original = _opened(scene, antialiased)
     recipe.check(original, config)
     path = read_cameras(cameras) if cameras and not images else ()
     learn, aside = _split(images, scale, hold_out) if images else ((), ())
@@ -180,8 +185,7 @@ def compress_command(
     facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
     facts |= facts_of(original, model, checkpoints)
     _tell(checkpoints, facts)
-    facts |= _loss(original, model.gaussians(), aside, pixels, seed, path)
-    _end(facts, json)
+    _end(facts | _loss(original, model.gaussians(), aside, pixels, seed, path), json)
 
 
 def _tell(checkpoints: Checkpoints, facts: dict):
@@ -202,7 +206,8 @@ def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
     """Stands for all that decides on a compression; a scene's own pictures follow from cameras."""
     arrays = [getattr(scene, name) for name in ARRAYS]
     seen = [each if isinstance(each, Target) else each.camera for each in learn]
-    return f"{digest([arrays, seen])} {recipe!r} {config!r}"
+    mark = " antialiased" if scene.antialiased else ""
+    return f"{digest([arrays, seen])}{mark} {recipe!r} {config!r}"
 
 
 def _beside(share: float | None, cameras: str | None) -> float:
@@ -212,10 +217,10 @@ def _beside(share: float | None, cameras: str | None) -> float:
     return run.BESIDE_SHARE if share is None else share
 
 
-def _opened(path: str) -> Scene:
+def _opened(path: str, antialiased: bool | None) -> Scene:
     """The scene of a file; InputError for a packed model."""
     with progress_bar(f"reading {path}"):
-        return open_source(path).unpacked
+        return open_source(path, antialiased).unpacked
 
 
 def _own_pictures(

@@ -6,6 +6,7 @@ from pathlib import Path
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import options, path
 from splatcore.sim.cli.bench import SchedulerOption
+from splatcore.sim.common import describe
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import Source, View, check_fits, check_known, note_unseen
@@ -30,6 +31,7 @@ def cycles_command(
     camera: options.CameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     preset: options.PresetOption = "DEFAULT",
     quality: options.QualityOption = None,
     scheduler: SchedulerOption = None,
@@ -49,7 +51,7 @@ def cycles_command(
     if cameras:
         if len(scene) > 1:
             raise InputError("--cameras: goes with one SCENE")
-        source, views = path.open_all(cameras, size, scene[0], config)
+        source, views = path.open_all(cameras, size, scene[0], antialiased, config)
         quality = quality or path.quality_of(source, config, views)
         rows = list(path.along(measured, source, views, (config, quality), scheduler))
         about = {"preset": config.name, "scene": source.name}
@@ -57,10 +59,11 @@ def cycles_command(
         return
     for text in scene:
         with progress_bar(f"reading {text}"):
-            source, view = View(text, size=size, file=camera).open()
+            source, view = View(text, size=size, file=camera, antialiased=antialiased).open()
             check_fits(config, view.width, view.height)
         facts[text] = measured(source, view, config, quality)
         note_unseen(source.name, view, facts[text]["counts"])
+        console.print(f"{source.name}: {describe.antialiased_line(source)}", soft_wrap=True)
         if source.packed:
             from splatcore.sim.packing.choose import packing_line
 
@@ -90,4 +93,5 @@ def measured(source: Source, view: Camera, config: Config, quality: str | None) 
     exact, found = truths(source, model, view), frame_cycles(config, frame)
     facts = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)}
     facts |= against(differences(frame.pixels, exact)) | {"counts": frame.counts}
+    facts |= source.antialiasing
     return facts | ({"packing": packing(source, exact)} if source.packed else {})

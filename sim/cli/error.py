@@ -9,7 +9,14 @@ from rich.table import Table
 
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.quality import QUALITIES
-from splatcore.sim.cli.options import JsonOption, QualityOption, app, argument, option
+from splatcore.sim.cli.options import (
+    AntialiasedOption,
+    JsonOption,
+    QualityOption,
+    app,
+    argument,
+    option,
+)
 from splatcore.sim.common.output import console, messages, write_json
 from splatcore.sim.common.source import View, check_known, check_source
 from splatcore.sim.common.table import new_table, print_whole, shown
@@ -88,6 +95,7 @@ def error_command(
     machine: MachineOption = None,
     camera: ViewOption = None,
     size: SizeOption = None,
+    antialiased: AntialiasedOption = None,
     quality: QualityOption = None,
     output: OutputOption = None,
     json: JsonOption = None,
@@ -117,7 +125,7 @@ def error_command(
     are counted, not drawn, and left out of the fields' errors.
     """
     for text in scene or ():
-        check_source(text)
+        check_source(text, antialiased)
     from splatcore.sim.accuracy.points import MACHINES, with_width
     from splatcore.sim.accuracy.run import everything, named
 
@@ -125,7 +133,8 @@ def error_command(
     check_stage(stage, quality, len(chosen))
     if scene and scenes:
         raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
-    views = named(scene, camera, size) if scene else everything(scenes, camera, size)
+    seen = camera, size, antialiased
+    views = named(scene, *seen) if scene else everything(scenes, *seen)
     own = {name: view for name, view in views.items() if scene or name not in HARD}
     if stage == EVERYTHING:
         own = {name: replace(view, quality=quality) for name, view in own.items()}

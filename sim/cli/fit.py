@@ -13,7 +13,7 @@ from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
-from splatcore.sim.common.source import camera_beside, open_cameras, open_source
+from splatcore.sim.common.source import Source, camera_beside, open_cameras, open_source
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.fit.preset_file import write_preset
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
@@ -46,6 +46,7 @@ def fit_command(
     camera: options.CameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     gates: GatesOption = False,
     confirm: ConfirmOption = False,
     json: options.JsonOption = None,
@@ -62,7 +63,7 @@ def fit_command(
     begin = time.perf_counter()
     _check_figures(fps, psnr)
     name = _name(output)
-    start, views = _open(name, scene, camera, cameras, size)
+    source, start, views = _open(name, scene, antialiased, camera, cameras, size)
     from splatcore.sim.fit.search import Impossible, fit, knobs
 
     try:
@@ -84,24 +85,27 @@ def fit_command(
     console.print(f"{output}: {facts['seconds']:.0f} s", soft_wrap=True)
     if confirm:
         facts["confirmed"] = _confirm(chosen, views, fps)
-    write_json(json, {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | facts)
+    asked = {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | source.antialiasing
+    write_json(json, asked | facts)
     if confirm and not facts["confirmed"]["reached"]:
         raise typer.Exit(1)
 
 
 def _open(
-    name: str, scene: str, camera: str | None, cameras: str | None, size: str | None
-) -> "tuple[Config, list[View]]":
-    """The machine to start from and the views to fit it to."""
+    name: str, scene: str, antialiased: bool | None, camera: str | None, cameras: str | None,
+    size: str | None,
+) -> "tuple[Source, Config, list[View]]":  # fmt: skip
+    """The scene, the machine to start from and the views to fit it to."""
     with progress_bar(f"reading {scene}") as advance:
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         beside = None if camera or cameras else camera_beside(scene)
         found = open_cameras(camera or beside, cameras, size, source)
         from splatcore.sim.fit.views import start_config, views_of
         from splatcore.sim.packing.choose import packed_model
 
         model = packed_model(source, DEFAULT, found[0])
-        return start_config(name, model, found), views_of(source.name, model, found, advance)
+        views = views_of(source.name, model, found, advance)
+        return source, start_config(name, model, found), views
 
 
 def _check_figures(fps: float, psnr: float | None):

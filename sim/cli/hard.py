@@ -5,10 +5,11 @@ from pathlib import Path
 import typer
 
 from splatcore.model.generate.hard import HARD
+from splatcore.model.generate.hard_antialiased import ANTIALIASED
 from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.sim.cli import options
 from splatcore.sim.cli.render_rtl import TimingOption
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, messages, progress_bar, write_json
 from splatcore.sim.common.source import ENGINES, check_fits, check_known, parse_size
 from splatcore.sim.common.table import print_whole
 from splatcore.sim.machine.script import LPDDR4, find_timing
@@ -40,10 +41,16 @@ def hard_command(
     output: OutputOption = None,
     json: options.JsonOption = None,
 ):
-    names = [name] if name is not None else list(HARD)
-    check_known("hard case", HARD, *names)
     check_known("--engine", ENGINES, engine)
     config, memory = find_preset(preset), find_timing(timing)
+    left_out = () if config.compensates else ANTIALIASED
+    names = [name] if name is not None else [case for case in HARD if case not in left_out]
+    check_known("hard case", HARD, *names)
+    if name is None and left_out:
+        text = (
+            f"preset {config.name} does not compensate opacities; left out: {', '.join(left_out)}"
+        )
+        messages.print(text, soft_wrap=True)
     if engine != "rtl" and memory is not LPDDR4:
         raise InputError("--timing: goes with --engine rtl")
     shape = parse_size(size) if size else None

@@ -129,6 +129,13 @@ CamerasOption = option(
     "All cameras of a file, or some of them; ID,ID,… without FILE: of the file beside the scene.",
 )
 SizeOption = option(str | None, "WxH", "Pixels; the camera's intrinsics are scaled.", "--size")
+AntialiasedOption = option(
+    bool | None,
+    None,
+    "The scene was trained with opacity compensation, and is rendered with it. Default: as its "
+    "file says.",
+    "--antialiased/--no-antialiased",
+)
 PresetOption = option(
     str,
     "NAME|FILE",

@@ -46,6 +46,7 @@ def pack_command(
     camera: options.CameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
@@ -61,7 +62,7 @@ def pack_command(
     config = find_preset(preset)
     check_wanted(quality, psnr)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         original = source.unpacked
         views = open_cameras(camera, cameras, size, source)
     from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
@@ -80,7 +81,7 @@ def pack_command(
             packed = choose(original, config, seen, quality, tell=tell)
         losses = psnr_by_part(original, packed.model, seen, tell)
     parts = bytes_by_part(packed.model)
-    facts = packed.report.as_dict() | {
+    facts = packed.report.as_dict() | source.antialiasing | {
         "preset": config.name, "quality": packed.quality, "views": len(views),
         "psnr_db_packing": packed.psnr_db,
     }  # fmt: skip

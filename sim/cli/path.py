@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
+from splatcore.sim.common.describe import antialiased_line
 from splatcore.sim.common.metric import decibels
 from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.source import (
@@ -36,10 +37,10 @@ def check(camera: str | None, cameras: str | None, scheduler: str | None):
 
 
 def open_all(
-    cameras: str, size: str | None, scene: str, config: Config | None
+    cameras: str, size: str | None, scene: str, antialiased: bool | None, config: Config | None
 ) -> tuple[Source, list[Camera]]:
     """A scene and its views, each by a name of its own. config: the machine that renders them."""
-    check_source(scene)
+    check_source(scene, antialiased)
     views = open_path(cameras, size, scene)
     names = [file_name(view) for view in views]
     for view, name in zip(views, names, strict=True):
@@ -48,7 +49,7 @@ def open_all(
         if config:
             check_fits(config, view.width, view.height)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
     if config and source.model is not None:
         check_renderable(config, source.model)
     return source, views
@@ -78,7 +79,8 @@ def along(
     open the scene once. It returns a row with `counts`; a view that shows nothing is noted."""
     from splatcore.sim.bench.campaign import Failure, Task, in_processes, on_cluster
 
-    tasks = [Task(v.name, "", of_scene, (function, source.name, v, arguments)) for v in views]
+    scene = source.name, source.override
+    tasks = [Task(v.name, "", of_scene, (function, scene, v, arguments)) for v in views]
     run = on_cluster(tasks, scheduler) if scheduler else in_processes(tasks)
     waiting, turn = {}, 0
     with progress_bar("views", len(tasks)) as advance:
@@ -93,11 +95,14 @@ def along(
                 turn += 1
 
 
-def of_scene(function: Callable[..., dict], scene: str, view: Camera, arguments: tuple) -> dict:
-    """In a process: what a function makes of a view of the scene that was opened last."""
+def of_scene(
+    function: Callable[..., dict], scene: tuple[str, bool | None], view: Camera, arguments: tuple
+) -> dict:
+    """In a process: what a function makes of a view of the scene that was opened last. scene: the
+    arguments of `open_source`."""
     from splatcore.sim.bench.sweep import opened
 
-    return {"camera": view.name} | function(opened(scene), view, *arguments)
+    return {"camera": view.name} | function(opened(*scene), view, *arguments)
 
 
 def folded(rows: Sequence[dict], fold: Callable[[list], float]) -> dict:
@@ -145,8 +150,9 @@ def tell(
         texts = (column[number] for column in cells.values())
         table.add_row(name, *texts, end_section=number == len(rows) - 1)
     print_whole(table)
+    console.print(f"{source.name}: {antialiased_line(source)}", soft_wrap=True)
     if packing := rows[0].get("packing"):
         size = f"{packing['bytes_per_gaussian']:.2f} bytes a Gaussian"
         text = f"{source.name}: packed as {packing['quality']} for all cameras: {size}"
         console.print(text, soft_wrap=True)
-    return {"views": rows} | facts
+    return source.antialiasing | {"views": rows} | facts

@@ -40,6 +40,7 @@ def photographs_command(
     path_share: ShareOption = None,
     points: PointsOption = 10_000,
     seed: SeedOption = 0,
+    antialiased: options.AntialiasedOption = None,
     scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
@@ -55,9 +56,9 @@ def photographs_command(
     begin, pixels = time.perf_counter(), parse_size(size)
     given = _given(cameras, path_share)
     capture.check_empty(output)
-    check_source(scene)
+    check_source(scene, antialiased)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         original = source.unpacked
         planned = _views(source, views, pixels, seed, given, path_share)
     from splatcore.sim.cli.path import along
@@ -72,7 +73,7 @@ def photographs_command(
     facts = {
         "scene": scene, "folder": str(output), "size": list(pixels), "photographs": views,
         "on_path": on_path, "around": views - on_path, "points": len(found[0]),
-        "observations": sum(map(len, shown)), "seed": seed,
+        "observations": sum(map(len, shown)), "seed": seed, **source.antialiasing,
         "seconds": round(time.perf_counter() - begin, 3),
     }  # fmt: skip
     where = f"{on_path} on the path, {views - on_path} from all round"

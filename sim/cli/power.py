@@ -34,6 +34,7 @@ def power_command(
     scene: options.SourceArgument,
     camera: options.CameraOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     preset: options.PresetOption = "DEFAULT",
     fps: FpsOption = None,
     sample: SampleOption = None,
@@ -58,7 +59,7 @@ def power_command(
     config = find_preset(preset)
     library = _checked(fps, sample, liberty, process)
     with progress_bar(f"packing {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         view = open_camera(camera, size, source)
         check_fits(config, view.width, view.height)
 
@@ -84,7 +85,7 @@ def power_command(
         console.print(text, soft_wrap=True)
     facts = {
         "preset": config.name, "scene": source.name, "camera": camera or view.name,
-        "size": [view.width, view.height],
+        "size": [view.width, view.height], **source.antialiasing,
     }  # fmt: skip
     if library:
         facts["liberty"] = _cells(library, process, config.energy)

@@ -55,6 +55,7 @@ def render_command(
     camera: options.CameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     engine: options.EngineOption = "reference",
     preset: options.PresetOption = "DEFAULT",
     original: OriginalOption = False,
@@ -95,21 +96,21 @@ def render_command(
     convention = replace(ORIGINAL if original else SPLATCORE, background=parse_colour(background))
     how = engine, config, convention, compare
     if not cameras:
-        return render_one(scene, camera, size, how, request, heat_map, output, json)
+        return render_one(scene, antialiased, camera, size, how, request, heat_map, output, json)
     if heat_map:
         raise InputError("--heat-map: goes with one camera")
-    return render_all(scene, cameras, size, how, film, output, scheduler, json)
+    return render_all(scene, antialiased, cameras, size, how, film, output, scheduler, json)
 
 
 def render_one(
-    scene: str, camera: str | None, size: str | None, how: tuple, request: rtl.Request,
-    heat_map: Path | None, output: Path, json: Path | None,
+    scene: str, antialiased: bool | None, camera: str | None, size: str | None, how: tuple,
+    request: rtl.Request, heat_map: Path | None, output: Path, json: Path | None,
 ):  # fmt: skip
     """Render a picture and say what is in it. how: engine, config, convention, compare."""
     engine, config, convention, _ = how
     begin = time.perf_counter()
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         view = open_camera(camera, size, source)
     from splatcore.sim.packing.choose import packing_line
 
@@ -126,19 +127,20 @@ def render_one(
         console.print(f"against the reference: {told(made.found)}", soft_wrap=True)
     if heat_map:
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
-    console.print(describe.table({"image": str(output), "seconds": result.seconds} | frame.counts))
+    about = {"image": str(output), "seconds": result.seconds} | source.antialiasing
+    console.print(describe.table(about | frame.counts))
     result.camera = camera or view.name
     write_json(json, result)
 
 
 def render_all(
-    scene: str, cameras: str, size: str | None, how: tuple, film: along.Film, output: Path | None,
-    scheduler: str | None, json: Path | None,
+    scene: str, antialiased: bool | None, cameras: str, size: str | None, how: tuple,
+    film: along.Film, output: Path | None, scheduler: str | None, json: Path | None,
 ):  # fmt: skip
     """Render a picture of each camera. how: as `render_one` has it."""
     engine, config, *_ = how
     golden = engine == "golden"
-    source, views = path.open_all(cameras, size, scene, config if golden else None)
+    source, views = path.open_all(cameras, size, scene, antialiased, config if golden else None)
     along.check_files(film, output, views, scene, cameras)
     quality = path.quality_of(source, config, views) if golden else None
     pictures = path.along(picture, source, views, (*how, quality, film.beside), scheduler)
@@ -195,7 +197,7 @@ def pictured(
     found = differences(frame.pixels, exact)
     result = Result(
         engine, config.name, source.name, view.name, (view.width, view.height), seconds,
-        frame.counts, packing=packing(source, exact), **against(found),
+        frame.counts, packing=packing(source, exact), **source.antialiasing, **against(found),
     )  # fmt: skip
     return Pictured(result, frame, exact, found)
 

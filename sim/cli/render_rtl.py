@@ -133,11 +133,13 @@ def render_rtl(
             write_error_map(request.error_map, frame.pixels, exact["machine"], title)
     if source.packed:
         console.print(packing_line(source), soft_wrap=True)
+    console.print(describe.antialiased_line(source), soft_wrap=True)
     same = report(config, run, expected, metrics, output)
     seconds = round(time.perf_counter() - begin, 3)
     result = Result(
         "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
-        expected[0].counts, packing=packing(source), identical=all(same), **against(metrics[0]),
+        expected[0].counts, packing=packing(source), identical=all(same), **source.antialiasing,
+        **against(metrics[0]),
     )  # fmt: skip
     write_json(json, facts(run, result, metrics, same, find_timing(request.timing).name))
     if not result.identical:

@@ -1,13 +1,21 @@
 """The commands `scene`, `join` and `info`: a generated scene as a file; scenes side by side in one;
 the contents of a file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from splatcore.model.cameras.join import in_view, side_by_side
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
-from splatcore.sim.cli.options import JsonOption, SourceArgument, app, argument, option
+from splatcore.sim.cli.options import (
+    AntialiasedOption,
+    JsonOption,
+    SourceArgument,
+    app,
+    argument,
+    option,
+)
 from splatcore.sim.common import describe
 from splatcore.sim.common import output as files
 from splatcore.sim.common.output import console, progress_bar, write_json
@@ -40,9 +48,11 @@ def scene_command(
     count: CountOption = None,
     seed: SeedOption = 0,
     cameras: CamerasOption = None,
+    antialiased: AntialiasedOption = None,
 ):
     with progress_bar(f"generating {name}"):
-        _write(output, cameras, generate(name, count, seed), generated_camera(name))
+        made = replace(generate(name, count, seed), antialiased=bool(antialiased))
+        _write(output, cameras, made, generated_camera(name))
 
 
 @app.command("join")
@@ -52,6 +62,7 @@ def join_command(
     behind: BehindOption = None,
     count: KeptOption = None,
     cameras: CamerasOption = None,
+    antialiased: AntialiasedOption = None,
 ):
     """Put scenes side by side in front of one camera and write them as one 3DGS PLY.
 
@@ -62,7 +73,8 @@ def join_command(
     surroundings.
     """
     with progress_bar("joining"):
-        views = [(source.unpacked, camera) for source, camera in (View(s).open() for s in scene)]
+        opened = (View(each, antialiased=antialiased).open() for each in scene)
+        views = [(source.unpacked, camera) for source, camera in opened]
         unseen = open_source(behind).unpacked if behind else None
         joined, camera = side_by_side(views, unseen, count)
         _write(output, cameras, joined, camera)
@@ -79,10 +91,12 @@ def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
 
 
 @app.command("info")
-def info_command(scene: SourceArgument, json: JsonOption = None):
+def info_command(
+    scene: SourceArgument, antialiased: AntialiasedOption = None, json: JsonOption = None
+):
     """Say what a scene or packed model holds: counts, extents, ranges, anything odd."""
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         facts = describe.describe(source)
     console.print(describe.table(facts))
     write_json(json, facts)

@@ -3,6 +3,7 @@
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
+from splatcore.sim.common import describe
 from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.source import (
     Source,
@@ -31,6 +32,7 @@ def view_command(
     scene: options.SourceArgument,
     camera: options.CameraOption = None,
     size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
     preset: options.PresetOption = "DEFAULT",
     quality: options.QualityOption = None,
     host: HostOption = "127.0.0.1",
@@ -52,10 +54,11 @@ def view_command(
         check_fits(config, *parse_size(size))
     check_viser(host, port)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene)
+        source = open_source(scene, antialiased)
         setting = setting_of(source, camera, size, config, quality)
-    with served(scene, setting, host, port) as (address, _):
-        console.print(f"{source.name}: {address} (Ctrl-C ends)", soft_wrap=True)
+    mark = describe.antialiased_line(source)
+    with served(source, setting, host, port) as (address, _):
+        console.print(f"{source.name}: {address} (Ctrl-C ends); {mark}", soft_wrap=True)
         wait(address if browser else None)
 
 
@@ -81,7 +84,8 @@ def setting_of(
         view = view.resized(*within((view.width, view.height), most))
     file = split_id(camera)[0] if camera else camera_beside(source.name)
     cameras: list[Camera] = read_cameras(file) if file else []
-    return Setting(view, cameras, up_of(cameras or [view]), config, quality, source.gaussians)
+    up, mark = up_of(cameras or [view]), source.antialiasing
+    return Setting(view, cameras, up, config, quality, source.gaussians, mark["antialiased_by"])
 
 
 def wait(address: str | None):

@@ -24,7 +24,7 @@ def describe(source: Source) -> dict:
     finite = np.isfinite(scene.position).all(1) & np.isfinite(scene.scale).all(1)
     finite &= np.isfinite(scene.opacity)
     facts = {"scene": source.name, "gaussians": len(scene), "sh_degree": scene.sh_degree}
-    facts |= _ranges(scene[finite])
+    facts |= source.antialiasing | _ranges(scene[finite])
     axes = np.sort(scene.scale[finite], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         facts["needles"] = int((axes[:, 2] > NEEDLE_RATIO * axes[:, 1]).sum())
@@ -56,6 +56,7 @@ def _describe_model(source: Source) -> dict:
         "gaussians": len(model),
         "chunks": chunk_count(len(model)),
         "sh_degree": model.format.sh_degree,
+        **source.antialiasing,
         "positions": model.format.position,
         "bytes": len(model.image),
         "file_bytes": os.path.getsize(source.name),
@@ -77,9 +78,23 @@ def _rounded(values: np.ndarray) -> list[float]:
 def table(facts: dict) -> Table:
     """Facts as a table of two columns."""
     drawn = Table(show_header=False, box=None, pad_edge=False)
+    if "antialiased" in facts:
+        reason = facts["antialiased_by"]
+        facts = {n: value for n, value in facts.items() if n != "antialiased_by"}
+        facts["antialiased"] = antialiased(facts["antialiased"], reason)
     for name, value in facts.items():
         drawn.add_row(name.replace("_", " "), _text(value))
     return drawn
+
+
+def antialiased(value: bool, reason: str) -> str:
+    """Whether a picture's opacities are compensated, with the reason."""
+    return f"{'yes' if value else 'no'} ({reason})"
+
+
+def antialiased_line(source: Source) -> str:
+    """The same of a source, as a line of its own."""
+    return f"antialiased: {antialiased(*source.antialiasing.values())}"
 
 
 def _text(value) -> str:

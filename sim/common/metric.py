@@ -37,6 +37,8 @@ class Picture:
     scene: str | None = None
     camera: str | None = None
     size: tuple[int, int] | None = None  # width, height
+    antialiased: bool | None = field(default=None, kw_only=True)
+    antialiased_by: str | None = field(default=None, kw_only=True)
 
 
 @dataclass

@@ -4,7 +4,7 @@ scenes, and views of a scene by the cameras beside its file."""
 import os
 import re
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -34,15 +34,23 @@ CAMERAS, IN_FOLDER = ".cameras.json", "cameras.json"
 """Ends of the files of cameras beside scene files; the one in a folder that is a scene."""
 
 
+OPTIONS = {True: "--antialiased", False: "--no-antialiased"}
+"""The option that overrides a scene's mark, by its value."""
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A scene file, a packed model or a generated scene; exactly one of the first two is set."""
+    """A scene file, a packed model or a generated scene; exactly one of the first two is set.
+
+    override: the value of --antialiased, if it was given; the scene has it already.
+    """
 
     name: str
     scene: Scene | None = None
     model: PackedModel | None = None
     camera: Camera | None = None  # a generated scene's own, the first of a folder's
     packed: dict = field(default_factory=dict)  # for `sim.packing`
+    override: bool | None = None
 
     @property
     def unpacked(self) -> Scene:
@@ -56,25 +64,52 @@ class Source:
         """The Gaussians that a renderer draws."""
         return (self.model if self.scene is None else self.scene).gaussians()
 
+    @property
+    def antialiasing(self) -> dict[str, bool | str]:
+        """Whether opacities are compensated, and what says so, as `--json` writes it."""
+        if self.scene is None:
+            return {"antialiased": self.model.antialiased, "antialiased_by": "model's header"}
+        by = self.scene.mark or "not stated"
+        return {"antialiased": self.scene.antialiased, "antialiased_by": by}
 
-def open_source(text: str) -> Source:
-    """The scene or model that a file (or the name of a generated scene) holds."""
+
+def open_source(text: str, antialiased: bool | None = None) -> Source:
+    """The scene or model that a file (or the name of a generated scene) holds.
+
+    antialiased: overrides the mark of a scene; None keeps it. InputError for one with a model.
+    """
     if text in GENERATORS and not os.path.exists(text):
-        return Source(text, scene=generate(text), camera=generated_camera(text))
-    if os.path.isdir(text):
+        source = Source(text, scene=generate(text), camera=generated_camera(text))
+    elif os.path.isdir(text):
         beside = camera_beside(text)
-        return Source(text, read_scene(text), camera=read_camera(beside) if beside else None)
-    if is_packed(text):
-        return Source(text, model=read_model(text))
-    return Source(text, scene=read_scene(text))
+        source = Source(text, read_scene(text), camera=read_camera(beside) if beside else None)
+    elif is_packed(text):
+        check_unpacked(text, antialiased)
+        source = Source(text, model=read_model(text))
+    else:
+        source = Source(text, scene=read_scene(text))
+    if antialiased is None:
+        return source
+    scene = replace(source.scene, antialiased=antialiased, mark=OPTIONS[antialiased])
+    return replace(source, scene=scene, override=antialiased)
 
 
-def check_source(text: str):
-    """InputError for what no file of a scene or model can be; the file's end is not looked at."""
+def check_unpacked(text: str, antialiased: bool | None):
+    """InputError for an override of a packed model's mark."""
+    if antialiased is not None:
+        option = OPTIONS[antialiased]
+        why = "a packed model has its own mark; repack the scene"
+        raise InputError(f"{option}: {text}: {why}: splatcore pack SCENE {option} -o MODEL")
+
+
+def check_source(text: str, antialiased: bool | None = None):
+    """InputError for what `open_source` cannot open; the file's end is not looked at."""
     if text in GENERATORS and not os.path.exists(text):
         return
     if os.path.isdir(text) or not is_packed(text):
         find_format(text)
+    else:
+        check_unpacked(text, antialiased)
 
 
 def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
@@ -202,7 +237,7 @@ class View:
     scene: a file or the name of a generated scene. camera: an ID in the file of cameras beside it;
     "": the first one there, else a sensible view. size: WxH; None: the camera's own. file: cameras
     as --camera takes them, instead of those beside. quality: how the scene is packed; None: as
-    small as is good enough.
+    small as is good enough. antialiased: overrides the scene's mark.
     """
 
     scene: str
@@ -210,11 +245,14 @@ class View:
     size: str | None = None
     file: str | None = None
     quality: str | None = None
+    antialiased: bool | None = None
 
     @property
     def name(self) -> str:
+        """Stands for all that decides on the picture but the size: results are kept by it."""
         name = Path(self.scene).name + (f":{self.camera}" if self.camera else "")
-        return f"{name} {self.quality}" if self.quality else name
+        words = name, self.quality, OPTIONS.get(self.antialiased)
+        return " ".join(word for word in words if word)
 
     @cached_property
     def camera_text(self) -> str | None:
@@ -230,5 +268,5 @@ class View:
 
     def open(self) -> tuple[Source, Camera]:
         """The scene and its camera."""
-        source = open_source(self.scene)
+        source = open_source(self.scene, self.antialiased)
         return source, self.camera_of(source)

@@ -78,8 +78,7 @@ def photograph(source: Source, view: Camera) -> dict:
     gaussians = source.gaussians
     frame = render(gaussians, view)
     place = landing(view, gaussians.position)
-    arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
-    light = blending_weights(*(np.asarray(array, np.float32) for array in arrays), view)
+    (light,) = blending_weights(gaussians, [view])
     shows = (light >= SHOWN) & ((place >= 0) & (place < (view.width, view.height))).all(axis=1)
     return {"pixels": frame.pixels, "shows": np.packbits(shows), "counts": frame.counts}
 

@@ -51,12 +51,20 @@ def photographs(path: str, scale: float, every: int) -> tuple[tuple, tuple]:
     return held_out(found.targets, every)
 
 
-def trained(path: str, targets: tuple, steps: int, seed: int, folder: Path, label: str) -> Scene:
-    """The baseline of a folder of photographs."""
+def trained(
+    path: str,
+    targets: tuple,
+    steps: int,
+    seed: int,
+    folder: Path,
+    label: str,
+    antialiased: bool = False,
+) -> Scene:
+    """The baseline of a folder of photographs; `antialiased` is that of `train`."""
     from splatcore.model.compress.train import train
 
     with progress(f"{label}: training") as tell:
-        return train(targets, read_points(path), steps, seed, folder, tell)
+        return train(targets, read_points(path), steps, seed, folder, tell, antialiased)
 
 
 def teacher(

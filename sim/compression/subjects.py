@@ -57,6 +57,7 @@ class Protocol:
     order: str = Recipe.order  # of pruning and distillation
     degree: int | None = Recipe.degree  # of the models
     quality: str | None = Recipe.quality
+    antialiased: bool | None = None  # overrides the marks of scene files
 
     @property
     def recipe(self) -> Recipe:
@@ -99,13 +100,14 @@ class Subject:
             made_from = [protocol.views, protocol.view_size, protocol.seed, self.path_cameras]
             made_from += [protocol.beside] if self.path_cameras else []
             made_from += [getattr(self.scene, name) for name in ARRAYS]
+            made_from += ["antialiased"] if self.scene.antialiased else []
         return f"{self.name} {digest(made_from)}"
 
     @cached_property
     def scene(self) -> Scene:
         """The original: what the file holds, or the baseline, trained once and kept."""
         if not self.photographed:
-            return open_source(self.path).scene
+            return open_source(self.path, self.protocol.antialiased).scene
         place = self.folder / f"{self.name}-{digest(self.key)[:12]}"
         kept = Checkpoints(place, self.key)
         if not kept.last:
@@ -146,7 +148,7 @@ class Subject:
         is the truth."""
         if self.photographed:
             return self.photographs[1]
-        source = open_source(self.path)
+        source = open_source(self.path, self.protocol.antialiased)
         if self.path_cameras:
             cameras = self.path_cameras
         elif source.camera:

@@ -223,14 +223,13 @@ def upgrades(
     of = np.arange(len(order)) // CHUNK
     chunks = chunk_count(len(order))
     tell("weighing Gaussians")
-    g = scene[order].gaussians()
-    arrays = [np.asarray(a, np.float32) for a in (g.position, g.factor, g.opacity, g.sh[:, :1])]
-    weights = [blending_weights(*arrays, camera) for camera in cameras]
+    exact = scene[order].gaussians()
+    weights = list(blending_weights(exact, cameras))
     errors = []
     for kind in (0, *kinds):
         tell(f"weighing chunks: {len(errors) + 1} of {1 + len(kinds)}")
         model, _ = pack(scene, config, quality=np.full(chunks, kind))
-        error = seen_error(scene[order].gaussians(), model.gaussians(), weights, cameras)
+        error = seen_error(exact, model.gaussians(), weights, cameras)
         errors.append(np.bincount(of, error, chunks))
     found, most = [], np.full(chunks, np.inf)
     for kind, before, after in zip(kinds, errors, errors[1:], strict=False):

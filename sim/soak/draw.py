@@ -82,7 +82,7 @@ def scene(rng: np.random.Generator) -> Scene:
     degree = int(rng.integers(4))
     layers = [layer(rng, degree) for _ in range(1 + int(rng.integers(LAYERS_MAX)))]
     joined = {name: np.concatenate([getattr(part, name) for part in layers]) for name in ARRAYS}
-    return Scene(**{name: array.astype(np.float32) for name, array in joined.items()})
+    return replace(layers[0], **{name: a.astype(np.float32) for name, a in joined.items()})
 
 
 def camera(rng: np.random.Generator, config: Config) -> Camera:

@@ -38,7 +38,8 @@ MOVED = "the camera moves"
 
 @dataclass(frozen=True)
 class Setting:
-    """What pages begin with. cameras: those to go to; up [3]: of the scene."""
+    """What pages begin with. cameras: those to go to; up [3]: of the scene; mark: the reason why
+    it is antialiased or not."""
 
     camera: Camera
     cameras: list[Camera]
@@ -46,6 +47,7 @@ class Setting:
     config: Config
     quality: str | None
     gaussians: Gaussians
+    mark: str = ""
 
     @property
     def presets(self) -> dict[str, Config]:
@@ -196,6 +198,8 @@ class Page:
     def _controls(self):
         """The switches, what they say, and what they do."""
         gui, setting = self.client.gui, self.setting
+        if setting.gaussians.antialiased:
+            gui.add_markdown(text.UNCOMPENSATED.format(setting.mark))
         self.status = gui.add_markdown("")
         self.bar = gui.add_progress_bar(0.0)
         self.layer = gui.add_dropdown("Show", layers.LAYERS, initial_value=layers.MACHINE)

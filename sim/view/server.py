@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from importlib.util import find_spec
 
+from splatcore.sim.common.source import Source
 from splatcore.sim.machine.path import target
 from splatcore.sim.view.camera import level_up, pose_of
 from splatcore.sim.view.page import Page, Setting
@@ -25,7 +26,7 @@ def check_viser(host: str, port: int):
 
 @contextmanager
 def served(
-    scene: str, setting: Setting, host: str, port: int
+    source: Source, setting: Setting, host: str, port: int
 ) -> Iterator[tuple[str, dict[int, Page]]]:
     """Serve pages of a scene; yields the address, and the pages that are open, by viser's number.
 
@@ -33,11 +34,11 @@ def served(
     """
     import viser
 
-    worker, others, pages = Worker(scene), [], {}
+    worker, others, pages = Worker(source.name, source.override), [], {}
 
     def simulator() -> Worker:
         if not others:
-            others.append(Worker(scene))
+            others.append(Worker(source.name, source.override))
         return others[0]
 
     try:

@@ -3,6 +3,9 @@
 from splatcore.sim.common.metric import decibels
 from splatcore.sim.cycles.frame import STAGES
 
+UNCOMPENSATED = "Antialiased ({}): the browser's own picture is drawn without opacity compensation."
+"""The page's line on a marked scene, with the mark."""
+
 
 def told(facts: dict) -> str:
     """Numbers of a view: as far as they are known."""

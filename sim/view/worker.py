@@ -43,15 +43,17 @@ class Superseded(Exception):
 
 class Worker:
     """A process that holds a scene, and what is asked of it. `ask` and `cancel` come from any
-    thread, answers to the newest request alone, in a thread of the worker's own."""
+    thread, answers to the newest request alone, in a thread of the worker's own. scene,
+    antialiased: as `open_source` takes them."""
 
-    def __init__(self, scene: str):
+    def __init__(self, scene: str, antialiased: bool | None = None):
         self._lock, self._newest = threading.Lock(), CONTEXT.Value("q", 0)
         self._receive: Receive | None = None
         self._pipe, far = CONTEXT.Pipe()
         self._process = CONTEXT.Process(
-            target=work, args=(scene, far, self._newest), daemon=True, name="splatcore view"
-        )
+            target=work, args=(scene, antialiased, far, self._newest), daemon=True,
+            name="splatcore view",
+        )  # fmt: skip
         self._process.start()
         far.close()
         threading.Thread(target=self._listen, daemon=True).start()
@@ -104,12 +106,12 @@ def _kill(pid: int):
         os.kill(pid, signal.SIGTERM)
 
 
-def work(scene: str, pipe, newest):
+def work(scene: str, antialiased: bool | None, pipe, newest):
     """In the worker's process: serve the newest request until the pipe ends."""
     os.setpgrp()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process ends this one
     output.messages.quiet = True
-    studio = Studio(open_source(scene))
+    studio = Studio(open_source(scene, antialiased))
     while True:
         try:
             number, request = pipe.recv()

@@ -1,5 +1,7 @@
 """The commands `train` and `compress`: from files to files, and what they refuse."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -165,6 +167,20 @@ def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
     assert "1 photographs are missing or broken" in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_training_with_antialiasing(photographs, tmp_path, antialiased, monkeypatch):
+    """The option is that of `train`, and results say so; without it nothing is compensated."""
+    scenes, right = [], compression_run.trained
+    monkeypatch.setattr(
+        compression_run, "trained", lambda *a: scenes.append(right(*a)) or scenes[0]
+    )
+    command = ["train", str(photographs), "-o", str(tmp_path / "a.ply"), "--steps", "2"]
+    command += ["--json", str(tmp_path / "a.json"), *["--antialiased"] * antialiased]
+    assert run(*command) == 0
+    assert scenes[0].antialiased == load(tmp_path / "a.json")["antialiased"] == antialiased
+    check_documented("`splatcore train`", list(load(tmp_path / "a.json")))
+
+
 @pytest.mark.parametrize(
     "options, message",
     (
@@ -208,7 +224,8 @@ def test_what_a_kept_step_is_of(scene_file):
     assert key(black, black) == key(black, black) != key(black, white)
     own = tuple(OwnPicture(view, None) for view in views)
     keys = [compress_command._key(scene, some, Recipe(), DEFAULT) for some in (own, own[::-1])]
-    assert keys[0] != keys[1]
+    marked = compress_command._key(replace(scene, antialiased=True), own, Recipe(), DEFAULT)
+    assert len({*keys, marked}) == 3
 
 
 def test_bad_input(scene_file, tmp_path, capsys):

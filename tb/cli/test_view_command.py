@@ -63,6 +63,7 @@ def heard():
 @pytest.mark.slow
 def test_page(place):
     command = "view", "scene.ply", "--camera", "cameras.json:7", "--preset", "tiny", "--port", "0"
+    command = *command, "--no-antialiased"
     with subprocess.Popen(
         [sys.executable, "-m", "splatcore", *command], stdout=subprocess.PIPE, text=True,
         preexec_fn=heard,
@@ -70,6 +71,7 @@ def test_page(place):
         line = process.stdout.readline()
         address = line.split()[1]
         assert line.startswith("scene.ply: http://127.0.0.1:")
+        assert line.endswith("; antialiased: no (--no-antialiased)\n")
         with urllib.request.urlopen(address) as answer:
             assert b"<html" in answer.read()
         process.send_signal(signal.SIGINT)

@@ -56,6 +56,22 @@ def test_steps_are_found_again(kept):
     assert sorted(path.name for path in kept.folder.iterdir()) == sorted(files)
 
 
+def test_the_mark_is_kept(tmp_path):
+    """A file without one, as folders of earlier versions have them, holds an unmarked scene."""
+    kept = Checkpoints(tmp_path, "key")
+    marked = replace(SCENE, antialiased=True, mark="by its file")
+    first, second = (kept.save(name, "original", scene) for name, scene in
+                     (("marked", marked), ("unmarked", SCENE)))  # fmt: skip
+    found = kept.load(first)
+    assert found.antialiased is True and found.mark == "by its file" and found.name == "cube"
+    assert kept.load(second).antialiased is False
+    path = tmp_path / first.file
+    with np.load(path) as arrays:
+        old = {name: arrays[name] for name in ("name", *ARRAYS)}
+    np.savez(path, **old)
+    assert kept.load(first).antialiased is False and kept.load(first).name == "cube"
+
+
 def test_new_folder_is_empty(tmp_path):
     empty = Checkpoints(tmp_path / "none", "key")
     assert empty.steps == () and empty.last is None and not empty.folder.exists()

@@ -184,9 +184,9 @@ def test_all_views_before_one_comes_again():
 def test_every_view_is_learned_from(scene, targets, monkeypatch):
     seen, right = [], finetune_module.render
 
-    def noted(*given):
+    def noted(*given, **options):
         seen.append(given[-1])
-        return right(*given)
+        return right(*given, **options)
 
     monkeypatch.setattr(finetune_module, "render", noted)
     tensors = tensors_of(scene)

@@ -37,15 +37,18 @@ def stand_in(*arguments, **options):
     count = len(given["means"])
     means2d = torch.zeros((1, count, 2), dtype=torch.float64, requires_grad=True) * 1.0
     factor = torch.linalg.cholesky(given["covars"])
-    drawn = render(given["means"], factor, given["opacities"], given["colors"], camera, means2d[0])
+    drawn = render(
+        given["means"], factor, given["opacities"], given["colors"], camera, means2d[0],
+        antialiased=given["rasterize_mode"] == "antialiased",
+    )  # fmt: skip
     radii = torch.zeros((1, count, 2), dtype=torch.int32)
     radii[0, torch.as_tensor(drawn.visible)] = 3
     found = {"means2d": means2d, "radii": radii}
     return drawn.image[None], (1 - drawn.transmittance)[None, ..., None], found
 
 
-@pytest.mark.parametrize("degree", (0, 1, 3))
-def test_the_call(monkeypatch, degree):
+@pytest.mark.parametrize("degree, antialiased", [(0, False), (1, False), (1, True), (3, False)])
+def test_the_call(monkeypatch, degree, antialiased):
     """Picture, transmittance, visible ones and the centres' gradients are the CPU's."""
     monkeypatch.setattr(gsplat, "rasterization", stand_in)
     gaussians = random_scene(40, degree).gaussians()
@@ -58,10 +61,10 @@ def test_the_call(monkeypatch, degree):
         centre = torch.zeros((1, 40, 2), dtype=torch.float64, requires_grad=True)
         shift = centre[0]  # as in training: a part of what has the gradient
         if how:
-            drawn = how(*tensors, camera, shift)
+            drawn = how(*tensors, camera, shift, antialiased=antialiased)
             image, rest, visible = drawn.image, drawn.transmittance, drawn.visible
         else:
-            image, rest, visible = _render_cuda(*tensors, camera, shift, SPLATCORE)
+            image, rest, visible = _render_cuda(*tensors, camera, shift, SPLATCORE, antialiased)
         (image * torch.tensor(wanted)).sum().backward()
         found.append((image.detach(), rest.detach(), np.sort(visible), centre.grad))
     for cpu, cuda in zip(*found, strict=True):

@@ -95,7 +95,7 @@ def test_models_look_better_so(scene):
     for mean, variance in ((1, 1), (1, 0), (0, 1), (0, 0)):
         each = Directions(mean * seen.mean, variance * seen.variance + (1 - variance) * np.eye(3))
         work = in_codebooks(strong, np.ones(len(scene)), each, DEFAULT, 0)
-        found.append(decibels(work.packed("").gaussians(), shown))
+        found.append(decibels(work.packed().gaussians(), shown))
         wanted = colours_beside(work.harmonics, strong, each)
         off = work.colour.decode().detach().numpy() - wanted
         assert off.std() < 0.04 * wanted.std()  # first entries for colours without: 0.06

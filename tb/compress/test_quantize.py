@@ -34,7 +34,7 @@ def compared(work):
     order, _ = stored_order(scene_of(work.tensors))
     rendered = [tensor.detach().numpy() for tensor in work.rendered(work.tensors)]
     position, factor, opacity, sh = (array[order] for array in rendered)
-    packed = work.packed("x").gaussians()
+    packed = work.packed().gaussians()
     assert len(packed) == len(order)
     near = {"rtol": 2e-6, "atol": 1e-6}
     assert np.allclose(packed.position, position, **near)

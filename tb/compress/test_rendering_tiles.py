@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from splatcore.golden.reference import project
 from splatcore.golden.reference import render as reference
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.gradients import differentiable, drawn, rendering_points, rendering_tiles
@@ -12,6 +13,7 @@ from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SPLATCORE, TILE
+from splatcore.spec.scene import Gaussians
 from tb.helpers.dense_splatting import PARAMETERS
 from tb.helpers.splatting_scenes import loss, tensors
 
@@ -30,7 +32,8 @@ def bits(kind: torch.dtype) -> list[bytes]:
     leaves = tensors(arrays, kind, gradient=True)
     found = render(**leaves, camera=camera)
     loss(found).backward()
-    weights = blending_weights(*(leaves[key].detach() for key in PARAMETERS[:4]), camera)
+    four = [leaves[key].detach().numpy() for key in PARAMETERS[:4]]
+    (weights,) = blending_weights(Gaussians(*four), [camera], four[0].dtype)
     results = [found.image.detach().numpy(), found.transmittance.detach().numpy(), found.visible]
     results += [weights, *(leaf.grad.numpy() for leaf in leaves.values())]
     return [array.tobytes() for array in results]
@@ -62,6 +65,22 @@ def test_exponential(kind, most):
     assert np.abs(found / np.exp(-0.5 * forms.astype(np.float64)) - 1).max() < most
     assert rendering_tiles._exponential(kind(1e30), terms) < 1 / 255  # cut, not overflown
     assert abs(rendering_tiles._exponential(kind(-1e-3), terms) - 1) < most
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_splats_are_those_of_the_reference(antialiased):
+    """Opacity, reach and box; there are more of them, as a box need not hold a pixel's centre."""
+    arrays, camera = garden()
+    arrays["factor"] *= 0.3  # many are below a pixel
+    view = rendering_points.view_numbers(camera, SPLATCORE, antialiased)
+    splats, index = drawn._project([arrays[key] for key in PARAMETERS], view)
+    wanted, _ = project(Gaussians(*(arrays[key] for key in PARAMETERS[:4]), antialiased), camera)
+    assert 500 < len(wanted) <= len(index) < 1.1 * len(wanted)
+    found = splats[np.isin(index, wanted.index)]
+    assert np.allclose(found[:, rendering_points.OPACITY], wanted.opacity, rtol=1e-12)
+    assert np.allclose(found[:, rendering_points.REACH], wanted.reach, rtol=1e-9, atol=1e-12)
+    box = found[:, [rendering_points.WIDE, rendering_points.HIGH]]
+    assert np.allclose(box, wanted.extent, rtol=1e-9, atol=1e-9)
 
 
 def test_lists_hold_the_pairs_of_the_reference():

@@ -69,6 +69,15 @@ def test_every_convention_matters(field):
 
 
 @pytest.mark.parametrize("name", CASES)
+def test_the_mark_matters(name):
+    """A scene that is compensated by one and not by the other is far off."""
+    file = stored(name)
+    scene = replace(file.case.scene, antialiased=not file.case.scene.antialiased)
+    other = replace(file, case=replace(file.case, scene=scene))
+    assert errors(other)[0] > 0.03
+
+
+@pytest.mark.parametrize("name", CASES)
 def test_file_holds_what_the_script_declares(name):
     file, case = stored(name), CASES[name]()
     assert file.versions == VERSIONS
@@ -79,6 +88,7 @@ def test_file_holds_what_the_script_declares(name):
         declared = getattr(case.scene, attribute)
         np.testing.assert_allclose(getattr(scene, attribute), declared, rtol=1e-6)
     assert file.case.background == case.background
+    assert scene.antialiased == case.scene.antialiased
     assert scene.sh.shape == (len(scene), sh_count(case.scene.sh_degree), 3)
     assert file.image.shape == (camera.height, camera.width, 3)
     assert file.transmittance.shape == (camera.height, camera.width)

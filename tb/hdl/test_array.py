@@ -1,5 +1,6 @@
 """Arrays under stalls: items of the garden through every program."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.slow
 
 @cache
 def garden() -> Points:
-    model, _ = pack(generate("garden", 2000))
+    model, _ = pack(replace(generate("garden", 2000), antialiased=True))
     return project_points(DEFAULT, model, generated_camera("garden"))
 
 
@@ -50,6 +51,8 @@ def rows(name: str, count: int, **changed) -> tuple[np.ndarray, np.ndarray, np.n
     """Fields, outputs and constants of a program's first items."""
     steps, part = PROGRAMS[name]
     values = garden().frame.constants | getattr(garden(), part) | changed
+    if "stored_attenuation" in steps.fields:
+        values["stored_attenuation"] = values["attenuation"]
     values |= run(DEFAULT, steps, values)  # stage 0's own depths are finer
     fields, outputs = (packed(names, values, count) for names in (steps.fields, steps.outputs))
     return fields, outputs, packed(steps.constants, values, 1)

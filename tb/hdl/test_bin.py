@@ -1,5 +1,7 @@
 """Binning: the golden model against exact tiles and as linked lists, hardware against it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,11 @@ from splatcore.spec import binning
 from splatcore.spec.binning import bin_entry_record, burst_record, group_record, groups_max
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import DEFAULT, TINY, Config
-from splatcore.spec.convention import TILE
+from splatcore.spec.convention import ALPHA_MIN, TILE
 from splatcore.spec.depth import key_shift, whole_codes
 from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, SCALE_MAX, SHEAR, whole_colours
 from splatcore.spec.group import entry_record
+from splatcore.spec.memory import OPACITY
 from splatcore.spec.point import splat_record
 from tb.helpers.bin_frames import (
     MACHINES,
@@ -27,7 +30,7 @@ from tb.helpers.bin_frames import (
     pairs,
     read_lists,
 )
-from tb.helpers.bin_splats import KINDS, splats, together
+from tb.helpers.bin_splats import FADED, KINDS, splats, together
 from tb.helpers.scene_frames import SCENES, scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
 
@@ -40,7 +43,8 @@ RATIO_MAX = 1.03
 def random_frame(config: Config, count: int, smaller: tuple[int, int] = (0, 0), **options) -> Frame:
     """Splats of all sorts on an image that is `smaller` than the machine's largest."""
     width, height = config.width_max - smaller[0], config.height_max - smaller[1]
-    parts = [splats(config, kind, count, (width, height)) for kind in KINDS]
+    kinds = (*KINDS, FADED) if config.compensates else KINDS
+    parts = [splats(config, kind, count, (width, height)) for kind in kinds]
     parts.append(at_edges(config, together(*parts), (width, height)))
     parts.append(stretched(config, splats(config, "vast", count, (width, height))))
     return Frame(together(*parts), width, height, **options)
@@ -79,6 +83,19 @@ def test_no_tile_is_missing(name, kind):
         exact, missing = compare_tiles(config, frame, found)
         assert exact > 200 and missing == 0
         assert exact <= pairs(found) <= exact * RATIO.get(kind, RATIO_MAX)
+
+
+@pytest.mark.parametrize("tile_test", ["exact", "3sigma"])
+def test_opacities_below_a_level_touch_nothing(tile_test):
+    config = replace(TINY, tile_test=tile_test)
+    frame = Frame(splats(config, FADED, 2000, (64, 64)), 64, 64)
+    found = bin_frame(config, frame)
+    attenuation = config.arithmetic.decode(frame.splats["attenuation"])
+    seen = attenuation * OPACITY.step < -np.log2(ALPHA_MIN)
+    assert (attenuation[seen] == 255.75).any() and (attenuation[~seen] == 255.875).any()
+    assert not found.splat_entries[~seen].any()
+    assert found.splat_entries[seen].astype(bool).mean() > 0.5
+    assert found.features["opacity"].max() == (1 << OPACITY.width) - 1
 
 
 def test_a_tile_that_is_missing_is_seen():

@@ -63,7 +63,7 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
     degree = int(header["sh_degree"])
     if header["magic"] != memory.MAGIC:
         return ErrorCode.MAGIC
-    if header["version"] != 3:
+    if header["version"] not in ((3, 4) if config.compensates else (3,)):
         return ErrorCode.VERSION
     if degree > config.sh_degree:
         return ErrorCode.DEGREE
@@ -72,6 +72,7 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
     least, most = -15, [4, -3 if codebooks else 4, 4, 4]
     fits = header["position"] == (config.position == "absolute")
     fits &= header["small"] <= config.small_models
+    fits &= header["antialiased"] == (header["version"] == 4)
     fits &= -255 <= signed(header["position_exponent"])[0] <= 255
     fits &= all(least <= e <= m for e, m in zip(signed(header["exponent"]), most, strict=True))
     if codebooks and degree <= 1:
@@ -122,6 +123,8 @@ def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
             assert ports["codebooks"] == at.header["colour_index"].any()
         if config.small_models:
             assert ports["small"] == at.header["small"]
+        if config.compensates:
+            assert ports["antialiased"] == at.header["antialiased"]
         assert ports["given"]
     return error
 
@@ -131,7 +134,8 @@ ENDS = (-32768, -256, -255, -16, -15, -4, -3, -2, 0, 4, 5, 255, 256, 32767)
 
 EDITS = [
     *({"magic": memory.MAGIC ^ 1 << bit} for bit in (0, 31)),
-    *({"version": version} for version in (0, 2, 4, 0x103, 0xFFFF)),
+    *({"version": version} for version in (0, 2, 4, 5, 0x103, 0xFFFF)),
+    *({"version": version, "antialiased": 1} for version in (3, 4)),
     *({"sh_degree": degree} for degree in (*range(6), 128, 255)),
     *({"position": position} for position in (0, 1, 2, 64, 127)),
     *({"small": 1, "count": count} for count in (2, 1000)),

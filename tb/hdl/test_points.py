@@ -49,7 +49,7 @@ AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
 MACHINES = {
     "two arrays, nothing culled": (replace(DEFAULT, pes=6, pe_arrays=2, culling="none"), 6),
     "dense, interval, near plane alone culls": (
-        replace(DEFAULT, pes=6, skip_zeros=False, depth_interval=True, culling="near"), 12
+        replace(DEFAULT, pes=6, skip_zeros=False, depth_interval=True, culling="near"), 13
     ),
     "no harmonics, 3σ square": (replace(TINY, sh_degree=0, tile_test="3sigma"), 7),
     "paper": (PAPER, 12),
@@ -81,6 +81,27 @@ def test_models_of_all_qualities_equal_golden(quality):
     model, _ = pack(replace(scene, sh=sh), quality=quality)
     frame = point_rows(DEFAULT, model, AMID)
     assert 0 < len(frame.points.index) < len(model)
+    check("points", frame, 0)
+    check("points", frame, 0.4)
+
+
+ANTIALIASED = {name: config for name, (config, _) in MACHINES.items() if config.compensates} | {
+    "default": DEFAULT, "colours in the array": replace(DEFAULT, colours="array", sh_degree=1)
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ANTIALIASED)
+def test_antialiased_models_equal_golden(name):
+    """Splats of some pixels and below one, of which nearly nothing is left."""
+    config = ANTIALIASED[name]
+    scene = replace(generate("garden", 3000), antialiased=True)
+    scene.scale[::2] *= np.exp2(-(np.arange(len(scene.scale[::2])) % 10))[:, None]
+    model, _ = pack(scene, config)
+    frame = point_rows(config, model, AMID)
+    stored = model.attributes["opacity"][frame.points.index]
+    faded = frame.points.projected["attenuation"] - stored
+    assert (faded < 0.1).any() and (faded > 100).any() and (faded + stored > 256).any()
     check("points", frame, 0)
     check("points", frame, 0.4)
 
@@ -150,11 +171,13 @@ def test_skipped_chunks_hold_nothing_visible(name):
     assert name != "garden" or len(result.read) > result.read.sum()
 
 
+@pytest.mark.parametrize("marked", [False, True])
 @pytest.mark.parametrize("tile_test", ["exact", "3sigma"])
-def test_zeros_change_no_bit(tile_test):
+def test_zeros_change_no_bit(tile_test, marked):
     """The dense program makes what the program without the zeros makes."""
     _, _, result = points("garden")
     inputs = result.frame.constants | result.projected
+    inputs |= {"stored_attenuation": inputs["attenuation"], "antialiased": float(marked)}
     config = replace(DEFAULT, tile_test=tile_test)
     steps = projection(config)
     sparse = run(DEFAULT, steps, inputs)
@@ -191,7 +214,7 @@ def test_golden_against_the_reference(name):
         scale = focal * slant * (1 + np.abs(slope) / focal) + np.abs(slope + centre)
         assert largest(values[name], slope + centre, scale) < 2
     factor = gaussians.factor[result.index]
-    cov, _ = covariance_and_conic(factor, point, camera, SPLATCORE)
+    cov, *_ = covariance_and_conic(factor, point, camera, SPLATCORE)
     sigma = np.linalg.svd(factor, compute_uv=False)[:, 0] / depth
     reach = 2 * np.log(255 * gaussians.opacity[result.index])
     full = 2 * np.log(255)

@@ -12,16 +12,19 @@ from splatcore.spec.depth import low_bits
 from splatcore.spec.frame import fixed_constants
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.microprogram import Program, parse
-from splatcore.spec.programs import CONIC
+from splatcore.spec.programs import FACTORS, SHAPE
 
 KINDS = ("common", "tiny", "needle", "flat", "huge", "beside", "far", "faint", "vast")
 """Sorts of splats; what they are is in `splats`."""
+
+FADED = "faded"
+"""One more, of machines that compensate opacities: some have nothing left to be seen."""
 
 
 @cache
 def conic(tile_test: str) -> Program:
     """The part of the projection that begins with the covariance."""
-    return Program("conic", parse(CONIC[tile_test]), ())
+    return Program("conic", parse(FACTORS + SHAPE[tile_test]), ())
 
 
 def between(rng: np.random.Generator, low: float, high: float, count: int) -> np.ndarray:
@@ -31,7 +34,7 @@ def between(rng: np.random.Generator, low: float, high: float, count: int) -> np
 
 def splats(config: Config, kind: str, count: int, size: tuple[int, int], seed: int = 0) -> Codes:
     """Codes [N] of `splat_record` for an image of `size` pixels."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    rng = np.random.default_rng([seed, (*KINDS, FADED).index(kind)])
     side = max(*size, TILE)
     sigma = {
         "common": (0.3, side / 8), "tiny": (1e-3, 0.5), "needle": (side / 50, side),
@@ -48,6 +51,8 @@ def splats(config: Config, kind: str, count: int, size: tuple[int, int], seed: i
     attenuation = rng.integers(0, 64, count)
     if kind == "faint":
         attenuation = rng.integers((1 << OPACITY.width) - 24, 1 << OPACITY.width, count)
+    if kind == FADED:  # around 1/255
+        attenuation = rng.choice([250, 255, 255.75, 255.875, 256, 300, 767], count)
 
     c, s, unit = np.cos(angle), np.sin(angle), 2.0**-config.screen_exponent
     covariance = {

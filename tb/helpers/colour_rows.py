@@ -17,7 +17,7 @@ from splatcore.spec.memory import (
     MAGIC,
     PLACED,
     POSITION_FORMATS,
-    VERSION,
+    VERSIONS,
     ModelFormat,
     chunk_count,
 )
@@ -69,7 +69,7 @@ def random_model(
         name: np.array([value], np.uint64)
         for name, value in {
             "magic": MAGIC,
-            "version": VERSION,
+            "version": VERSIONS[0],
             "sh_degree": format.sh_degree,
             "position": POSITION_FORMATS.index(format.position),
             "small": format.small,

@@ -19,9 +19,10 @@ from tb.helpers.clouds import cloud
 ROOT = Path(__file__).resolve().parents[2]
 
 KEYS = [
-    "engine", "preset", "scene", "camera", "size", "seconds", "counts", "psnr_db_machine",
-    "psnr_db_scene", "ssim_machine", "ssim_scene", "max_error_machine", "max_error_scene",
-    "identical", "cycles", "fps_at_800mhz", "traffic_bytes", "packing",
+    "engine", "preset", "scene", "camera", "size", "antialiased", "antialiased_by", "seconds",
+    "counts", "psnr_db_machine", "psnr_db_scene", "ssim_machine", "ssim_scene",
+    "max_error_machine", "max_error_scene", "identical", "cycles", "fps_at_800mhz",
+    "traffic_bytes", "packing",
 ]  # fmt: skip
 """Keys of the object that `render --json` writes."""
 

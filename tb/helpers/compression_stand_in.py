@@ -45,7 +45,7 @@ class StandIn:
         )
         return (Target(generated_camera("garden"), np.zeros((2, 2, 3), np.uint8), "0"),)
 
-    def train(self, photographs, points, steps, seed, folder, tell):
+    def train(self, photographs, points, steps, seed, folder, tell, antialiased):
         self.calls.append(f"train {len(photographs)} {steps}")
         tell("training", 1, 1, 0.5)
         return small(300)

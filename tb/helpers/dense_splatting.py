@@ -53,8 +53,9 @@ class Decisions:
 
 
 def dense_render(
-    position, factor, opacity, sh, camera: Camera, shift=None, convention: Convention = SPLATCORE
-) -> Dense:
+    position, factor, opacity, sh, camera: Camera, shift=None, convention: Convention = SPLATCORE,
+    antialiased: bool = False,
+) -> Dense:  # fmt: skip
     """The interface of `model.gradients.differentiable.render`, for float64 tensors."""
     decisions = Decisions()
     turn, move = torch.tensor(camera.rotation), torch.tensor(camera.translation)
@@ -70,9 +71,12 @@ def dense_render(
         u, v = centre(point[n], camera, convention)
         if shift is not None:
             u, v = u + shift[n, 0], v + shift[n, 1]
-        conic = torch.linalg.inv(covariance(point[n], factor[n], camera, convention, decisions))
+        half = on_screen(point[n], factor[n], camera, convention, decisions)
+        blur = convention.covariance_blur * torch.eye(2, dtype=torch.float64)
+        conic = torch.linalg.inv(half @ half.T + blur)
         offset = torch.stack([x - u, y - v], dim=-1)  # [H, W, 2]
-        free = opacity[n] * torch.exp(-0.5 * ((offset @ conic) * offset).sum(-1))
+        strength = opacity[n] * (compensation(half, convention) if antialiased else 1)
+        free = strength * torch.exp(-0.5 * ((offset @ conic) * offset).sum(-1))
         opaque = ~decisions.below("not opaque", free, convention.alpha_max, live)
         decisions.counts["opaque"] = decisions.counts.get("opaque", 0) + int((opaque & live).sum())
         alpha = torch.where(opaque, torch.full_like(free, convention.alpha_max), free)
@@ -96,8 +100,15 @@ def centre(point, camera, convention):
     return u, camera.fy * point[1] / point[2] + camera.cy - away
 
 
-def covariance(point, factor, camera, convention, decisions) -> torch.Tensor:
-    """J·R·Σ·Rᵀ·Jᵀ + blur, [2, 2] square pixels."""
+def compensation(half, convention) -> torch.Tensor:
+    """√(det Σ / det(Σ + blur)) of Σ = half·halfᵀ by its eigenvalues, squares of the singular values
+    of `half` [2, 3]: no determinant, and no difference."""
+    axes = torch.linalg.svdvals(half)
+    return (axes / (axes**2 + convention.covariance_blur).sqrt()).prod()
+
+
+def on_screen(point, factor, camera, convention, decisions) -> torch.Tensor:
+    """J·R·factor [2, 3], pixels: times its transpose it is the splat's covariance."""
     rows = []
     for axis, focal in ((0, camera.fx), (1, camera.fy)):
         side = (camera.width, camera.height)[axis]
@@ -109,10 +120,7 @@ def covariance(point, factor, camera, convention, decisions) -> torch.Tensor:
         row = [torch.zeros((), dtype=torch.float64)] * 2 + [-focal * slope / point[2]]
         row[axis] = focal / point[2]
         rows.append(torch.stack(row))
-    jacobian = torch.stack(rows) @ torch.tensor(camera.rotation)
-    sigma = factor @ factor.T
-    blur = convention.covariance_blur * torch.eye(2, dtype=torch.float64)
-    return jacobian @ sigma @ jacobian.T + blur
+    return torch.stack(rows) @ torch.tensor(camera.rotation) @ factor
 
 
 def colours(ray, sh, convention, decisions) -> torch.Tensor:

@@ -83,10 +83,12 @@ def ply_bytes(
     form: str = "binary_little_endian",
     types: dict[str, str] | None = None,
     newline: str = "\n",
+    comments: tuple[str, ...] = (),
 ) -> bytes:
     """A PLY file of element → property → values; properties are `float` unless `types` says."""
     types = types or {}
     lines, body = ["ply", f"format {form} 1.0", "comment made by a test"], b""
+    lines += [f"comment {text}" for text in comments]
     for element, columns in elements.items():
         count = len(next(iter(columns.values())))
         lines.append(f"element {element} {count}")
@@ -104,8 +106,9 @@ def ply_bytes(
 
 
 def compressed_ply_bytes(
-    bounds: np.ndarray, packed: np.ndarray, sh: np.ndarray, names: list[str] = CHUNK_BOUNDS
-) -> bytes:
+    bounds: np.ndarray, packed: np.ndarray, sh: np.ndarray, names: list[str] = CHUNK_BOUNDS,
+    comments: tuple[str, ...] = (),
+) -> bytes:  # fmt: skip
     """A compressed PLY of bounds [C, 18], packed words [N, 4] and SH bytes [N, 0 | 9 | 24 | 45]."""
     elements = {
         "chunk": dict(zip(names, bounds.T, strict=True)),
@@ -115,7 +118,7 @@ def compressed_ply_bytes(
     if sh.shape[1]:
         elements["sh"] = {f"f_rest_{i}": column for i, column in enumerate(sh.T)}
         types |= dict.fromkeys(elements["sh"], "uchar")
-    return ply_bytes(elements, types=types)
+    return ply_bytes(elements, types=types, comments=comments)
 
 
 def spz_codes(version: int, count: int, degree: int, seed: int = 0) -> list[np.ndarray]:
@@ -131,15 +134,17 @@ def spz_codes(version: int, count: int, degree: int, seed: int = 0) -> list[np.n
     return codes
 
 
-def spz_bytes(version: int, codes: list[np.ndarray], degree: int, fraction: int = 12) -> bytes:
+def spz_bytes(
+    version: int, codes: list[np.ndarray], degree: int, fraction: int = 12, flags: int = 0
+) -> bytes:
     """An SPZ file of the sections of `spz_codes`."""
     sections = [code.tobytes() for code in codes if code.size]
     head = struct.pack("<4sIIBB", b"NGSP", version, len(codes[0]), degree, fraction)
     if version < 4:
-        return gzip.compress(head + bytes(2) + b"".join(sections), mtime=0)
+        return gzip.compress(head + bytes([flags, 0]) + b"".join(sections), mtime=0)
     streams = [zstandard.compress(section) for section in sections]
     toc = [struct.pack("<QQ", *map(len, pair)) for pair in zip(streams, sections, strict=True)]
-    head += struct.pack("<BBI12x", 0, len(streams), 32)
+    head += struct.pack("<BBI12x", flags, len(streams), 32)
     return head + b"".join(toc) + b"".join(streams)
 
 

@@ -51,12 +51,13 @@ def dark(rng, camera):
     return arrays
 
 
-def needles(rng, camera):
-    """A hundred pixels long, a hundredth of one thick."""
+def needles(rng, camera, length=100, thickness=0.01):
+    """So many pixels long and thick."""
     arrays = splats(rng, camera, 6)
     turned = np.linalg.qr(rng.normal(size=(6, 3, 3)))[0]
     depth = (arrays["position"] @ camera.rotation.T + camera.translation)[:, 2]
-    arrays["factor"] = turned * (depth / camera.fx)[:, None, None] * (100, 0.01, 0.01)
+    sides = (length, thickness, thickness)
+    arrays["factor"] = turned * (depth / camera.fx)[:, None, None] * sides
     return arrays
 
 
@@ -72,6 +73,8 @@ MAKERS: dict[str, tuple[Callable, Camera]] = {
     "faint": (lambda *a: splats(*a, 10, opacity=(1.02 / 255, 1.6 / 255), size=(1, 9)), view()),
     "ended": (lambda *a: splats(*a, 24, opacity=(0.7, 1.0), size=(3.0, 9.0)), view(21, 17)),
     "needles": (needles, view()),
+    "short needles": (lambda *a: needles(*a, 20, 0.1), view()),
+    "below a pixel": (lambda *a: splats(*a, 20, opacity=(0.8, 1.0), size=(0.1, 1.0)), view()),
     "larger than the view": (lambda *a: splats(*a, 6, size=(100.0, 1000.0)), view()),
     "whole tiles": (splats, view(48, 16)),
     "one row": (lambda *a: splats(*a, 6, size=(1.0, 4.0)), view(19, 1)),
@@ -80,20 +83,29 @@ MAKERS: dict[str, tuple[Callable, Camera]] = {
 }
 """Name → function of (random numbers, camera), and the camera."""
 
+ANTIALIASED = (
+    "ordinary", "opaque", "slanted", "dark", "needles", "short needles", "below a pixel",
+    "larger than the view", "one Gaussian",
+)  # fmt: skip
+"""Scenes that are drawn with compensated opacities, too."""
 
-def scene(name: str) -> tuple[Arrays, Camera, Dense]:
+CASES = [(name, False) for name in MAKERS] + [(name, True) for name in ANTIALIASED]
+"""Names of scenes, and whether opacities are compensated."""
+
+
+def scene(name: str, antialiased: bool = False) -> tuple[Arrays, Camera, Dense]:
     """A scene of that kind away from all thresholds, with its picture; arrays may be changed."""
-    arrays, camera, dense = _first(name)
+    arrays, camera, dense = _first(name, antialiased)
     return {key: array.copy() for key, array in arrays.items()}, camera, dense
 
 
 @cache
-def _first(name: str) -> tuple[Arrays, Camera, Dense]:
+def _first(name: str, antialiased: bool) -> tuple[Arrays, Camera, Dense]:
     """The first random scene of that kind that is away from all thresholds."""
     make, camera = MAKERS[name]
     for seed in range(400):
         arrays = make(np.random.default_rng(seed), camera)
-        dense = dense_render(**tensors(arrays), camera=camera)
+        dense = dense_render(**tensors(arrays), camera=camera, antialiased=antialiased)
         if dense.margin > FAR:
             return arrays, camera, dense
     raise AssertionError(f"{name}: every scene is at a threshold")

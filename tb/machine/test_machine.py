@@ -58,6 +58,13 @@ def test_garden(timing):
     check(TINY, machine(TINY).run([job], timing), job)
 
 
+def test_antialiased_garden():
+    """Opacities are compensated, and with the next frame's model they are not."""
+    marked = pack(replace(HARD["sub_pixel"](0).scene, antialiased=True), TINY)[0]
+    jobs = [Job(model, view(), (40, 200, 511)) for model in (marked, garden(TINY, 400), marked)]
+    check(TINY, machine(TINY).run(jobs), *jobs)
+
+
 @pytest.mark.parametrize("name", HARD)
 def test_hard_cases(name):
     """Lists of 20,000, equal depths, no Gaussian at all, one pixel, …"""

@@ -22,6 +22,8 @@ from splatcore.spec.scene import ARRAYS, rotation_matrix
 from tb.helpers.bounds import HARMONICS
 
 NAMES = [
+    *("antialiased_dust", "antialiased_needles", "antialiased_edge", "antialiased_edge_on"),
+    "antialiased_whole",
     *("fog", "alternating_layers"),
     *("swinging_harmonics", "clamped_harmonics", "at_the_poles", "at_the_camera"),
     *("outlying_coefficient", "mixed_degrees", "zero_bands"),

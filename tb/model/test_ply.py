@@ -45,7 +45,7 @@ def test_any_layout_reads_alike(tmp_path, degree, form, extra):
     scene = read_written(tmp_path / "scene.ply", ply_bytes(elements, form, types))
     check_equal(scene, expected)
     assert (scene.name, scene.sh_degree) == (f"{tmp_path}/scene.ply", degree)
-    assert scene.notes == ()
+    assert scene.notes == (("columns that are not used: red",) if extra else ())
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
@@ -211,7 +211,7 @@ def test_bad_path(tmp_path):
         write_ply(tmp_path / "none" / "scene.ply", random_scene(1, 0))
 
 
-NOTES = {"kitchen.spz": ("trained with antialiasing: rendered without",)}  # notes of the real files
+MARKS = {"kitchen.spz": (True, "SPZ flag")}  # of the real files
 
 
 @needs_scenes
@@ -220,6 +220,7 @@ def test_real_file(name):
     """Every real file opens with the count and degree that its folder states."""
     scene = read_scene(scene_path(name))
     assert (len(scene), scene.sh_degree) == GAUSSIANS[name]
-    assert scene.notes == NOTES.get(name, ()) and scene.name == str(scene_path(name))
+    assert scene.notes == () and scene.name == str(scene_path(name))
+    assert (scene.antialiased, scene.mark) == MARKS.get(name, (False, ""))
     assert np.abs(np.linalg.norm(scene.quaternion, axis=1) - 1).max() < 0.01
     assert scene.opacity.min() >= 0 and scene.opacity.max() <= 1 and scene.scale.min() > 0

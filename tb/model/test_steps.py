@@ -251,7 +251,9 @@ def edited(image: np.ndarray, offset: int, width: int, value: int) -> np.ndarray
 
 CHUNK_AT = 8 * 64  # bit at which chunk headers begin
 EDITS = {
-    "version": (HEADER.offset("version"), 16, 2, r"version 2 is not 3; make .* splatcore pack"),
+    "version": (HEADER.offset("version"), 16, 2, r"version 2 is not 3 or 4; repack"),
+    "unmarked": (HEADER.offset("version"), 16, 4, "antialiased does not go with version 4"),
+    "marked": (HEADER.offset("antialiased"), 1, 1, "antialiased does not go with version 3"),
     "degree": (HEADER.offset("sh_degree"), 8, 4, "sh_degree 4 is not in 0 … 3"),
     "exponent": (HEADER.offset("exponent") + 16, 16, 5, "exponent"),
     "low exponent": (HEADER.offset("exponent") + 32, 16, (1 << 16) - 16, "exponent"),

@@ -4,8 +4,8 @@
 
 gsplat's torch path leaves two things to others: a CUDA kernel lists which Gaussian touches which
 pixel, and the package nerfacc multiplies and sums along the lists. The three stand-ins below do
-only that. They are ours, and so no judge of us; but means, covariances, conics, depths, colours,
-tile lists and every alpha and colour that is blended are gsplat's arithmetic.
+only that. They are ours, and so no judge of us; but means, covariances, conics, compensations,
+depths, colours, tile lists and every alpha and colour that is blended are gsplat's arithmetic.
 """
 
 import sys
@@ -130,9 +130,13 @@ def render(case: Case) -> tuple[np.ndarray, np.ndarray]:
         torch.from_numpy(scene.quaternion), torch.from_numpy(scene.scale), compute_preci=False
     )
     size = camera.width, camera.height
-    radii, means2d, depths, conics, _ = impl._fully_fused_projection(
-        means, covariances, view[None], matrix[None], *size, near_plane=GSPLAT.near_plane
-    )
+    radii, means2d, depths, conics, compensations = impl._fully_fused_projection(
+        means, covariances, view[None], matrix[None], *size, near_plane=GSPLAT.near_plane,
+        calc_compensations=scene.antialiased,
+    )  # fmt: skip
+    opacities = torch.from_numpy(scene.opacity)[None]
+    if compensations is not None:  # as in `gsplat.rendering.rasterization`
+        opacities = opacities * compensations
     keep_away(depths, GSPLAT.near_plane)
     # Its sort key is the depth in float32: without ties its order is that of float64.
     kept = depths[(radii > 0).all(dim=-1)].to(torch.float32)
@@ -143,7 +147,7 @@ def render(case: Case) -> tuple[np.ndarray, np.ndarray]:
         means2d,
         conics,
         colours(case, means, view),
-        torch.from_numpy(scene.opacity)[None],
+        opacities,
         *size,
         TILE,
         impl._isect_offset_encode(keys, 1, columns, rows),

@@ -54,6 +54,7 @@ class Stored:
 def save(stored: Stored) -> Path:
     """Writes the file of `stored.case.scene.name`."""
     scene, camera = stored.case.scene, stored.case.camera
+    mark = {"antialiased": np.array(True)} if scene.antialiased else {}
     path = FOLDER / f"{scene.name}.npz"
     np.savez_compressed(
         path,
@@ -65,6 +66,7 @@ def save(stored: Stored) -> Path:
         background=np.array(stored.case.background),
         image=stored.image.astype(np.float32),
         transmittance=stored.transmittance.astype(np.float32),
+        **mark,
         **{name: np.array(version) for name, version in stored.versions.items()},
     )
     return path
@@ -78,7 +80,8 @@ def load(name: str) -> Stored:
     fx, fy = (float(focal) for focal in field["focal"])
     pose = field["rotation"], field["translation"]
     camera = Camera(width, height, fx, fy, width / 2, height / 2, *pose, name)
-    scene = Scene(**{key: field[key] for key in ATTRIBUTES}, name=name)
+    arrays = {key: field[key] for key in ATTRIBUTES}
+    scene = Scene(**arrays, name=name, antialiased="antialiased" in field)
     case = Case(scene, camera, tuple(field["background"].tolist()))
     versions = {key: str(field[key]) for key in VERSIONS}
     return Stored(case, field["image"], field["transmittance"], versions)

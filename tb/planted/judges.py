@@ -47,6 +47,7 @@ QUICK = {
     "points/check": "tb/hdl/test_check.py",
     "points/chunk": "tb/hdl/test_chunk.py -k mixed",
     "points/codebook": "tb/hdl/test_codebook.py -k equals",
+    "points/compensation": "tb/hdl/test_compensation.py -k equal",
     "points/colour": "tb/hdl/test_colour.py",
     "points/load": "tb/hdl/test_model_reader.py",
     "points/look_up": "tb/hdl/test_codebook.py",

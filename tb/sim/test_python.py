@@ -194,6 +194,33 @@ def test_other_bad_input(model, camera, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_antialiased(model, tmp_path):
+    """Kept by files and models; an argument overrides what a file says."""
+    marked = splatcore.make_scene(**arrays(), antialiased=True)
+    assert marked.antialiased and not splatcore.make_scene(**arrays()).antialiased
+    assert splatcore.pack(marked, "faithful")[0].antialiased and not model.antialiased
+    splatcore.write(tmp_path / "a.ply", marked)
+    splatcore.write(tmp_path / "a.splatcore", model)
+    for override, mark in {
+        None: "PLY comment 'SplatRenderMode: mip'",
+        True: "antialiased=True",
+        False: "antialiased=False",
+    }.items():
+        found = splatcore.open_scene(tmp_path / "a.ply", antialiased=override)
+        assert found.antialiased == (override is not False) and found.mark == mark
+    assert splatcore.open_scene("garden", antialiased=True).antialiased
+    for call, message in (
+        (lambda: splatcore.open_scene("garden", antialiased=1), "antialiased: is of type int"),
+        (lambda: splatcore.make_scene(**arrays(), antialiased="no"), "antialiased: is of type str"),
+        (
+            lambda: splatcore.open_scene(tmp_path / "a.splatcore", True),
+            "a packed model has its own",
+        ),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
+
+
 def test_preset():
     own = splatcore.preset("tiny", rasterizers=np.int64(4), sort_digits=(3, 4, 4, 4), faint=[])
     assert (own.rasterizers, own.sort_digits, own.faint) == (4, (3, 4, 4, 4), ())

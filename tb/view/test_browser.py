@@ -68,7 +68,7 @@ def test_what_is_on_the_screen(tmp_path, monkeypatch):
         assert all(error > 3 * LEVELS for error in far), far
 
     with (
-        served("scene.ply", setting, "127.0.0.1", 0) as (address, pages),
+        served(source, setting, "127.0.0.1", 0) as (address, pages),
         opened(address, tmp_path / "browser", *PAGE) as tab,
     ):
         until(lambda: pages)

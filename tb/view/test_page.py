@@ -192,6 +192,18 @@ def test_splats(setting):
     assert len(page.splats(broken)["opacities"]) == len(scene) - 2
 
 
+def test_a_marked_scene(setting):
+    """The page says that the browser's picture is without compensation, and why it matters."""
+    for antialiased in (True, False):
+        gaussians = replace(setting.gaussians, antialiased=antialiased)
+        client = PageClient(120, 100)
+        marked = replace(setting, gaussians=gaussians, mark="SPZ flag")
+        Page(client, marked, Desk(), Desk).close()
+        said = [widget.content for widget in client.widgets.values() if hasattr(widget, "content")]
+        line = "Antialiased (SPZ flag): the browser's own picture is drawn without opacity "
+        assert any(text.startswith(line) for text in said) == antialiased
+
+
 @pytest.mark.slow
 def test_with_a_worker(setting, file, tmp_path, monkeypatch):
     """The picture, a kept camera's, is what `render` makes of its file; the newest request wins."""

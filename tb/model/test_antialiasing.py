@@ -1,0 +1,225 @@
+"""The mark of antialiasing: statements of scene files, kept in what is made of scenes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plyfile import PlyData
+
+from splatcore.golden.reference import render
+from splatcore.model.cameras.join import side_by_side
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.hard_case import together
+from splatcore.model.pack.pack import pack
+from splatcore.spec.camera import look_at
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.scene import Scene
+from tb.helpers.scene_file import (
+    compressed_ply_bytes,
+    ply_bytes,
+    ply_columns,
+    read_written,
+    sog_bytes,
+    sog_codes,
+    sog_meta,
+    spz_bytes,
+    spz_codes,
+)
+from tb.helpers.scenes import random_scene
+
+UNMARKED = (False, "")
+
+
+def mark(scene: Scene) -> tuple[bool, str]:
+    assert scene.gaussians().antialiased == scene.antialiased
+    return scene.antialiased, scene.mark
+
+
+def plain(tmp_path, *comments: str, **columns: np.ndarray) -> Scene:
+    """A PLY of three Gaussians with further columns."""
+    table = ply_columns(random_scene(3, 0)) | columns
+    data = ply_bytes({"vertex": table}, comments=comments)
+    return read_written(tmp_path / "scene.ply", data)
+
+
+def compressed(tmp_path, *comments: str) -> Scene:
+    """A compressed PLY of three Gaussians."""
+    rng = np.random.default_rng(0)
+    bounds, packed = rng.normal(size=(1, 18)), rng.integers(0, 1 << 32, (3, 4), np.uint32)
+    data = compressed_ply_bytes(bounds, packed, np.zeros((3, 0), np.uint8), comments=comments)
+    return read_written(tmp_path / "scene.ply", data)
+
+
+@pytest.mark.parametrize("make", [plain, compressed])
+@pytest.mark.parametrize(
+    "comment, antialiased",
+    {
+        "SplatRenderMode: mip": True,
+        "SplatRenderMode: default": False,
+        "  SPLATRENDERMODE:   MIP ": True,
+        "splatRenderMode:mip": True,
+        "antialiased 1": True,
+        "antialiased 0": False,
+        "Antialiased:  true": True,
+        "antialiased=false": False,
+    }.items(),
+)
+def test_ply_comments(tmp_path, make, comment, antialiased):
+    """Brush's and Postshot's, in any case and spacing, in plain and compressed PLY."""
+    text = " ".join(comment.split())
+    assert mark(make(tmp_path, "SH degree: 0", comment)) == (antialiased, f"PLY comment '{text}'")
+
+
+@pytest.mark.parametrize("make", [plain, compressed])
+@pytest.mark.parametrize(
+    "comment",
+    ["", "SplatRenderMode: 2dgs", "not antialiased 1 at all", "SplatRenderMode: mipmap", "mip"],
+)
+def test_other_ply_comments(tmp_path, make, comment):
+    assert mark(make(tmp_path, comment)) == UNMARKED
+
+
+def test_last_ply_comment_counts(tmp_path):
+    """As splat-transform reads them."""
+    assert plain(tmp_path, "SplatRenderMode: default", "antialiased 1").antialiased
+    assert not plain(tmp_path, "antialiased 1", "SplatRenderMode: default").antialiased
+
+
+@pytest.mark.parametrize("newline", ["\r\n", "\r"])
+def test_line_ends_of_ply_comments(tmp_path, newline):
+    elements = {"vertex": ply_columns(random_scene(3, 0))}
+    data = ply_bytes(elements, "ascii", newline=newline, comments=("antialiased 1",))
+    assert mark(read_written(tmp_path / "scene.ply", data)) == (True, "PLY comment 'antialiased 1'")
+
+
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
+def test_spz_flag(tmp_path, version):
+    """Bit 0; without it a file states nothing, as converters drop the flag."""
+    found = {}
+    for flags in (0, 1, 4):
+        data = spz_bytes(version, spz_codes(version, 5, 1), 1, flags=flags)
+        scene = read_written(tmp_path / f"{flags}.spz", data)
+        assert scene.notes == ()
+        found[flags] = mark(scene)
+    assert found == {0: UNMARKED, 1: (True, "SPZ flag"), 4: UNMARKED}
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize(
+    "stated, expected",
+    [
+        ({}, UNMARKED),
+        ({"model": "antialiased"}, (True, 'SOG "model": "antialiased"')),
+        ({"antialias": True}, (True, 'SOG "antialias": true')),
+        ({"antialias": False}, (False, 'SOG "antialias": false')),
+        ({"model": "2dgs"}, UNMARKED),
+        ({"model": "antialiased", "antialias": False}, (True, 'SOG "model": "antialiased"')),
+        ({"model": [1], "antialias": "true"}, UNMARKED),
+        ({"asset": {"model": "antialiased"}}, UNMARKED),
+    ],
+)
+def test_sog_meta(tmp_path, version, stated, expected):
+    """Top-level keys of meta.json: splat-transform's and GaussForge's."""
+    meta = json.dumps(sog_meta(version, 17, 0) | stated)
+    data = sog_bytes(meta, sog_codes(17, 0, 5))
+    assert mark(read_written(tmp_path / "scene.sog", data)) == expected
+
+
+def test_filter_3d_is_fused(tmp_path):
+    """By Mip-Splatting's formulas, with a note and its mark; a comment outranks the column."""
+    width = np.array([0.15, 0.0, 3.0])
+    bare = plain(tmp_path)
+    scene = plain(tmp_path, filter_3D=width)
+    right = np.sqrt(bare.scale**2 + np.float32(width)[:, None].astype(float) ** 2)
+    assert np.allclose(scene.scale, right, rtol=1e-12)
+    share = np.sqrt((bare.scale**2).prod(1) / (right**2).prod(1))
+    assert np.allclose(scene.opacity, bare.opacity * share, rtol=1e-12)
+    assert share[1] == 1 and share[2] < 0.1  # a filter of 0 changes nothing, a wide one a lot
+    assert scene.notes == ("filter_3D (Mip-Splatting) fused into scales and opacities",)
+    assert mark(scene) == (True, "PLY column filter_3D")
+    assert not plain(tmp_path, "SplatRenderMode: default", filter_3D=width).antialiased
+
+
+def test_filter_3d_of_flat_gaussians(tmp_path):
+    """Scales of 0 and tiny ones: no division by zero, no underflow of their product."""
+    columns = {f"scale_{k}": np.array([-np.inf, -400.0, -np.inf]) for k in range(3)}
+    scene = plain(tmp_path, filter_3D=np.array([0.5, 0.0, 0.0]), **columns)
+    bare = plain(tmp_path)
+    assert np.array_equal(scene.opacity, bare.opacity * [0, 1, 1])
+    assert np.allclose(scene.scale[:, 0], [0.5, np.exp(-400), 0], rtol=1e-6)
+
+
+def test_filter_3d_has_the_right_picture(tmp_path):
+    """That of a file whose writer has fused the filter, except for the rounding to float32."""
+    bare = random_scene(60, 0)
+    wide = np.sqrt(bare.scale**2 + 0.15**2)
+    dim = bare.opacity * np.sqrt((bare.scale**2).prod(1) / (wide**2).prod(1))
+    columns, fused = ply_columns(bare), ply_columns(replace(bare, scale=wide, opacity=dim))
+    camera = look_at([0, 0, -6.0], [0, 0, 0.0], 64, 48, 60.0, [0, 1.0, 0])
+    pictures = []
+    for table in (columns | {"filter_3D": np.full(60, 0.15)}, fused, columns):
+        data = ply_bytes({"vertex": table}, comments=("antialiased 0",))
+        scene = read_written(tmp_path / "scene.ply", data)
+        pictures.append(render(scene.gaussians(), camera).image)
+    error, unfused = (np.abs(image - pictures[1]).max() for image in pictures[::2])
+    assert error < 1e-5 < 0.01 < unfused
+
+
+def test_unknown_columns_are_named(tmp_path):
+    extra = {name: np.zeros(3) for name in ("nx", "ny", "nz", "label", "filter_3d", "semantic_0")}
+    assert plain(tmp_path, **extra).notes == (
+        "columns that are not used: label, filter_3d, semantic_0",
+    )
+    many = {f"feature_{k}": np.zeros(3) for k in range(30)}
+    (note,) = plain(tmp_path, **many).notes
+    assert note.startswith("columns that are not used: feature_0, ")
+    assert note.endswith("feature_7 and 22 more")
+
+
+def test_written_ply_keeps_the_mark(tmp_path):
+    """By the comment that splat-transform reads; files of unmarked scenes are as they were."""
+    scene = random_scene(3, 1)
+    for antialiased in (True, False):
+        path = tmp_path / "scene.ply"
+        write_ply(path, replace(scene, antialiased=antialiased))
+        comments = PlyData.read(path).comments
+        assert comments == (["SplatRenderMode: mip"] if antialiased else [])
+        assert read_scene(path).antialiased == antialiased
+
+
+def view(antialiased: bool, name: str) -> tuple:
+    scene = replace(random_scene(20, 0), antialiased=antialiased, mark="a test", name=name)
+    return scene, look_at([0, 0, -6.0], [0, 0, 0.0], 64, 48, 60.0, [0, 1.0, 0])
+
+
+@pytest.mark.parametrize("antialiased", [True, False])
+def test_joined_scenes_keep_the_mark(antialiased):
+    """That of the scenes in view; those behind the camera are never drawn."""
+    behind = view(not antialiased, "behind")[0]
+    joined, _ = side_by_side([view(antialiased, "a"), view(antialiased, "b")], behind)
+    assert mark(joined) == (antialiased, "a test") and len(joined) == 60
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_joined_scenes_of_different_marks(first):
+    names = {first: "a", not first: "b"}
+    message = f"^{names[True]} is antialiased, {names[False]} is not; choose --antialiased or "
+    with pytest.raises(InputError, match=message):
+        side_by_side([view(first, "a"), view(not first, "b")])
+
+
+def test_scenes_of_scenes_keep_the_mark():
+    marked = view(True, "a")[0]
+    assert mark(together(marked, marked)) == (True, "a test")
+    assert mark(marked[:3]) == mark(marked.with_sh_degree(0)) == (True, "a test")
+
+
+@pytest.mark.parametrize("antialiased", [True, False])
+def test_packed_models_keep_the_mark(antialiased):
+    model = pack(view(antialiased, "a")[0], DEFAULT)[0]
+    again = PackedModel(model.image, "again")
+    assert again.antialiased == again.gaussians().antialiased == antialiased
