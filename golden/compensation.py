@@ -45,7 +45,7 @@ def log(config: Config, a: np.ndarray) -> np.ndarray:
 
 
 def _log(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whole part of log2 of values other than 0, and what of it is below the point."""
+    """Integer part and fraction of log2 of values other than 0."""
     mantissa, exponent = np.frexp(np.abs(values))
     below = 2 * mantissa - 1
     index = (below * (1 << LOG_INDEX)).astype(np.int64)

@@ -36,7 +36,7 @@ def project(
     `points` are their camera coordinates x, y, z and their rays.
     """
     fields = frame.constants | points | attributes(config, model, index)
-    machine = replace(config, antialiasing=model.antialiased)  # the same bits, found sooner
+    machine = replace(config, antialiasing=config.compensates and model.antialiased)
     if config.colours == "beside":
         return run(config, projection(machine), fields) | colours(config, model, points, index)
     steps = projection(replace(machine, sh_degree=model.format.sh_degree))

@@ -63,10 +63,10 @@ attenuation = fade * antialiased + stored_attenuation
 """Lines between the covariance and what follows from the opacity (`spec.programs`)."""
 
 MODEL_CONSTANTS = ("antialiased",)
-"""Constants of the programs that the model says, 0 or 1."""
+"""Constants of the programs that the model's header gives, 0 or 1."""
 
 ATTENUATIONS = ("attenuation", "stored_attenuation")
-"""Fields that are the stored opacity: the second in programs that compensate it."""
+"""Names of the field with the stored opacity: the second in programs that compensate it."""
 
 LOG_FRACTION = 9
 """Bits of logarithms below the point."""
