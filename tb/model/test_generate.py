@@ -208,7 +208,7 @@ def test_generated_camera_sizes():
 @pytest.mark.parametrize(
     "make, arguments, message",
     [
-        (generate, ("lawn",), "'lawn'.*garden, fog"),
+        (generate, ("lawn",), "'lawn'.*garden, antialiased_dust.*, fog"),
         (generate, ("needles", 5), "count: the scene 'needles' has a fixed number"),
         (generate, ("garden", 0), "count: 0"),
         (generate, ("garden", -3), "count: -3"),

@@ -228,7 +228,7 @@ def test_make_report(tmp_path):
         RESULTS=str(place), SCENE=str(tmp_path / "odd.ply"),
     )  # fmt: skip
     found = Report(tmp_path / "out", made.returncode, made.stderr)
-    programs = json.loads((place / "programs.json").read_text())["programs"]["project"]
+    programs = json.loads((place / "programs.json").read_text())["programs"]["project_antialiased"]
     row = found.table("paper", "operations")[3]
     assert row["all, operations"] == programs["operations"] != 100
     assert found.status and found.said.count("error: ") == 1 and "odd.ply" in found.said
