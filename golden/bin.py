@@ -66,12 +66,10 @@ class Binned:
         return int(self.splat_rows.sum())
 
 
-def bin_splats(
-    config: Config, near_code: int, codes: Codes, width: int, height: int, pages: int
-) -> Binned:
+def bin_splats(config: Config, codes: Codes, width: int, height: int, pages: int) -> Binned:
     """Splats [N], codes of `splat_record`, on an image of width × height pixels.
 
-    near_code: the near plane's code of `Config.arithmetic`; pages: the size of list memory.
+    pages: the size of list memory.
     """
     found, rows = footprints(config, codes, width, height)
     counts = np.bincount(found[:, 0], minlength=len(codes["u"]))
@@ -79,7 +77,7 @@ def bin_splats(
     _, columns = records.group_grid(config, width, height)
     group = (found[:, 1] >> 16) * columns + (found[:, 1] & 0xFFFF)
     entries = {
-        "key": keys(config, near_code, codes)[found[:, 0]],
+        "key": keys(config, codes)[found[:, 0]],
         "splat": number[found[:, 0]].astype(np.uint64),
         "mask": found[:, 2].astype(np.uint64),
     }
@@ -92,10 +90,10 @@ def bin_splats(
     return Binned(kept, features(config, chosen), group, entries, lists, rows, counts)
 
 
-def keys(config: Config, near_code: int, codes: Codes) -> np.ndarray:
+def keys(config: Config, codes: Codes) -> np.ndarray:
     """Depth keys [N] of splats with codes [N] of `splat_record`."""
     low = codes.get("z_low", np.zeros_like(codes["z"]))  # where depths are no finer
-    return depth_keys(config, near_code, codes["z"], low)
+    return depth_keys(config, codes["z"], low)
 
 
 def features(config: Config, splats: Codes) -> Codes:

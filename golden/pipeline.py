@@ -74,11 +74,10 @@ def render(
     check_renderable(config, model)
     tell("projecting")
     points = project_points(config, model, camera)
-    near_code = int(config.arithmetic.encode(points.frame.near_plane))
     codes = splat_codes(config, points.projected)
     size = camera.width, camera.height
     tell("binning")
-    binned = bin_splats(config, near_code, codes, *size, pages)
+    binned = bin_splats(config, codes, *size, pages)
     tell("sorting")
     order = np.lexsort((binned.entries["key"], binned.group))  # equal keys as they come
     start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))

@@ -112,7 +112,7 @@ def project(
     finite &= np.isfinite(gaussians.factor).all((1, 2)) & np.isfinite(gaussians.sh).all((1, 2))
     index = np.flatnonzero(finite)
     point = gaussians.position[index] @ camera.rotation.T + camera.translation  # [N, 3]
-    front = point[:, 2] > convention.near_plane
+    front = point[:, 2] > camera.near
     counts = {
         "gaussians": len(gaussians),
         "not_finite": len(gaussians) - len(index),

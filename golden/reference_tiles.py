@@ -65,10 +65,10 @@ def smallest_q(conic, x0, x1, y0, y1):
     a, b, c = conic
     best = np.inf
     for x in (x0, x1):
-        y = min(max(-b * x / c, y0), y1)
+        y = min(max(-b * x / c, y0), y1) if c > 0 else y0  # 0 if the determinant overflows
         best = min(best, a * x * x + 2 * b * x * y + c * y * y)
     for y in (y0, y1):
-        x = min(max(-b * y / a, x0), x1)
+        x = min(max(-b * y / a, x0), x1) if a > 0 else x0
         best = min(best, a * x * x + 2 * b * x * y + c * y * y)
     return best
 
@@ -103,6 +103,12 @@ def rasterize(lists, splats, width, height, convention, progress=None):
     return image, transmittance, work.sum(0)
 
 
+@njit(cache=True)
+def pixels(low, high, first, end):
+    """The integers of first … end − 1 within [low, high], any finite or infinite floats."""
+    return range(int(max(np.ceil(low), first)), int(min(np.floor(high), end - 1)) + 1)
+
+
 @njit(parallel=True, cache=True)
 def _blend_tile_row(
     row, columns, start, splat, centre, conic, opacity, reach, extent, colour, limits,
@@ -127,9 +133,9 @@ def _blend_tile_row(
             wide, high = extent[m] * (1 + SLACK) + SLACK
             limit = reach[m] * (1 + SLACK) + SLACK
             blocks = 0
-            for y in range(max(top, int(np.ceil(v - high))), min(bottom, int(v + high) + 1)):
+            for y in pixels(v - high, v + high, top, bottom):
                 dy = y - v
-                for x in range(max(left, int(np.ceil(u - wide))), min(right, int(u + wide) + 1)):
+                for x in pixels(u - wide, u + wide, left, right):
                     if not live[y - top, x - left]:
                         continue
                     dx = x - u

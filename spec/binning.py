@@ -100,14 +100,20 @@ def lean_margin(config: Config) -> int:
 
 def position_bits(config: Config) -> int:
     """Bits of |u| or |v| in its unit; what needs more cannot touch the image."""
-    side = max(config.width_max, config.height_max) << FINEST
+    side = config.side_max << FINEST
     return (side + (1 << HALF_BITS)).bit_length()
 
 
 def groups_max(config: Config) -> int:
-    """Groups of the largest image."""
+    """Most groups of an image, which decide whether it fits: those of the preset's own size."""
     rows, columns = group_grid(config, config.width_max, config.height_max)
     return rows * columns
+
+
+def fits(config: Config, width: int, height: int) -> bool:
+    """Whether a machine renders images of that many pixels."""
+    rows, columns = group_grid(config, width, height)
+    return max(width, height) <= config.side_max and rows * columns <= groups_max(config)
 
 
 def bin_entry_record(config: Config) -> Record:

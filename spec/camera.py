@@ -4,15 +4,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 
 SIZE_MAX = 8192
-"""Pixels along a side that any part of this project accepts."""
+"""Pixels along a side of a picture that any part of this project renders."""
+
+SIDE_MAX = 2**31 - 1
+"""Pixels along a side of a camera, whose pictures may be smaller."""
+
+NEAR_LIMITS = (1e-5, 1e5)
+"""Smallest and largest `Camera.near`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Intrinsics in pixels and the world-to-camera transform.
+    """Intrinsics in pixels, the world-to-camera transform and the near plane.
 
     A world point x is seen at p = rotation @ x + translation and lands on
     u = fx·p.x/p.z + cx − 0.5, v likewise (pixel centres are integers).
@@ -27,14 +34,18 @@ class Camera:
     rotation: np.ndarray  # [3, 3] world to camera
     translation: np.ndarray  # [3] scene units
     name: str = ""
+    near: float = NEAR_PLANE  # Gaussians whose centre depth is at most this are left out
 
     def __post_init__(self):
         object.__setattr__(self, "rotation", np.asarray(self.rotation, np.float64))
         object.__setattr__(self, "translation", np.asarray(self.translation, np.float64))
         for field in ("width", "height"):
             size = getattr(self, field)
-            if not 1 <= size <= SIZE_MAX:
-                raise InputError(f"camera {self.name}: {field} {size} is not in 1 … {SIZE_MAX}")
+            if not 1 <= size <= SIDE_MAX:
+                raise InputError(f"camera {self.name}: {field} {size} is not in 1 … {SIDE_MAX}")
+        if not NEAR_LIMITS[0] <= self.near <= NEAR_LIMITS[1]:
+            low, high = NEAR_LIMITS
+            raise InputError(f"camera {self.name}: near {self.near} is not in {low:g} … {high:g}")
         for field in ("fx", "fy"):
             if not (np.isfinite(getattr(self, field)) and getattr(self, field) > 0):
                 raise InputError(f"camera {self.name}: {field} {getattr(self, field)} is not > 0")

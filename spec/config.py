@@ -68,7 +68,7 @@ class Config:
 
     name: str = "DEFAULT"
 
-    # What the image may be at most (pixels).
+    # The image (pixels). Others fit if they have no more groups of tiles (`spec.binning`).
     width_max: int = size(1920, 1, 4096)
     height_max: int = size(1080, 1, 4096)
 
@@ -199,6 +199,12 @@ class Config:
         return self.antialiasing and fits
 
     @property
+    def side_max(self) -> int:
+        """Most pixels along a side of an image: as many as `width_max` has bits for."""
+        bits = max(self.width_max, self.height_max).bit_length()
+        return min((1 << bits) - 1, SIZES["width_max"].high)
+
+    @property
     def sort_key_bits(self) -> int:
         """Width of a sub-sorter's key."""
         return sum(self.sort_digits)
@@ -270,4 +276,10 @@ FPGA = Config(
 """DEFAULT's images, models and formats, with as few units as fit into a Lattice LFE5U-85. One
 rasterizer takes most of the time, so a frame hardly waits for the few PEs: docs/fpga.md."""
 
-PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY, FPGA)}
+HEADSET = Config(name="HEADSET", width_max=2064, height_max=2208)
+"""DEFAULT for one eye of a headset: only the table of groups grows."""
+
+UHD = Config(name="UHD", width_max=3840, height_max=2160)
+"""DEFAULT for pictures of 3840×2160."""
+
+PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY, FPGA, HEADSET, UHD)}

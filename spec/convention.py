@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 NEAR_PLANE = 0.2
-"""Gaussians whose centre depth is at or below this are culled (scene units)."""
+"""Default of `Camera.near`."""
 
 FRUSTUM_MARGIN = 1.3
 """X/Z and Y/Z in the Jacobian are clamped to ± this times tan(fov/2)."""
@@ -62,7 +62,6 @@ class Convention:
     `background` is linear RGB in [0, 1], seen through the final transmittance.
     """
 
-    near_plane: float = NEAR_PLANE
     frustum_margin: float = FRUSTUM_MARGIN
     covariance_blur: float = COVARIANCE_BLUR
     alpha_min: float = ALPHA_MIN

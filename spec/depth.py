@@ -5,10 +5,10 @@ depths with the fraction bits of `Config.depth`, from rays as fine: `finer`. A c
 narrowed to `Config.arithmetic`; a depth's bits below, z_low, go along with it, and together they
 are its exact code again: `whole_codes`.
 
-Keys count the codes from the near plane on. Where they have fewer bits than codes, the lower half
-of them are codes as they are, the next quarter stand for two codes each, and the last quarter for
-as many as reach the largest depth. `DEFAULT`: 20 fraction bits up to 16 times the near plane's
-depth, 19 up to 256 times, 14 beyond.
+A key is a depth's code, if keys have as many bits. Else keys are finest from `KEY_BASE`, whatever
+the near plane is. With K keys: the first K/16 are the 16 doublings below `KEY_BASE`; from there on
+a key is one code for K/2 keys, two codes for K/4, and as many as reach the largest depth for the
+rest. `DEFAULT`: 15 fraction bits below a depth of 0.2, 20 up to 3.2, 19 up to 51, 14 beyond.
 """
 
 from dataclasses import replace
@@ -16,7 +16,14 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.spec.config import Config
+from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.number import Bits
+
+KEY_BASE = NEAR_PLANE
+"""Depth from which keys are finest (scene units)."""
+
+BELOW, DOUBLINGS = 4, 4
+"""A key in 2^BELOW is of the 2^DOUBLINGS doublings of depth below `KEY_BASE`."""
 
 
 def low_bits(config: Config) -> int:
@@ -75,17 +82,40 @@ def key_shift(config: Config) -> int:
     return bits - config.sort_key_bits + 2 if bits > config.sort_key_bits else 0
 
 
-def depth_keys(config: Config, near_code: int, codes: np.ndarray, low: np.ndarray) -> np.ndarray:
-    """Keys [N] of depths, `narrowed` codes and their low bits; near_code: the near plane's code.
+def below_bits(config: Config) -> int:
+    """Keys below `KEY_BASE`, as a power of two."""
+    return config.sort_key_bits - BELOW
+
+
+def below_shift(config: Config) -> int:
+    """Codes of `finer` in a key below `KEY_BASE`, as a power of two."""
+    return max(finer(config).arithmetic.fraction + DOUBLINGS - below_bits(config), 0)
+
+
+def base_code(config: Config) -> int:
+    """The code of `KEY_BASE` in `finer`, as far as `Config.arithmetic` holds it."""
+    return rounded_down(config, KEY_BASE) << low_bits(config)
+
+
+def rounded_down(config: Config, depth: float) -> int:
+    """The largest code of `Config.arithmetic` whose value is at most a depth."""
+    code = int(config.arithmetic.encode(config.arithmetic.round(depth)))
+    return code - int(config.arithmetic.decode(code) > depth)
+
+
+def depth_keys(config: Config, codes: np.ndarray, low: np.ndarray) -> np.ndarray:
+    """Keys [N] of depths ≥ 0, `narrowed` codes and their low bits.
 
     Codes of numbers that are not negative rise with them, and so do the keys.
     """
-    half = 1 << low_bits(config) >> 1
-    steps = whole_codes(config, codes.astype(np.int64), low.astype(np.int64))
-    steps = np.maximum(steps - ((near_code << low_bits(config)) + half), 0)
-    lower, shift = 1 << config.sort_key_bits - 1, key_shift(config)
+    whole = whole_codes(config, codes.astype(np.int64), low.astype(np.int64))
+    whole = np.maximum(whole - (1 << low_bits(config) >> 1), 0)
+    shift = key_shift(config)
     if not shift:
-        return steps.astype(np.uint64)
+        return whole.astype(np.uint64)
+    lower, first = 1 << config.sort_key_bits - 1, below_bits(config)
+    steps = whole - base_code(config)
+    below = np.maximum(steps >> below_shift(config), -(1 << first))
     middle, coarse = lower + (steps - lower >> 1), 3 * (lower >> 1) + (steps >> shift)
-    above = np.where(steps < 2 * lower, middle, coarse)
-    return np.where(steps < lower, steps, above).astype(np.uint64)
+    above = np.where(steps < lower, steps, np.where(steps < 2 * lower, middle, coarse))
+    return ((1 << first) + np.where(steps < 0, below, above)).astype(np.uint64)

@@ -11,6 +11,7 @@ import numpy as np
 from splatcore.spec import convention
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
+from splatcore.spec.depth import rounded_down
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Fixed
@@ -86,7 +87,5 @@ def frame_constants(
     if not (np.abs(grid) <= CAMERA.max).all():
         raise InputError(f"camera {camera.name}: is more than 512 times the scene's size away")
     # What is within a rounding of the near plane is rather drawn than lost.
-    near = config.arithmetic.round(convention.NEAR_PLANE)
-    if near > convention.NEAR_PLANE:
-        near = config.arithmetic.decode(config.arithmetic.encode(near) - 1)
+    near = config.arithmetic.decode(rounded_down(config, camera.near))
     return FrameConstants(grid.astype(np.int64), float(near), rounded)

@@ -167,8 +167,8 @@ def position_record(config: Config) -> Record:
 
 def _place(config: Config, side: int) -> dict[str, Bits]:
     """Column and row in the image of a square with sides of so many pixels."""
-    sizes = {"column": config.width_max, "row": config.height_max}
-    return {name: Bits(max(((size - 1) // side).bit_length(), 1)) for name, size in sizes.items()}
+    bits = Bits(max(((config.side_max - 1) // side).bit_length(), 1))
+    return {"column": bits, "row": bits}
 
 
 def background_code(config: Config, colour):

@@ -13,10 +13,11 @@ from enum import IntEnum
 from typing import Literal
 
 from splatcore.spec.axi import ADDRESS_BITS, LITE_DATA_BITS, window_bits
-from splatcore.spec.binning import PAGE_BITS
+from splatcore.spec.binning import PAGE_BITS, groups_max
 from splatcore.spec.colour import colour_format
 from splatcore.spec.compensation import MODEL_CONSTANTS
 from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
 from splatcore.spec.counters import COUNTER_BITS, counters
 from splatcore.spec.frame import CAMERA, FrameConstants, fixed_constants
 from splatcore.spec.group import SPLAT_BITS
@@ -48,7 +49,7 @@ class ErrorCode(IntEnum):
     NONE = 0
     START = 1  # START while not READY: nothing was begun
     LOCKED = 2  # a frame's register, the detail, was written while points were made: not changed
-    SIZE = 3  # width (detail 0) or height (1) is 0 or too large, or the stride (2) cannot be
+    SIZE = 3  # width (detail 0; of all groups, too), height (1) or stride (2) cannot be
     MAGIC = 4  # there is no packed model at MODEL
     VERSION = 5  # the model's version is another one
     FORMAT = 6  # the model's positions, colours or exponents do not fit this machine
@@ -118,14 +119,18 @@ def variable_constants(config: Config) -> list[str]:
 
 def control_registers(config: Config) -> list[Register]:
     """Registers of every machine."""
-    size = config.width_max | config.height_max << 16
+    size, most = config.width_max | config.height_max << 16, groups_max(config)
+    side = TILE * config.group
+    about_groups = f"most groups of {side} x {side} pixels of an image, of any width and height"
     version, about = VERSIONS[config.compensates], "newest version of packed models that it takes"
     if window_bits(config):
         version, about = version | WIDE, f"{about}; addresses have 64 bits << 16"
     return [
         Register("ID", 32, "read", "says 'SPLT'", MAGIC),
         Register("VERSION", max(16, version.bit_length()), "read", about, version),
-        Register("SIZE_MAX", 32, "read", "largest width, and height << 16, in pixels", size),
+        Register(
+            "PICTURE_MAX", 32, "read", "width, and height << 16, of the preset's own image", size
+        ),
         Register("CONTROL", 2, "control", "START, ABORT"),
         Register("STATUS", 3, "read", "READY, PREPROCESSING, RENDERING"),
         Register("INTERRUPT", 3, "clear", "READY, FRAME, ERROR"),
@@ -139,6 +144,7 @@ def control_registers(config: Config) -> list[Register]:
         Register("STARTED", FRAME_BITS, "read", "frames that have begun, modulo 2^16"),
         Register("FINISHED", FRAME_BITS, "read", "frames that are complete, modulo 2^16"),
         Register("NEEDED", PAGE_BITS, "read", "list pages that the last frame's points took"),
+        Register("GROUPS_MAX", most.bit_length(), "read", about_groups, most),
     ]
 
 
@@ -151,8 +157,8 @@ def frame_registers(config: Config) -> list[Register]:
 
     colour = colour_format(config).width
     registers = [
-        Register("WIDTH", config.width_max.bit_length(), "frame", "of the image, pixels"),
-        Register("HEIGHT", config.height_max.bit_length(), "frame", "of the image, pixels"),
+        Register("WIDTH", config.side_max.bit_length(), "frame", "of the image, pixels"),
+        Register("HEIGHT", config.side_max.bit_length(), "frame", "of the image, pixels"),
         address("MODEL", "address of the packed model"),
         address("GROUPS", "address of work area 0's table of groups"),
         address("LISTS", "address of work area 0's list pages"),

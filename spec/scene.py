@@ -48,6 +48,7 @@ class Scene:
     in the original). NaN and Inf may occur; packing drops and counts them. `notes` are lines that
     the reader wants the user to see (anything odd in the file). `antialiased`: trained with opacity
     compensation, and rendered with it; `mark` says where that is known from, empty if nothing says.
+    `assumed_axes`: those by which a file was read that does not state its own, else empty.
     """
 
     position: np.ndarray  # [N, 3] scene units
@@ -59,6 +60,7 @@ class Scene:
     notes: tuple[str, ...] = field(default=())
     antialiased: bool = False
     mark: str = ""
+    assumed_axes: str = ""
 
     def __post_init__(self):
         count = len(self.position)

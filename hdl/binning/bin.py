@@ -17,7 +17,7 @@ from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.colour import scaled_colours, unscaled_colour_format
 from splatcore.spec.config import Config
-from splatcore.spec.depth import key_shift, low_bits
+from splatcore.spec.depth import base_code, below_bits, below_shift, key_shift, low_bits
 from splatcore.spec.feature import (
     FACTOR,
     FACTOR_SCALE,
@@ -45,8 +45,8 @@ class Bin(wiring.Component):
 
     Members
         i: stream of `splat_record`.
-        width, height: of the image, pixels; near_code: the near plane as a code of the arithmetic;
-            pages: pages of list memory; registers of the frame, which stand two cycles before it.
+        width, height: of the image, pixels; pages: pages of list memory; registers of the frame,
+            which stand two cycles before it.
         finish: the frame's last splat has been taken. When all is through, `groups` follow; then
             `done` stays high until finish is low, which begins the next frame.
         features: stream of `feature_record`, in the order of the numbers.
@@ -67,9 +67,8 @@ class Bin(wiring.Component):
         self.gather, self.lists = Gather(config), ListWriter(config)
         ports = {
             "i": In(stream.Signature(layout(point.splat_record(config)))),
-            "width": In(range(config.width_max + 1)),
-            "height": In(range(config.height_max + 1)),
-            "near_code": In(config.arithmetic.width),
+            "width": In(range(config.side_max + 1)),
+            "height": In(range(config.side_max + 1)),
             "pages": In(PAGE_BITS),
             "finish": In(1),
             "features": Out(stream.Signature(layout(feature_record(config)))),
@@ -206,28 +205,28 @@ class Bin(wiring.Component):
 
     def _key(self, splat: data.View) -> Value:
         """The key of a splat's depth, by `spec.depth`."""
-        bits, shift, width = (
-            low_bits(self.config),
-            key_shift(self.config),
-            self.config.sort_key_bits,
-        )
-        half, z, near = 1 << bits >> 1, splat.z, self.near_code
-        if bits:
-            z, near = Cat(splat.z_low ^ half, z), Cat(Const(half, bits), near)
-        steps = z - near
+        config, width = self.config, self.config.sort_key_bits
+        bits, shift, first = low_bits(config), key_shift(config), below_bits(config)
+        half = 1 << bits >> 1
+        whole = Cat(splat.z_low ^ half, splat.z) if bits else splat.z
         if not shift:
+            steps = whole - half
             return Mux(steps < 0, 0, steps)[:width]
+        steps = whole - (base_code(config) + half)
         coarse = Cat(steps[shift : shift + width - 2], Const(3, 2))
         middle = Cat(steps[1 : width - 1], Const(2, 2))
         fine = steps[: width - 1]
-        key = Mux(steps[width:-1].any(), coarse, Mux(steps[width - 1], middle, fine))
-        return Mux(steps < 0, 0, key)
+        above = Mux(steps[width:-1].any(), coarse, Mux(steps[width - 1], middle, fine))
+        above = Cat(above[:first], (above[first:] + 1)[: width - first])
+        down = steps[below_shift(config) :]  # negative: its lower bits are those of 2^first + down
+        below = Mux(down[first:].all(), down[:first], 0)
+        return Mux(steps < 0, below, above)
 
     def _group(self, m: Module) -> Value:
         """The number of the group that a part lies in."""
         part, side = self.parts.o.payload, exact_log2(convention.TILE * self.config.group)
-        columns = Signal(range((self.config.width_max >> side) + 2))
-        rows = Signal(range((self.config.height_max >> side) + 2))
+        columns = Signal(range((self.config.side_max >> side) + 2))
+        rows = Signal(range((self.config.side_max >> side) + 2))
         m.d.sync += columns.eq((self.width + (1 << side) - 1) >> side)
         m.d.sync += rows.eq((self.height + (1 << side) - 1) >> side)
         m.d.sync += self.lists.groups_count.eq(rows * columns)

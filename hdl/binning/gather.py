@@ -11,9 +11,9 @@ from splatcore.spec.group import group_grid
 
 def part_layout(config: Config) -> data.StructLayout:
     """A splat's tiles in a group; the mask may be empty where a splat ends (last)."""
-    rows, columns = group_grid(config, config.width_max, config.height_max)
+    most, _ = group_grid(config, config.side_max, config.side_max)
     return data.StructLayout(
-        {"row": range(rows), "column": range(columns), "mask": config.group**2, "last": 1}
+        {"row": range(most), "column": range(most), "mask": config.group**2, "last": 1}
     )
 
 

@@ -41,7 +41,7 @@ def outline_layout(config: Config) -> data.StructLayout:
     between: it touches no pixels of any row. A square's rows all have its columns: they need no
     more than those.
     """
-    position, row = signed(position_bits(config) + 1), range(-(-config.height_max // TILE))
+    position, row = signed(position_bits(config) + 1), range(-(-config.side_max // TILE))
     fields = {"first": row, "last": row, "between": 1, "normalise": range(HALF_BITS)}
     for name in "xy":
         fields |= {
@@ -90,8 +90,8 @@ class Outline(wiring.Component):
         self.before = max(0, widest - self.format.fraction - 1)
         ports = {
             "i": In(stream.Signature(layout(splat_record(config)))),
-            "width": In(range(config.width_max + 1)),
-            "height": In(range(config.height_max + 1)),
+            "width": In(range(config.side_max + 1)),
+            "height": In(range(config.side_max + 1)),
             "room": In(1),
             "seen": Out(1),
             "o": Out(stream.Signature(outline_layout(config))),

@@ -27,7 +27,7 @@ OUTLINES = 8
 
 def columns_layout(config: Config) -> data.StructLayout:
     """Tiles begin … end of a row, none if the first is beyond the last; last: of the splat."""
-    row, column = range(-(-config.height_max // TILE)), range(-(-config.width_max // TILE) + 1)
+    row, column = range(-(-config.side_max // TILE)), range(-(-config.side_max // TILE) + 1)
     return data.StructLayout({"row": row, "begin": column, "end": column, "last": 1})
 
 
@@ -57,7 +57,7 @@ class Rows(wiring.Component):
         self.queue = Queue(columns_layout(config), ROWS_WAITING, memory=True)
         ports = {
             "i": In(stream.Signature(outline_layout(config))),
-            "width": In(range(config.width_max + 1)),
+            "width": In(range(config.side_max + 1)),
             "o": Out(stream.Signature(columns_layout(config))),
             "row": Out(1),
             "busy": Out(1),
@@ -171,7 +171,7 @@ class Rows(wiring.Component):
         left = self._at(m, "left", left + one - 1, 1)
         right = self._at(m, "right", late["centre_x"] + 1 + ends["right"], 1)
         shift, vast = (self._at(m, name, late[name], 1) for name in ("shift_x", "vast_x"))
-        bound = Signal(range(-(-self.config.width_max // TILE)))
+        bound = Signal(range(-(-self.config.side_max // TILE)))
         m.d.comb += bound.eq((self.width - 1) >> TILE_BITS)
         first, end = left >> shift, right >> shift
         first, end = Mux((first < 0) | vast, 0, first), Mux((end > bound) | vast, bound, end)

@@ -8,6 +8,7 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.record import frame_layout
 from splatcore.spec.binning import groups_max
 from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
 from splatcore.spec.registers import ALIGNED, CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
 from splatcore.spec.work import (
     FEATURE,
@@ -35,7 +36,8 @@ class Check(wiring.Component):
         frame: the registers.
         error, detail: `ErrorCode`, NONE if all is well.
 
-    **Timing**: `LATENCY`. A multiplier of HEIGHT's and STRIDE's bits for the image's end.
+    **Timing**: `LATENCY`. Multipliers of HEIGHT's and STRIDE's bits for the image's end, and of
+    groups along both sides.
     """
 
     def __init__(self, config: Config):
@@ -46,7 +48,7 @@ class Check(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         names = [register.name for register in frame_registers(self.config)]
-        found = [(ErrorCode.SIZE, number, wrong) for number, wrong in enumerate(self._sizes())]
+        found = [(ErrorCode.SIZE, number, wrong) for number, wrong in enumerate(self._sizes(m))]
         for code, registers in (
             (ErrorCode.ALIGNMENT, self._unaligned()),
             (ErrorCode.RANGE, self._beyond(m)),
@@ -58,12 +60,19 @@ class Check(wiring.Component):
         m.d.sync += [self.error.eq(error), self.detail.eq(detail)]
         return m
 
-    def _sizes(self) -> list[Value]:
-        """Whether width, height and stride are impossible."""
+    def _sizes(self, m: Module) -> list[Value]:
+        """Whether width, height and stride are impossible; with too many groups the width is."""
         frame, config = self.frame, self.config
+        side = exact_log2(TILE * config.group)
+        sides = {name: frame[name] for name in ("width", "height")}
+        groups = {name: Signal(len(pixels) - side + 1, name=f"{name}_groups", reset_less=True)
+                  for name, pixels in sides.items()}  # fmt: skip
+        m.d.sync += [groups[name].eq((sides[name] + (1 << side) - 1) >> side) for name in sides]
+        wrong = {name: (pixels == 0) | (pixels > config.side_max) for name, pixels in sides.items()}
+        too_many = groups["width"] * groups["height"] > groups_max(config)
         return [
-            (frame.width == 0) | (frame.width > config.width_max),
-            (frame.height == 0) | (frame.height > config.height_max),
+            wrong["width"] | too_many,
+            wrong["height"],
             (frame.stride < frame.width * PIXEL) | (frame.stride % STRIDE_ALIGNMENT != 0),
         ]
 

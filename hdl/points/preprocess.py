@@ -118,7 +118,6 @@ class Preprocess(wiring.Component):
         m.d.comb += [
             self.model.model.eq(frame.model[BEAT_BITS:]),
             points.near_plane.eq(frame.near_plane),
-            self.bin.near_code.eq(frame.near_plane),
             self.bin.width.eq(frame.width),
             self.bin.height.eq(frame.height),
             self.bin.pages.eq(frame.lists_pages),

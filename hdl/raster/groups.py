@@ -36,8 +36,8 @@ class Walk(wiring.Component):
         side = convention.TILE * config.group
         ports = {
             "start": In(1),
-            "rows": In(range(config.height_max // side + 2)),
-            "columns": In(range(config.width_max // side + 2)),
+            "rows": In(range(config.side_max // side + 2)),
+            "columns": In(range(config.side_max // side + 2)),
             "step": In(1),
             "position": Out(layout(position_record(config))),
             "active": Out(1),
@@ -81,8 +81,8 @@ class Groups(wiring.Component):
         position = Out(stream.Signature(layout(position_record(config))))
         ports = {
             "start": In(1),
-            "width": In(range(config.width_max + 1)),
-            "height": In(range(config.height_max + 1)),
+            "width": In(range(config.side_max + 1)),
+            "height": In(range(config.side_max + 1)),
             "groups_at": In(BEAT_ADDRESS_BITS),
             "lists": Out(stream.Signature(layout(group_record()))),
             "positions": position,

@@ -78,8 +78,8 @@ class Pixels(wiring.Component):
         position = In(stream.Signature(layout(position_record(config))))
         ports = {
             "start": In(1),
-            "width": In(range(config.width_max + 1)),
-            "height": In(range(config.height_max + 1)),
+            "width": In(range(config.side_max + 1)),
+            "height": In(range(config.side_max + 1)),
             "groups": In(range(groups_max(config) + 1)),
             "pixels_at": In(BEAT_ADDRESS_BITS),
             "stride_beats": In(STRIDE_BITS - BEAT_BITS),

@@ -119,8 +119,8 @@ class Raster(wiring.Component):
         ports = {
             "i": In(stream.Signature(layout(raster.featured_record(config)))),
             "positions": In(stream.Signature(layout(raster.position_record(config)))),
-            "width": In(range(config.width_max + 1)),
-            "height": In(range(config.height_max + 1)),
+            "width": In(range(config.side_max + 1)),
+            "height": In(range(config.side_max + 1)),
             "background": In(layout(Record("colour", raster.colours(config)))),
             "live": Out(config.group**2),
             "o": pixels,

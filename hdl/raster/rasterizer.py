@@ -62,8 +62,8 @@ class Rasterizer(wiring.Component):
         ports = {
             "i": In(stream.Signature(layout(pair))),
             "positions": In(stream.Signature(layout(raster.position_record(config)))),
-            "width": In(range(config.width_max + 1)),
-            "height": In(range(config.height_max + 1)),
+            "width": In(range(config.side_max + 1)),
+            "height": In(range(config.side_max + 1)),
             "background": In(layout(Record("colour", raster.colours(config)))),
             "started": Out(1),
             "group": Out(raster.GROUP_BITS, init=-1),

@@ -41,8 +41,8 @@ def job_layout(config: Config) -> data.StructLayout:
     windows = data.StructLayout(dict.fromkeys(areas, window_bits(config)))
     return data.StructLayout(
         {
-            "width": range(config.width_max + 1),
-            "height": range(config.height_max + 1),
+            "width": range(config.side_max + 1),
+            "height": range(config.side_max + 1),
             "background": layout(record.Record("colour", colours(config))),
             "area": AREA,
             "scratch": BEAT_ADDRESS_BITS,

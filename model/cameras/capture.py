@@ -9,6 +9,7 @@ from splatcore.model.cameras.orbit import BESIDE, orbiting_views
 from splatcore.model.cameras.surround import surrounding_views
 from splatcore.model.cameras.view import core_of
 from splatcore.spec.camera import Camera
+from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.scene import Gaussians
 
 RISE, NEARER = np.radians(3.0), 1.05
@@ -27,15 +28,17 @@ def teacher_views(
     seed: int,
     cameras: Sequence[Camera] = (),
     beside: float = 0.0,
+    near: float = NEAR_PLANE,
 ) -> list[Camera]:
-    """`count` views to learn from: from all round, or on the path of `cameras` and never where one
-    of them is, `beside` of them off it.
+    """`count` views to learn from: from all round with that near plane, or on the path of `cameras`
+    and never where one of them is, `beside` of them off it.
 
     Few harmonics cannot be right from everywhere: what is learned is best where the views are. Off
     the path more of them are far off, where a view has fewer others round it.
     """
     if not cameras:
-        return surrounding_views(gaussians, count, *size, seed)
+        views = surrounding_views(gaussians, count, *size, seed)
+        return [replace(view, near=near) for view in views]
     given, middle = [camera.resized(*size) for camera in cameras], core_of(gaussians).middle
     off, views = round(beside * count), []
     if count != off:

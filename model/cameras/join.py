@@ -7,7 +7,6 @@ import numpy as np
 
 from splatcore.model.cameras.view import NEAREST, core_of
 from splatcore.spec.camera import Camera
-from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS, Scene, sh_count
 
@@ -65,7 +64,7 @@ def in_view(scene: Scene, camera: Camera) -> int:
     with np.errstate(invalid="ignore", divide="ignore"):
         u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
         inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    return int((inside & (z > NEAR_PLANE)).sum())
+    return int((inside & (z > camera.near)).sum())
 
 
 def _check_marks(scenes: list[Scene]):

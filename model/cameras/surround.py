@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from splatcore.model.cameras.view import INSIDE, NEAREST, Core, blocked, core_of, sensible_view
 from splatcore.model.formats.file import input_error
 from splatcore.spec.camera import SIZE_MAX, Camera, look_at
-from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE
+from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.scene import Gaussians
 
 ELEVATION = np.radians((4.0, 50.0))
@@ -166,7 +166,7 @@ def _held(point: np.ndarray, camera: Camera, middle: np.ndarray) -> int:
     """Number of `point` [N, 3], relative to `middle`, that lie inside the image."""
     x, y, z = ((point + middle) @ camera.rotation.T + camera.translation).T
     tan_x, tan_y = camera.tan_half_fov
-    return int(np.sum((z > NEAR_PLANE) & (np.abs(x) < tan_x * z) & (np.abs(y) < tan_y * z)))
+    return int(np.sum((z > camera.near) & (np.abs(x) < tan_x * z) & (np.abs(y) < tan_y * z)))
 
 
 def _reached(core: Core, factor: np.ndarray, eyes: np.ndarray, start: np.ndarray) -> np.ndarray:

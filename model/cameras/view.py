@@ -23,6 +23,11 @@ CORE_TALL = (2.0, 98.0)
 
 FILL = 0.85  # share of the image's half sides that the core takes up
 NEAREST = 3 * NEAR_PLANE  # least distance of the camera from its target, scene units
+
+NEAREST_SHARE = 2.0**-40
+"""And as a share of the target's coordinates: float64 still tells the camera from its target."""
+
+LARGEST = float(np.finfo(np.float32).max)  # positions and sizes beyond do not count
 DIRECTIONS = 24  # compass directions that are tried
 
 CLOSER = {1.0: 0.0, 0.7: 0.35, 0.5: 0.55}
@@ -60,7 +65,7 @@ class Core:
         wide = 1.15 * half[[0, 2]].max() * 2 * focal / width
         tall = half[1] * np.cos(ELEVATION) + half[[0, 2]].max() * np.sin(ELEVATION)
         distance = max(wide, tall * 2 * focal / height) / FILL + half[[0, 2]].min() / 2
-        return max(distance, NEAREST)
+        return max(distance, NEAREST, NEAREST_SHARE * np.abs(self.middle).max())
 
 
 def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
@@ -107,8 +112,8 @@ def core_of(gaussians: Gaussians) -> Core:
 def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
     """The Gaussians [N] that count, by index, and the area [N] each stands for (2π·product of
     the two larger axes, times opacity, times how many it was picked from)."""
-    finite = np.isfinite(gaussians.position).all(axis=1) & np.isfinite(gaussians.opacity)
-    finite &= np.isfinite(gaussians.factor).all(axis=(1, 2))
+    finite = (np.abs(gaussians.position) <= LARGEST).all(axis=1) & np.isfinite(gaussians.opacity)
+    finite &= (np.abs(gaussians.factor) <= LARGEST).all(axis=(1, 2))
     index = np.flatnonzero(finite)
     opacity = gaussians.opacity[index]
     if len(index):

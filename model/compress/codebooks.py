@@ -15,6 +15,7 @@ from splatcore.model.gradients.trainable import RATES, Tensors, tensors_of
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.pack import appearance, pack
 from splatcore.model.pack.quality import COMPACT
+from splatcore.model.pack.stored import Stored
 from splatcore.spec.colour import SH_C0, SH_C1, SH_EXPONENT_MAX
 from splatcore.spec.config import Config
 from splatcore.spec.convention import COLOUR_OFFSET
@@ -84,7 +85,7 @@ class InCodebooks(Quantised):
     harmonics: Stages
     seen: Directions
 
-    def refresh_colours(self, scene: Scene, order: np.ndarray):
+    def refresh_colours(self, scene: Scene, stored: Stored):
         """Give each Gaussian the entries nearest to what it has learned, as the views see it."""
         colours = colours_beside(self.harmonics, scene, self.seen)
         self.colour.assign(colours, pairwise_distances_argmin)

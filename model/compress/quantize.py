@@ -14,7 +14,8 @@ import torch
 
 from splatcore.model.gradients.trainable import Tensors, rotation, scene_of
 from splatcore.model.pack.chunk import Chunks
-from splatcore.model.pack.pack import factor_exponent, format_of, stored_order
+from splatcore.model.pack.pack import factor_exponent, format_of
+from splatcore.model.pack.stored import Stored, stored_scene
 from splatcore.spec.config import Config
 from splatcore.spec.memory import ABSOLUTE, FACTOR, ModelFormat
 from splatcore.spec.number import Fixed, Float
@@ -99,18 +100,19 @@ class Quantised(ABC):
     def refresh(self):
         """Take the chunks, and what goes by chunk, and L's unit from the parameters as they are."""
         scene, means = scene_of(self.tensors), self.tensors["means"].detach()
-        order, chunks = stored_order(scene, self.format.stored_bits)
+        stored = stored_scene(scene, self.format)
         position = scene.position.copy()
         if self.config.position == "absolute":
             position = ABSOLUTE.round(position)
         else:
-            position[order] = stored_positions(chunks)
+            own = ~stored.chunks.padding
+            position[stored.index[own]] = stored_positions(stored.chunks)[own]
         self.position_error = means.new_tensor(position - scene.position)
-        self.stored = means.new_tensor(np.isin(np.arange(len(scene)), order))
+        self.stored = means.new_tensor(np.isin(np.arange(len(scene)), stored.index))
         largest = float(lower_factor(self.tensors).abs().max())
         exponent = factor_exponent(self.config, self.format, largest)
         self.unit = means.new_tensor(2.0**exponent)
-        self.refresh_colours(scene, order)
+        self.refresh_colours(scene, stored)
 
     def taken(self) -> list[torch.Tensor]:
         """What `refresh` took: with the leaves all that decides on what is rendered."""
@@ -135,8 +137,8 @@ class Quantised(ABC):
         return scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, of)
 
     @abstractmethod
-    def refresh_colours(self, scene: Scene, order: np.ndarray):
-        """The same of the colours; `order`: the Gaussians that are stored, as they are stored."""
+    def refresh_colours(self, scene: Scene, stored: Stored):
+        """The same of the colours; `stored`: the scene's Gaussians as they are stored."""
 
     @abstractmethod
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:

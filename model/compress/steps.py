@@ -10,6 +10,7 @@ from splatcore.model.compress.quantize import Quantised, straight
 from splatcore.model.gradients.trainable import Tensors
 from splatcore.model.pack.pack import layouts, pack
 from splatcore.model.pack.steps import Steps, quantise_steps
+from splatcore.model.pack.stored import Stored
 from splatcore.spec.colour import BASE, FOLDED, LAYOUTS, folded, step
 from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
@@ -38,16 +39,16 @@ class InSteps(Quantised):
 
     grids: list[Grid] = field(init=False, default_factory=list)  # of each degree
 
-    def refresh_colours(self, scene: Scene, order: np.ndarray):
+    def refresh_colours(self, scene: Scene, stored: Stored):
         """Choose the steps as packing will: those of the scene at first, then those that hold
         what is rendered. What learned is near the middle between two codes, and other steps would
         round it elsewhere."""
-        factors = folded((self.as_read() if self.grids else scene).sh[order])
+        factors = folded((self.as_read() if self.grids else scene).sh[stored.index])
         steps = quantise_steps(factors, layouts(factors, self.quality))
         device = self.tensors["means"].device
         self.grids = [
             Grid(*(torch.tensor(numbers, device=device) for numbers in grid))
-            for grid in grids(steps, len(factors), order, len(scene))
+            for grid in grids(steps, len(factors), stored, len(scene))
         ]
 
     def taken(self) -> list[torch.Tensor]:
@@ -71,10 +72,10 @@ class InSteps(Quantised):
         return pack(scene, self.config, scene.sh_degree, quality=self.quality)[0]
 
 
-def grids(steps: Steps, degrees: int, order: np.ndarray, count: int) -> list[np.ndarray]:
+def grids(steps: Steps, degrees: int, stored: Stored, count: int) -> list[np.ndarray]:
     """For each degree sizes, least and most codes and halves [4, N, 1, 1] of N = `count` Gaussians,
-    of which `order` [M] are stored so; the others are 0."""
-    of = np.arange(len(order)) // CHUNK
+    of which some are `stored` [M]; the others are 0."""
+    of, own = np.arange(len(stored.index)) // CHUNK, ~stored.chunks.padding
     found = []
     for degree in range(degrees):
         grid = np.zeros((4, count, 1, 1))
@@ -83,12 +84,12 @@ def grids(steps: Steps, degrees: int, order: np.ndarray, count: int) -> list[np.
         if degree:
             sizes = np.ldexp(sizes, -steps.shifts[degree - 1])
         for number in np.unique(steps.harmonics):
-            layout, own = LAYOUTS[number], steps.harmonics[of] == number
+            layout, which = LAYOUTS[number], own & (steps.harmonics[of] == number)
             if degree > layout.degree:
                 continue
             code = layout.format(degree) if degree else BASE
             half = layout.halves / 2 if degree else 0
-            values = np.broadcast_arrays(sizes[own], code.min, code.max, half)
-            grid[:, order[own], 0, 0] = values
+            values = np.broadcast_arrays(sizes[which], code.min, code.max, half)
+            grid[:, stored.index[which], 0, 0] = values
         found.append(grid)
     return found

@@ -14,6 +14,7 @@ from splatcore.model.compress.prune import sound
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.trainable import rendered, tensors_of
 from splatcore.spec.camera import Camera
+from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.scene import Scene
 
 Cameras = Sequence[Camera]
@@ -44,10 +45,10 @@ class OwnPicture:
 
 def teacher_targets(
     scene: Scene, count: int, size: tuple[int, int], seed: int, cameras: Cameras = (),
-    beside: float = 0.0,
+    beside: float = 0.0, near: float = NEAR_PLANE,
 ) -> tuple[OwnPicture, ...]:  # fmt: skip
     """Pictures of `size` (width, height) from `count` views of `teacher_views`."""
-    views = teacher_views(sound(scene).gaussians(), count, size, seed, cameras, beside)
+    views = teacher_views(sound(scene).gaussians(), count, size, seed, cameras, beside, near)
     return pictures(scene, views)
 
 

@@ -6,46 +6,65 @@ Each becomes `Camera`s, with OpenCV axes and the transform from world to camera.
 import json
 import math
 import os
+import re
+from pathlib import Path
 
 import numpy as np
 
 from splatcore.model.formats import file
-from splatcore.model.formats.colmap import read_colmap
+from splatcore.model.formats.colmap import (
+    LENSES,
+    cameras_file,
+    colmap_folder,
+    find_colmap,
+    read_colmap,
+)
 from splatcore.model.formats.file import input_error
+from splatcore.model.formats.photograph_file import photograph_file, photograph_size
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 
 ORTHONORMAL_TOLERANCE = 1e-2
 """Largest entry of R·Rᵀ − 1 at which a matrix of a file still counts as a rotation."""
 
-DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
-"""Coefficients of lens distortion in transforms.json; all must be 0."""
+DISTORTION = re.compile(
+    r"(k|p|b|s|sx|sy|ftheta_p)\d+|k|omega|skew|(?i:\w*distortion\w*)"
+    r"|latlong|equirectangular|orthographic"
+)
+"""Names in transforms.json of what makes a lens no pinhole, as nerfstudio, instant-NGP, COLMAP and
+OpenCV have them; all their values must be 0."""
 
-PINHOLE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL")
-"""Values of "camera_model" that are pinholes if the distortion is 0."""
-
-CAMERAS = "cameras.json"
+CAMERAS, TRANSFORMS = "cameras.json", ("transforms.json", "transforms_train.json")
 
 Named = list[tuple[Camera, str]]
 """Cameras, each with the file name of its image ("" if the file has none)."""
 
 
-def read_cameras(path: str | os.PathLike, ids: list[str] | None = None) -> list[Camera]:
-    """All cameras of a cameras.json (or the folder around it), a transforms.json or a COLMAP folder
-    (or its parent), or those that IDs mean."""
-    named = read_named(path)
+Size = tuple[int, int]  # width, height in pixels
+
+
+def read_cameras(
+    path: str | os.PathLike, ids: list[str] | None = None, size: Size | None = None
+) -> list[Camera]:
+    """All cameras of a file or folder, or those that IDs mean.
+
+    A cameras.json (or INRIA's folder around it), a transforms.json or COLMAP model, or a folder
+    with one of these. size: of pictures, for cameras that say neither theirs nor name a photograph
+    that does; cameras are not resized to it.
+    """
+    named = read_named(path, size)
     return [camera for camera, _ in named] if ids is None else [_find(named, i, path) for i in ids]
 
 
-def read_camera(text: str) -> Camera:
-    """The camera that "FILE" (its first) or "FILE:ID" means.
+def read_camera(text: str, size: Size | None = None) -> Camera:
+    """The camera that "FILE" (its first) or "FILE:ID" means; size: as `read_cameras` has it.
 
     ID is a camera's name or its image's, with or without folder and extension.
     """
     path, camera_id = split_id(text)
     if not os.path.exists(path):
         raise input_error(text, "no such file")
-    named = read_named(path)
+    named = read_named(path, size)
     return named[0][0] if camera_id is None else _find(named, camera_id, path)
 
 
@@ -55,7 +74,7 @@ def _find(named: Named, camera_id: str, path: str | os.PathLike) -> Camera:
         if camera.name == camera_id:
             return camera
     for camera, image in named:
-        base = os.path.basename(image)
+        base = os.path.basename(image.replace("\\", "/"))
         if camera_id in (image, base, os.path.splitext(base)[0]):
             return camera
     some = ", ".join(camera.name for camera, _ in named[:5]) + (", …" if len(named) > 5 else "")
@@ -72,16 +91,43 @@ def split_id(text: str) -> tuple[str, str | None]:
     return path, camera_id
 
 
-def read_named(path: str | os.PathLike) -> Named:
+def camera_place(path: str | os.PathLike) -> Path:
+    """The file of cameras, or the folder of a COLMAP model, that a file or a folder means.
+
+    In a folder: INRIA's cameras.json beside a `point_cloud`, a COLMAP model, a transforms.json, any
+    other cameras.json. A COLMAP model goes before a transforms.json: its points are in its frame.
+    """
+    if not os.path.isdir(path):
+        return Path(path)
+    files = [Path(path, name) for name in (*TRANSFORMS, CAMERAS)]
+    if os.path.isdir(os.path.join(path, "point_cloud")):
+        return files[-1]
+    if folder := find_colmap(path):
+        return folder
+    if found := next(filter(Path.is_file, files), None):
+        return found
+    try:
+        return colmap_folder(path)
+    except InputError as error:
+        names = ", ".join(TRANSFORMS)
+        raise InputError(f"{error}; no {names} or {CAMERAS} in it") from None
+
+
+def size_file(path: str | os.PathLike) -> Path:
+    """The file that has the sizes of a file's or folder's cameras."""
+    place = camera_place(path)
+    return cameras_file(place) if place.is_dir() else place
+
+
+def read_named(path: str | os.PathLike, size: Size | None = None) -> Named:
     """Cameras of any of the formats, each with its image's file name as the file has it."""
-    if os.path.isdir(path):
-        if not os.path.isdir(os.path.join(path, "point_cloud")):
-            return read_colmap(path)
-        path = os.path.join(path, CAMERAS)  # of a folder as INRIA's training leaves it
-    value = file.parse_json(file.read_bytes(path), path)
-    named = _inria(value, path) if isinstance(value, list) else _transforms(value, path)
+    place = camera_place(path)
+    if place.is_dir():
+        return read_colmap(place)
+    value = file.parse_json(file.read_bytes(place), place)
+    named = _inria(value, place) if isinstance(value, list) else _transforms(value, place, size)
     if not named:
-        raise input_error(path, "holds no cameras")
+        raise input_error(place, "holds no cameras")
     return named
 
 
@@ -101,7 +147,7 @@ def _camera(intrinsics: tuple, pose: np.ndarray, name: str, where: str) -> Camer
         raise input_error(where, str(error).removeprefix(prefix if known else "")) from error
 
 
-def _inria(value: list, path: str | os.PathLike) -> Named:
+def _inria(value: list, path: Path) -> Named:
     """cameras.json as the original 3DGS writes it (`camera_to_JSON`): `position` is the camera's
     centre, `rotation` camera to world, both with OpenCV axes; cx and cy are an addition.
     """
@@ -124,7 +170,7 @@ def _inria(value: list, path: str | os.PathLike) -> Named:
     return named
 
 
-def _transforms(value: object, path: str | os.PathLike) -> Named:
+def _transforms(value: object, path: Path, size: Size | None) -> Named:
     """transforms.json of instant-ngp and nerfstudio: `transform_matrix` is camera to world with
     OpenGL axes (y up, z back); intrinsics in pixels stand in the file or in each frame.
     """
@@ -140,26 +186,50 @@ def _transforms(value: object, path: str | os.PathLike) -> Named:
         if rows == 4 and np.abs(pose[3] - (0, 0, 0, 1)).max() > ORTHONORMAL_TOLERANCE:
             raise input_error(where, "'transform_matrix' does not end with the row 0 0 0 1")
         pose = pose[:3] * (1, -1, -1, 1)  # OpenGL axes to OpenCV axes
-        camera = _camera(_frame_intrinsics(frame, where), pose, str(index), where)
+        sides = _frame_size(frame, path.parent, size, where)
+        camera = _camera(_frame_intrinsics(frame, *sides, where), pose, str(index), where)
         named.append((camera, file.field(frame, "file_path", str, where, "")))
     return named
 
 
 def _check_undistorted(frame: dict, where: str) -> None:
     """Refuses a lens that is not a pinhole."""
+
+    def zero(value: object) -> bool:
+        if isinstance(value, dict | list):
+            return all(map(zero, value.values() if isinstance(value, dict) else value))
+        return value is None or (isinstance(value, int | float) and value == 0)
+
     model = file.field(frame, "camera_model", str, where, "")
-    if model not in ("", *PINHOLE_MODELS):
+    if model and not LENSES.get(model):
         raise input_error(where, f"'camera_model' {model} is not supported")
-    if frame.get("is_fisheye", False) is not False:
+    if not zero(frame.get("is_fisheye")):
         raise input_error(where, "'is_fisheye' is set, fisheye lenses are not supported")
-    for name in DISTORTION:
-        if file.field(frame, name, float, where, 0.0) != 0:
+    for name, value in frame.items():
+        if DISTORTION.fullmatch(name) and not zero(value):
             raise input_error(where, f"{name!r} is not 0, lens distortion is not supported")
 
 
-def _frame_intrinsics(frame: dict, where: str) -> tuple:
+def _frame_size(frame: dict, folder: Path, size: Size | None, where: str) -> Size:
+    """Width and height that a frame says, else its photograph, else `size` if nothing in the frame
+    is in pixels of its own."""
+    if "w" in frame or "h" in frame:
+        width, height = (file.field(frame, side, int, where) for side in ("w", "h"))
+        return width, height
+    image = file.field(frame, "file_path", str, where, "")
+    if image and (found := photograph_size(photograph_file(folder, image))):
+        return found
+    if size is None:
+        why = "and its photograph cannot be read; the picture's size (--size) says it, too"
+        raise input_error(where, f"'w' is missing, {why}")
+    for name in ("fl_x", "fl_y", "cx", "cy"):
+        if name in frame:
+            raise input_error(where, f"'w' is missing, {name!r} is in its pixels")
+    return size
+
+
+def _frame_intrinsics(frame: dict, width: int, height: int, where: str) -> tuple:
     """(width, height, fx, fy, cx, cy); a focal length may be given by a field of view instead."""
-    width, height = (file.field(frame, side, int, where) for side in ("w", "h"))
 
     def focal(name: str, angle_name: str, side: int) -> float | None:
         if name in frame:

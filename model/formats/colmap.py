@@ -5,8 +5,10 @@ integers are those of `Camera`.
 """
 
 import os
+import re
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +18,40 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import rotation_matrix
 
-MODELS = (
-    "SIMPLE_PINHOLE PINHOLE SIMPLE_RADIAL RADIAL OPENCV OPENCV_FISHEYE FULL_OPENCV FOV "
-    "SIMPLE_RADIAL_FISHEYE RADIAL_FISHEYE THIN_PRISM_FISHEYE"
-).split()
-"""Camera models by their number in a binary file."""
+LENSES = {
+    "SIMPLE_PINHOLE": "f cx cy",
+    "PINHOLE": "fx fy cx cy",
+    "SIMPLE_RADIAL": "f cx cy k",
+    "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "OPENCV_FISHEYE": "",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "FOV": "fx fy cx cy omega",
+    "SIMPLE_RADIAL_FISHEYE": "",
+    "RADIAL_FISHEYE": "",
+    "THIN_PRISM_FISHEYE": "",
+    "RAD_TAN_THIN_PRISM_FISHEYE": "",
+    "SIMPLE_DIVISION": "f cx cy k",
+    "DIVISION": "fx fy cx cy k",
+    "SIMPLE_FISHEYE": "",
+    "FISHEYE": "",
+    "EUCM": "fx fy cx cy alpha beta",
+    "EQUIRECTANGULAR": "",
+}
+"""Camera models, by their numbers in a binary file → parameters of those that are pinholes if all
+coefficients of distortion are 0; "" for others."""
 
-PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
-"""The models without distortion → their parameters: f or fx, fy, then cx, cy."""
+MODELS = tuple(LENSES)
+
+UNDISTORTED = ("f", "fx", "fy", "cx", "cy", "beta")  # beta only scales what alpha does
+"""Parameters that are no coefficients of distortion."""
+
+FOLDERS = ("", "0", "sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "colmap")
+"""Places of a model in a folder; COLMAP's image_undistorter writes `sparse`, nerfstudio
+`colmap/sparse/0`."""
+
+POINTS = re.compile(r"(?:\s*[-+.\deEnaif]+\s+[-+.\deEnaif]+\s+-?\d+(?=\s|$))*\s*")
+"""A line of an image's points: x, y and a point's index for each, or nothing."""
 
 POINT = struct.Struct("<Q3d3BdQ")
 """A point: id, x, y, z, r, g, b, error, images that show it; 8 bytes for each of these follow."""
@@ -33,38 +61,57 @@ SHOWN = 8  # bytes for each image that shows a point
 Points = tuple[np.ndarray, np.ndarray]
 """Positions [N, 3] (float64, scene units) and colours [N, 3] (uint8)."""
 
-Intrinsics = tuple[int, int, float, float, float, float]  # width, height, fx, fy, cx, cy in pixels
+Lens = tuple[int, str, tuple[int, int], list[float]]  # id, model, width and height, parameters
+
+
+def find_colmap(path: str | os.PathLike) -> Path | None:
+    """The folder of the model: the first of `FOLDERS` in `path` that has cameras, or None."""
+    for folder in (Path(path, place) for place in FOLDERS):
+        if any((folder / f"cameras{extension}").is_file() for extension in (".bin", ".txt")):
+            return folder
+    return None
 
 
 def colmap_folder(path: str | os.PathLike) -> Path:
-    """The folder of the model: `path` itself, `path`/0 or `path`/sparse/0."""
-    for folder in (Path(path), Path(path, "0"), Path(path, "sparse", "0")):
-        if any((folder / f"cameras{extension}").is_file() for extension in (".bin", ".txt")):
-            return folder
-    raise input_error(path, "no cameras.bin or cameras.txt in it, its 0 or its sparse/0")
+    """The same; InputError if there is none."""
+    if folder := find_colmap(path):
+        return folder
+    places = ", ".join(filter(None, FOLDERS))
+    raise input_error(path, f"no cameras.bin or cameras.txt in it or its {places}")
+
+
+def cameras_file(folder: Path) -> Path:
+    """The file of cameras in the folder of a model, binary if it has both."""
+    binary = folder / "cameras.bin"
+    return binary if binary.is_file() else folder / "cameras.txt"
 
 
 def read_colmap(path: str | os.PathLike) -> list[tuple[Camera, str]]:
     """Each image's camera and file name, by ascending image id."""
-    folder = colmap_folder(path)
-    extension, read_intrinsics, read_images = ".txt", _text_cameras, _text_images
-    if (folder / "cameras.bin").is_file():
-        extension, read_intrinsics, read_images = ".bin", _binary_cameras, _binary_images
-    cameras_path, images_path = folder / f"cameras{extension}", folder / f"images{extension}"
-    intrinsics, cameras = read_intrinsics(cameras_path), {}
+    cameras_path = cameras_file(colmap_folder(path))
+    images_path = cameras_path.with_stem("images")
+    read_lenses, read_images = _text_cameras, _text_images
+    if cameras_path.suffix == ".bin":
+        read_lenses, read_images = _binary_cameras, _binary_images
+    lenses, cameras = {}, {}
+    for camera, model, size, numbers in read_lenses(cameras_path):
+        where = f"{cameras_path}: camera {camera}"
+        if camera in lenses:
+            raise input_error(where, "occurs twice")
+        lenses[camera] = _lens(model, size, numbers, where)
     for image, pose, camera, name in read_images(images_path):
         where = f"{images_path}: image {image}"
-        if camera not in intrinsics:
+        if camera not in lenses:
             raise input_error(where, f"camera {camera} is not in {cameras_path.name}")
         if image in cameras:
             raise input_error(where, "occurs twice")
-        cameras[image] = _camera(image, pose, intrinsics[camera], where), name
+        cameras[image] = _camera(image, pose, lenses[camera], where), name
     if not cameras:
         raise input_error(images_path, "holds no images")
     return [cameras[image] for image in sorted(cameras)]
 
 
-def _camera(image: int, pose: tuple[float, ...], intrinsics: Intrinsics, where: str) -> Camera:
+def _camera(image: int, pose: tuple[float, ...], lens: Camera, where: str) -> Camera:
     """A camera from the pose (qw, qx, qy, qz, tx, ty, tz), world to camera."""
     quaternion = np.array(pose[:4])
     with np.errstate(over="ignore", invalid="ignore"):
@@ -73,36 +120,43 @@ def _camera(image: int, pose: tuple[float, ...], intrinsics: Intrinsics, where: 
             raise input_error(where, f"quaternion {pose[:4]} has no direction")
         rotation = rotation_matrix(quaternion[None] / norm)[0]
     try:
-        return Camera(*intrinsics, rotation, pose[4:], str(image))
+        return replace(lens, rotation=rotation, translation=pose[4:], name=str(image))
     except InputError as error:
         raise input_error(where, error) from error
 
 
-def _intrinsics(model: str, size: tuple[int, int], numbers: list[float], where: str) -> Intrinsics:
-    """Intrinsics of a pinhole model from its parameters."""
-    if model not in PARAMETERS:
-        raise input_error(where, f"model {model} is not supported, only PINHOLE, SIMPLE_PINHOLE")
-    if len(numbers) != PARAMETERS[model]:
-        raise input_error(where, f"{model} has {len(numbers)} parameters")
-    *focal, cx, cy = numbers
-    return *size, focal[0], focal[-1], cx, cy
+def _lens(model: str, size: tuple[int, int], numbers: list[float], where: str) -> Camera:
+    """A camera of these parameters, without a pose; InputError unless it is a pinhole."""
+    names = LENSES.get(model, "").split()
+    if not names:
+        raise input_error(where, f"model {model} is not supported, only pinholes are")
+    if len(numbers) != len(names):
+        raise input_error(where, f"{model} has {len(numbers)} parameters, not {len(names)}")
+    values = dict(zip(names, numbers, strict=True))
+    for name, value in values.items():
+        if name not in UNDISTORTED and value != 0:
+            advice = "undistort the images, as COLMAP's image_undistorter does"
+            raise input_error(where, f"{model} has {name} = {value:g}, not 0; {advice}")
+    focal = [values.get("f", values.get(name)) for name in ("fx", "fy")]
+    try:
+        return Camera(*size, *focal, values["cx"], values["cy"], np.eye(3), np.zeros(3))
+    except InputError as error:
+        raise input_error(where, str(error).removeprefix("camera : ")) from error
 
 
-def _binary_cameras(path: Path) -> dict[int, Intrinsics]:
+def _binary_cameras(path: Path) -> Iterator[Lens]:
     """cameras.bin: count, then id, model, width, height, parameters of each camera."""
     data = read_bytes(path)
-    cameras = {}
     with reading(path, "is cut off"):
         (count,) = struct.unpack_from("<Q", data)
         offset = 8
         for _ in range(count):
             camera, model, *size = struct.unpack_from("<IiQQ", data, offset)
             name = MODELS[model] if 0 <= model < len(MODELS) else str(model)
-            layout = f"<{PARAMETERS.get(name, 0)}d"
+            layout = f"<{len(LENSES.get(name, '').split())}d"
             numbers = list(struct.unpack_from(layout, data, offset + 24))
-            cameras[camera] = _intrinsics(name, tuple(size), numbers, f"{path}: camera {camera}")
+            yield camera, name, tuple(size), numbers
             offset += 24 + struct.calcsize(layout)
-    return cameras
 
 
 def _binary_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]]:
@@ -128,16 +182,13 @@ def text_lines(path: Path) -> list[str]:
     return [line for line in text.split("\n") if not line.startswith("#")]
 
 
-def _text_cameras(path: Path) -> dict[int, Intrinsics]:
+def _text_cameras(path: Path) -> Iterator[Lens]:
     """cameras.txt: id, model, width, height, parameters."""
-    cameras = {}
     for words in filter(None, map(str.split, text_lines(path))):
-        where = f"{path}: camera {words[0][:40]}"
-        with reading(where, "line is malformed"):
-            camera, size = int(words[0]), (int(words[2]), int(words[3]))
+        with reading(f"{path}: camera {words[0][:40]}", "line is malformed"):
+            lens = int(words[0]), words[1][:40], (int(words[2]), int(words[3]))
             numbers = [float(word) for word in words[4:]]
-            cameras[camera] = _intrinsics(words[1][:40], size, numbers, where)
-    return cameras
+        yield *lens, numbers
 
 
 def _text_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]]:
@@ -147,11 +198,13 @@ def _text_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]
         words = line.split(maxsplit=9)
         if not words:
             continue
-        with reading(f"{path}: image {words[0][:40]}", "line is malformed"):
+        where = f"{path}: image {words[0][:40]}"
+        with reading(where, "line is malformed"):
             pose = tuple(float(word) for word in words[1:8])
             image = int(words[0]), pose, int(words[8]), words[9].strip()
+        if not POINTS.fullmatch(next(lines, "")):
+            raise input_error(where, "the next line is no list of points (x y index …, or empty)")
         yield image
-        next(lines, None)
 
 
 def read_points(path: str | os.PathLike) -> Points:

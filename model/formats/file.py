@@ -77,6 +77,11 @@ def check_degree(degree: int, count: int, size: int, rest: int, where: object) -
             raise input_error(where, f"claims SH degree {degree}, holds {held}")
 
 
+def surplus(count: int) -> tuple[str, ...]:
+    """A note on bytes of a file that belong to no Gaussian, if there are any."""
+    return (f"{count} bytes belong to no Gaussian and are not read",) if count else ()
+
+
 def parse_json(data: bytes, where: object) -> object:
     """The value of a JSON text; NaN and Infinity, which JSON does not have, are refused."""
 

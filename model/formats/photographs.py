@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from splatcore.model.formats.camera_file import read_named
-from splatcore.model.formats.colmap import colmap_folder
+from splatcore.model.formats.camera_file import camera_place, read_named
 from splatcore.model.formats.file import input_error, reading
+from splatcore.model.formats.photograph_file import opened_photograph, photograph_file
 from splatcore.spec.camera import Camera
 
 ASPECT_TOLERANCE = 1.0
 """Pixels by which a photograph's height may differ from what its camera's aspect ratio says."""
 
-EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".JPG", ".PNG")
-"""Extensions that a file name in a transforms.json may lack."""
+UNKNOWN = (1, 1)
+"""Stands for the size of a camera that only a missing photograph would say."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,28 +39,27 @@ class Photographs:
 
 
 def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs:
-    """Photographs of a COLMAP folder (in `images` beside or above `sparse`) or a transforms.json.
+    """Photographs of a COLMAP folder (in `images` beside or above the model) or a transforms.json.
 
-    `scale` (0 … 1) shrinks photograph and camera together. A photograph larger or smaller than its
-    camera says gets a camera of its size, if the aspect ratio is the same; else InputError names it
-    and both sizes. One that is not there is counted in `missing`; InputError if none is there. One
-    that two cameras name counts for the first of them. Pixels are taken as they are stored,
-    whatever the EXIF orientation says, as COLMAP does; what is transparent is shown over black.
+    `scale` (0 … 1) shrinks photograph and camera together. A photograph may have any size. One that
+    is larger or smaller than its camera says gets a camera of its size, if the aspect ratio is the
+    same; else InputError names it and both sizes. One that is not there is counted in `missing`;
+    InputError if none is there. One that two cameras name counts for the first of them. Pixels are
+    taken as they are stored, whatever the EXIF orientation says, as COLMAP does; what is
+    transparent is shown over black.
     """
     if not 0 < scale <= 1:
         raise input_error("scale", f"{scale:g} is not in 0 … 1")
-    inside = Path(path, "transforms.json")
-    path = inside if inside.is_file() else Path(path)
-    folder = _image_folder(path)
+    place = camera_place(path)
+    folder = _image_folder(place)
     targets, missing, resized = [], [], 0
-    named = {name: camera for camera, name in reversed(read_named(path))}
-    if "" in named:
-        raise input_error(path, "a camera has no photograph's name")
-    for name, camera in sorted(named.items()):
-        files = (folder / (name + extension) for extension in EXTENSIONS)
-        file = next(filter(Path.is_file, files), folder / name)
+    named = reversed(read_named(place, UNKNOWN))
+    files = {photograph_file(folder, name): (name, camera) for camera, name in named}
+    if folder in files:
+        raise input_error(place, "a camera has no photograph's name")
+    for file, (name, camera) in sorted(files.items(), key=lambda item: item[1][0]):
         try:
-            with Image.open(file) as image:
+            with opened_photograph(file) as image:
                 picture = _over_black(image)
         except (OSError, SyntaxError, ValueError):
             missing.append(str(file))
@@ -70,7 +69,7 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
         targets.append(_target(camera, picture, file, scale))
     if not targets:
         why = f"none of its {len(missing)} photographs can be read" if missing else "has no images"
-        raise input_error(path, why)
+        raise input_error(place, why)
     notes = []
     if missing:
         some = ", ".join(missing[:3]) + (", …" if len(missing) > 3 else "")
@@ -90,15 +89,14 @@ def held_out(
     return kept, tuple(targets[::every])
 
 
-def _image_folder(path: Path) -> Path:
+def _image_folder(place: Path) -> Path:
     """The folder at which the file names of the cameras begin."""
-    if path.is_file():
-        return path.parent
-    model = colmap_folder(path)
-    for folder in (model, *model.absolute().parents[:2]):
+    if not place.is_dir():
+        return place.parent
+    for folder in (place, *place.absolute().parents[:3]):
         if (folder / "images").is_dir():
             return folder / "images"
-    raise input_error(path, "there is no folder `images` beside its COLMAP model")
+    raise input_error(place, "there is no folder `images` beside or above this COLMAP model")
 
 
 def _over_black(image: Image.Image) -> Image.Image:

@@ -10,17 +10,20 @@ from dataclasses import replace
 import numpy as np
 from plyfile import PlyData, PlyElement
 
-from splatcore.model.formats import file, ply_marks
-from splatcore.model.formats.file import file_size, input_error
+from splatcore.model.formats import file, ply_file, ply_marks
+from splatcore.model.formats.file import input_error
+from splatcore.model.formats.ply_file import PlyFile
+from splatcore.spec.colour import SH_C0
+from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import Scene, sh_count
-
-HEADER_MAX = 1 << 16  # bytes within which a header must end
 
 SCALE_MIN = float(np.finfo(np.float32).tiny)
 """Scales below are written as this: its logarithm is finite."""
 
 OPACITY_MARGIN = 2.0**-24
 """Opacities are written at least this far from 0 and 1: the logit is finite."""
+
+GAUSSIANS = ("vertex", "chunk", "sh")  # elements that a scene is read from
 
 CHUNK = 256  # Gaussians that share bounds in a compressed PLY
 
@@ -39,7 +42,9 @@ _BOUNDS = [
     for side in ("min", "max")
     for name in names.split()
 ]
-_PLAIN = "f_dc_0 f_dc_1 f_dc_2 x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity"
+_PLAIN = "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity".split()
+_DC, _RGB = ["f_dc_0", "f_dc_1", "f_dc_2"], ["red", "green", "blue"]
+FILTER = ply_marks.FILTER.lower()
 _PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
 
 
@@ -49,55 +54,51 @@ def matches(start: bytes, suffix: str) -> bool:
 
 
 def read(path: str | os.PathLike) -> Scene:
-    """The scene of a PLY file: binary of either byte order or ASCII, plain or compressed."""
-    start = _check_header(path)
-    with file.reading(path):
-        ply = PlyData.read(os.fspath(path))
-    elements = {element.name: element.data for element in ply.elements}
-    if "vertex" not in elements:
-        raise input_error(path, "element 'vertex' is missing")
-    file.check_count(len(elements["vertex"]), path)
-    compressed = "chunk" in elements
-    scene = _compressed(elements, path) if compressed else _plain(elements["vertex"], path)
-    if not ply.text:  # plyfile itself checks the ends of lines
-        rest = file_size(path) - start - sum(element.nbytes for element in elements.values())
-        size = 1 if compressed else 4  # as all known writers have it
-        file.check_degree(scene.sh_degree, len(scene), size, rest, path)
-    comments = [text for part in (ply, *ply.elements) for text in part.comments]
-    return ply_marks.of_comments(scene, comments)
+    """The scene of a PLY file: binary of either byte order or ASCII, plain or compressed.
 
-
-def _check_header(path: str | os.PathLike) -> int:
-    """The header's size in bytes; refuses one of which plyfile would allocate for, or loop over,
-    more than the file can hold.
+    Names of properties may be in upper case. Lists are skipped, but refused in the elements of
+    Gaussians.
     """
-    size = file_size(path)
-    text = file.read_bytes(path, HEADER_MAX).decode("latin-1")
-    if not text.startswith("ply"):
-        raise input_error(path, "does not start with 'ply'")
-    # The first line's end is the end of all of them: LF, CR LF or CR, as plyfile has it.
-    newline = "\r\n" if text[3:5] == "\r\n" else text[3:4]
-    header, end, _ = text.partition(f"{newline}end_header{newline}")
-    if newline not in ("\n", "\r", "\r\n") or not end:
-        raise input_error(path, f"header has no 'end_header' within {HEADER_MAX} bytes")
-    elements: list[list] = []  # [name, count, properties]
-    bytes_per_value = 1
-    for words in (line.split() for line in header.split(newline)):
-        if words[:2] == ["format", "ascii"]:
-            bytes_per_value = 2  # a digit and a separator
-        elif words[:1] == ["element"]:
-            with file.reading(path, f"header: {' '.join(words)[:80]!r} has no count"):
-                elements.append([words[1], int(words[2]), 0])
-        elif words[:1] == ["property"] and elements:
-            elements[-1][2] += 1
-            if words[1:2] == ["list"]:
-                raise input_error(path, f"element {elements[-1][0]!r} has list properties")
-    for name, count, properties in elements:
-        if properties == 0 or not 0 <= count * properties * bytes_per_value <= size + 1:
-            raise input_error(
-                path, f"element {name!r}: {count} × {properties} values in {size} bytes"
-            )
-    return len(header) + len(end)
+    ply = ply_file.read(path)
+    for name in GAUSSIANS:
+        if name in ply.skipped:
+            raise input_error(path, f"element {name!r} has list properties")
+    if "vertex" not in ply.tables:
+        raise input_error(path, "element 'vertex' is missing")
+    tables = {name: _lower_case(table) for name, table in ply.tables.items()}
+    file.check_count(len(tables["vertex"]), path)
+    compressed = "chunk" in tables
+    scene = _compressed(tables, path) if compressed else _plain(tables["vertex"], path)
+    used = GAUSSIANS if compressed else GAUSSIANS[:1]
+    others = [name for name, table in tables.items() if len(table) and name not in used]
+    notes = ply_marks.unused((), (), others + ply.skipped) + _surplus(ply, scene, path)
+    return ply_marks.of_comments(replace(scene, notes=scene.notes + notes), ply.comments)
+
+
+def _lower_case(table: np.ndarray) -> np.ndarray:
+    """The same table with names in lower case, unless two of them become alike."""
+    names = [name.lower() for name in table.dtype.names]
+    if names == list(table.dtype.names) or len(set(names)) < len(names):
+        return table
+    table = table.view()
+    table.dtype.names = names
+    return table
+
+
+def _surplus(ply: PlyFile, scene: Scene, path: str | os.PathLike) -> tuple[str, ...]:
+    """A note on rows or bytes behind the last element; InputError for those of a higher degree, and
+    for rows that other elements follow: all of these are read at wrong places."""
+    vertex, last = ply.tables["vertex"], [*ply.tables][-1]
+    row = 1 if ply.text else vertex.dtype.itemsize
+    if not ply.text:
+        size = 1 if "chunk" in ply.tables else 4  # as all known writers have it
+        file.check_degree(scene.sh_degree, len(scene), size, ply.rest, path)
+    if ply.rest < row:
+        return file.surplus(ply.rest)
+    says = f"the header says {len(scene)} Gaussians, the file holds {len(scene) + ply.rest // row}"
+    if last != "vertex" or ply.skipped:
+        raise input_error(path, says)
+    return (f"{says}: the rest is not read",)
 
 
 def _columns(table: np.ndarray, names: list[str], where: object) -> np.ndarray:
@@ -118,17 +119,31 @@ def _rest_names(table: np.ndarray, where: object) -> list[str]:
 
 def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
     """The scene of an uncompressed `vertex` element: logarithms of scales, logits of opacities."""
-    rest = _rest_names(vertex, path)
-    parts = np.split(_columns(vertex, _PLAIN.split(), path), (3, 6, 9, 13), axis=1)
+    names = vertex.dtype.names
+    coloured = set(_RGB) <= set(names) and "f_dc_0" not in names
+    rest = [] if coloured else _rest_names(vertex, path)
+    used = [*(_RGB if coloured else _DC), *_PLAIN]
+    parts = np.split(_columns(vertex, used, path), (3, 6, 9, 13), axis=1)
     constant, position, log_scale, quaternion, opacity = parts
+    notes: tuple[str, ...] = ()
+    if coloured:
+        constant = (_colours(vertex, constant) - COLOUR_OFFSET) / SH_C0
+        notes = ("colours are red, green, blue, without f_dc: SH degree 0",)
     higher = _channel_last(_columns(vertex, rest, path)) if rest else None
     opacity = file.sigmoid(opacity[:, 0])
     scene = file.stored_scene(path, position, log_scale, quaternion, opacity, constant, higher)
-    names, used = vertex.dtype.names, [*_PLAIN.split(), *rest]
-    if ply_marks.FILTER in names:
-        scene = ply_marks.fused(scene, _columns(vertex, [ply_marks.FILTER], path)[:, 0])
-        used.append(ply_marks.FILTER)
-    return replace(scene, notes=scene.notes + ply_marks.unused(names, used))
+    used += rest
+    if FILTER in names:
+        scene = ply_marks.fused(scene, _columns(vertex, [FILTER], path)[:, 0])
+        used.append(FILTER)
+    return replace(scene, notes=scene.notes + notes + ply_marks.unused(names, used))
+
+
+def _colours(vertex: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Colours [N, 3], 1 for white, of red, green, blue: integers up to their type's largest, or
+    floats, which are colours already."""
+    whole = [np.iinfo(t).max if (t := vertex.dtype[n]).kind in "iu" else 1 for n in _RGB]
+    return values / np.array(whole, np.float64)
 
 
 def _channel_last(rest: np.ndarray) -> np.ndarray:

@@ -57,8 +57,15 @@ def fused(scene: Scene, width: np.ndarray) -> Scene:
     return replace(scene, scale=scale, opacity=opacity, notes=notes, **marked)
 
 
-def unused(names: Iterable[str], used: Iterable[str]) -> tuple[str, ...]:
-    """A note that names the columns that are not used, if there are any."""
-    others = [name for name in names if name not in {*used, *_IGNORED}]
-    shown = ", ".join(others[:8]) + (f" and {len(others) - 8} more" if len(others) > 8 else "")
-    return (f"columns that are not used: {shown}",) if others else ()
+def unused(
+    names: Iterable[str], used: Iterable[str], elements: Iterable[str] = ()
+) -> tuple[str, ...]:
+    """Notes that name the columns and the elements that are not used, if there are any."""
+    columns = [name for name in names if name not in {*used, *_IGNORED}]
+    found = {"columns": columns, "elements": list(elements)}
+    return tuple(f"{what} that are not used: {_some(each)}" for what, each in found.items() if each)
+
+
+def _some(names: list[str]) -> str:
+    """The first names, and how many more."""
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

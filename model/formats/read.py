@@ -10,7 +10,10 @@ import numpy as np
 
 from splatcore.model.formats import ply, sog, splat, spz
 from splatcore.model.formats.file import input_error, read_bytes
-from splatcore.spec.scene import Scene
+from splatcore.model.formats.harmonics import directions, harmonics
+from splatcore.spec.colour import COLOUR_INTEGER, SH_C0
+from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
+from splatcore.spec.scene import ARRAYS, Scene
 
 FORMATS = {"PLY": ply, "SPZ": spz, "SOG": sog, ".splat": splat}
 """Name for messages → module; those that know a file by its first bytes stand first.
@@ -26,17 +29,26 @@ TRAINED = "point_cloud/iteration_*/point_cloud.ply"
 NORM_RANGE = (1e-3, 1e3)  # norms of quaternions that need no note: training does not normalise them
 
 
-def read_scene(path: str | os.PathLike) -> Scene:
+def read_scene(path: str | os.PathLike, axes: str | None = None) -> Scene:
     """The scene of a file of any of `FORMATS`, of a compressed PLY or of a folder as INRIA's
     training leaves it; its `name` is the file's path.
 
-    `notes` count what is odd in it. Raises InputError for any other or malformed file.
+    axes: of `spz_axes.AXES`, those of an SPZ file that does not state its own; None: RUB. `notes`
+    count what is odd in it. Raises InputError for any other or malformed file, and for axes of
+    one whose axes are known.
     """
     file = scene_file(path)
     format = find_format(file)
+    check_axes(file, axes)
     with np.errstate(all="ignore"):  # NaN and Inf are noted instead
-        scene = format.read(file)
+        scene = format.read(file, axes) if axes else format.read(file)
         return replace(scene, notes=scene.notes + _notes(scene))
+
+
+def check_axes(path: str | os.PathLike, axes: str | None):
+    """InputError for axes with a file of another format than SPZ."""
+    if axes and find_format(path) is not spz:
+        raise input_error(path, f"--axes {axes}: only SPZ files leave their axes open")
 
 
 def scene_file(path: str | os.PathLike) -> str | os.PathLike:
@@ -64,16 +76,52 @@ def find_format(path: str | os.PathLike) -> ModuleType:
     raise input_error(path, f"is no {', '.join(names)} or {last} file")
 
 
+COLOUR_MAX = 2.0**COLOUR_INTEGER
+"""Colours from here on saturate in the machine."""
+
+LOOKS = 200  # directions, evenly over the sphere, from which bright Gaussians are looked at
+
+
 def _notes(scene: Scene) -> tuple[str, ...]:
     """A line for each kind of odd Gaussian, with how many there are."""
-    arrays = (scene.position, scene.scale, scene.quaternion, scene.opacity, scene.sh)
-    finite = np.all([np.isfinite(each).reshape(len(scene), -1).all(axis=1) for each in arrays], 0)
-    norm = np.linalg.norm(scene.quaternion[finite], axis=1)
+    arrays = [getattr(scene, name).reshape(len(scene), -1) for name in ARRAYS]
+    kept = scene
+    if not np.isfinite([(array.min(), array.max()) for array in arrays]).all():
+        kept = scene[np.all([np.isfinite(array).all(axis=1) for array in arrays], axis=0)]
+    norm = np.sqrt(np.einsum("nk,nk->n", kept.quaternion, kept.quaternion))
     low, high = NORM_RANGE
     odd = (norm > 0) & ((norm < low) | (norm > high))
     counts = {
-        "Gaussians with NaN or Inf": np.sum(~finite),
+        "Gaussians with NaN or Inf": len(scene) - len(kept),
         "quaternions of norm 0": np.sum(norm == 0),
         f"quaternions of a norm beyond {low:g} … {high:g}": np.sum(odd),
+        "transparent Gaussians (opacity below 1/255)": np.sum(kept.opacity < ALPHA_MIN),
+        f"Gaussians with colours from {COLOUR_MAX:g} on, which saturate in the machine": (
+            _saturating(kept.sh)
+        ),
     }
     return tuple(f"{count} {what}" for what, count in counts.items() if count)
+
+
+def _saturating(sh: np.ndarray) -> int:
+    """How many Gaussians reach `COLOUR_MAX` in a channel, seen from some of `LOOKS` directions.
+
+    Harmonics beyond the constant one reach at most their coefficients' norm times √((K − 1) / 4π),
+    K coefficients a channel: bounds of ever fewer Gaussians rule most of them out at little cost.
+    """
+    if not len(sh):
+        return 0
+    most = np.sqrt((sh.shape[1] - 1) / (4 * np.pi))
+    flat = sh.reshape(len(sh), -1)[:, 3:]
+    largest = np.maximum(flat.max(axis=0), -flat.min(axis=0)).reshape(-1, 3)
+    others = np.linalg.norm(largest, axis=0)
+    dark = (COLOUR_MAX - COLOUR_OFFSET - most * others) / SH_C0  # a constant coefficient below it
+    bright = sh[(sh[:, 0] >= dark).any(axis=1)]
+    norm = np.sqrt(np.einsum("nkc,nkc->nc", bright[:, 1:], bright[:, 1:]))
+    reach = COLOUR_OFFSET + SH_C0 * bright[:, 0] + most * norm
+    bright = bright[(reach >= COLOUR_MAX).any(axis=1)]
+    found, basis = 0, harmonics(directions(LOOKS), int(np.sqrt(sh.shape[1])) - 1)
+    for some in np.array_split(bright, len(bright) // 4096 + 1):
+        colour = COLOUR_OFFSET + np.einsum("dk,nkc->ndc", basis, some)
+        found += int((colour >= COLOUR_MAX).any(axis=(1, 2)).sum())
+    return found

@@ -107,12 +107,22 @@ def read(path: str | os.PathLike) -> Scene:
         raise input_error(path, f"{count} Gaussians in images of {size[1]}×{size[0]} pixels")
     rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
     opacity, colour = _colour(sog, rows["sh0"])
-    higher = _higher(sog, rows["shN, labels"]) if labels is not None else None
+    higher, notes = (None, ()) if labels is None else _higher(sog, rows["shN, labels"])
+    notes += _surplus(images, count)
     position = _position(sog, rows["means"], rows["means, upper bytes"])
     log_scale = sog.values("scales", rows["scales"][:, :3])
     quaternion = _quaternion(sog, rows["quats"])
     scene = file.stored_scene(path, position, log_scale, quaternion, opacity, colour, higher)
-    return _marked(scene, meta)
+    return _marked(replace(scene, notes=notes), meta)
+
+
+def _surplus(images: dict[str, np.ndarray], count: int) -> tuple[str, ...]:
+    """A note on pixels behind the last Gaussian that are Gaussians, too: of an opacity above 0 and
+    with a quaternion's tag, which padding has not."""
+    opacity, tag = (images[name].reshape(-1, 4)[count:, 3] for name in ("sh0", "quats"))
+    held = int(((opacity > 0) & (tag >= QUATERNION_TAG)).sum())
+    says = f"meta.json says {count} Gaussians, its images hold {count + held}"
+    return (f"{says}: the rest is not read",) if held else ()
 
 
 def _marked(scene: Scene, meta: dict) -> Scene:
@@ -194,8 +204,10 @@ def _colour(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows[:, 3] / 255, sog.values("sh0", rows[:, :3])
 
 
-def _higher(sog: Sog, rows: np.ndarray) -> np.ndarray:
-    """SH coefficients of degree 1 and up, [N, 3 | 8 | 15, 3], looked up by 16-bit labels."""
+def _higher(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """SH coefficients of degree 1 and up, [N, 3 | 8 | 15, 3], looked up by 16-bit labels; and a
+    note on labels without a centroid, which stand for coefficients of 0: splat-transform gives
+    label 65535 to a Gaussian whose harmonics are NaN."""
     section, where = sog.section("shN")
     image = sog.pixels("shN")
     height, width, _ = image.shape
@@ -212,7 +224,10 @@ def _higher(sog: Sog, rows: np.ndarray) -> np.ndarray:
     if width != PALETTE_ROW * coefficients or not 1 <= count <= PALETTE_ROW * height:
         raise input_error(where, f"{count} × {coefficients} centroids in {width}×{height} pixels")
     labels = rows[:, 0] + 256 * rows[:, 1].astype(np.int64)
-    if labels.max() >= count:
-        raise input_error(where, f"label {labels.max()} is outside its {count} centroids")
     codes = image[..., :3].reshape(-1, 3 * coefficients)[:count]
-    return sog.values("shN", codes).reshape(count, coefficients, 3)[labels]
+    higher = sog.values("shN", codes).reshape(count, coefficients, 3)[np.minimum(labels, count - 1)]
+    if not (lost := int((labels >= count).sum())):
+        return higher, ()
+    higher[labels >= count] = 0
+    what = f"{lost} Gaussians have a label beyond the {count} centroids"
+    return higher, (f"{what}: their harmonics are 0",)

@@ -1,7 +1,8 @@
 """SPZ scenes, versions 1 to 4. Source: github.com/nianticlabs/spz; `gsply` decodes the sections.
 
 gsply checks little before its compiled loops allocate and run, so header, sizes and streams are
-checked here first. A file stores the axes RUB (x right, y up, z back): `turned` gives those of PLY.
+checked here first. Axes are those of the file's record, else RUB or the reader's choice
+(`spz_axes`): splat-transform, GaussForge, gsply and spz-js store a PLY's own numbers, RDF.
 """
 
 import gzip
@@ -16,6 +17,7 @@ import zstandard
 
 from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error
+from splatcore.model.formats.spz_axes import AXES, SPZ_AXES, turned
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
@@ -40,20 +42,8 @@ EXTENSION_MAX = 1 << 20  # bytes that may follow the sections of a gzip stream
 COORDINATES = 0xADBE0003
 """Type of the extension SPZ_ADOBE_coordinate_system: the axes of the file, one uint32."""
 
-RUB = (0, 4)  # values of it: not stated, RUB
-
-SH_SIGN = np.array(
-    [
-        (-1) ** (degree - abs(order)) * (-1 if order < 0 else 1)
-        for degree in range(SH_DEGREE_MAX + 1)
-        for order in range(-degree, degree + 1)
-    ]
-)
-"""Y(x, −y, −z) / Y(x, y, z) of the basis functions in the order of 3DGS, [16].
-
-The function of a degree and an order −degree … degree is even or odd in z as degree − |order|,
-and odd in y if its order is negative: degree 1 is −y, z, −x; degree 2 xy, yz, 2z²−x²−y², xz, x²−y².
-"""
+PLY_MAGIC = b"ply"
+"""Starts a PLY, which some tools write as a gzip stream."""
 
 
 @dataclass(frozen=True)
@@ -83,23 +73,44 @@ def matches(start: bytes, suffix: str) -> bool:
     return start.startswith((SPZ_MAGIC, GZIP_MAGIC))
 
 
-def read(path: str | os.PathLike) -> Scene:
-    """The scene of an SPZ file, in the axes of PLY."""
+def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
+    """The scene of an SPZ file, in the axes of PLY.
+
+    axes: one of `AXES`, for a file that does not state its own; None: RUB, by the specification.
+    InputError for axes with a file that states them.
+    """
     data = file.read_bytes(path)
     if data.startswith(SPZ_MAGIC):
-        header = _check_streams(data, path)
+        header, payload, records, rest = _check_streams(data, path)
     elif data.startswith(GZIP_MAGIC):
-        header, payload = _gunzip(data, path)
+        header, payload, records, rest = _gunzip(data, path)
     else:
         raise input_error(path, "is no SPZ file")
+    stated, records = _stated_axes(header, records, path)
+    if payload and records:
+        _check_surplus(header, len(records), path)
+    if axes and stated:
+        raise input_error(path, f"--axes {axes}: the file states its axes, {stated}")
     scene = _read_version_1(header, payload, path) if header.version == 1 else _decode(path, path)
+    scene = turned(scene, stated or axes or SPZ_AXES)
     if header.flags & ANTIALIASED:
         scene = replace(scene, antialiased=True, mark="SPZ flag")
-    return scene
+    notes = file.surplus(rest + len(records)) + _note(stated, axes)
+    return replace(scene, notes=notes, assumed_axes="" if stated or axes else SPZ_AXES)
+
+
+def _note(stated: str | None, axes: str | None) -> tuple[str, ...]:
+    """A note on axes that the file does not state."""
+    if stated:
+        return ()
+    by = "--axes" if axes else "as the format's specification has it; --axes reads others"
+    return (f"the SPZ file does not state its axes; read as {axes or SPZ_AXES}, {by}",)
 
 
 def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
     """The first 16 bytes, common to all versions, checked."""
+    if data.startswith(PLY_MAGIC):
+        raise input_error(path, "is a PLY in a gzip stream; unpack it first, as by gunzip")
     if len(data) < 16 or not data.startswith(SPZ_MAGIC):
         raise input_error(path, "has no SPZ header")
     header = Header(*struct.unpack_from("<IIBBB", data, 4))
@@ -113,8 +124,9 @@ def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
     return header
 
 
-def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes]:
-    """Header and sections of a file of version 1 to 3; never more than the header promises."""
+def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
+    """Header, sections, bytes after them (extension records), and 0, of a file of version 1 to 3;
+    never more than the header promises."""
     with file.reading(path):
         stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
         header = _header(stream.decompress(data, 16), range(1, 4), path)
@@ -127,14 +139,27 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes]:
         raise input_error(path, "gzip stream is cut off or longer than its header says")
     if stream.unused_data:
         raise input_error(path, f"{len(stream.unused_data)} bytes follow the gzip stream")
-    if not header.flags & EXTENDED:
-        file.check_degree(header.degree, header.count, 1, len(payload) - size, path)
-    _check_extensions(header, payload[size:], path)
-    return header, payload[:size]
+    return header, payload[:size], payload[size:], 0
 
 
-def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
-    """Header of a file of version 4, its table of contents and the zstd streams checked."""
+def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
+    """Refuses bytes after the sections that belong to Gaussians, a degree or a version that the
+    header does not say: sections would begin at wrong places."""
+    file.check_degree(header.degree, header.count, 1, rest, path)
+    size = sum(header.sections)
+    row = size // header.count
+    if header.version == 1 or rest >= min(row, header.count):
+        held = f", as many as {(size + rest) // row} Gaussians have" if rest >= row else ""
+        raise input_error(
+            path,
+            f"holds {size + rest} bytes{held}, not the {size} of {header} in version "
+            f"{header.version}",
+        )
+
+
+def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
+    """Header, nothing, extension records and the number of bytes after the last stream, of a file
+    of version 4, its table of contents and the zstd streams checked."""
     header = _header(data, range(4, 5), path)
     file.check_expansion(sum(header.sections), len(data), path)
     if len(data) < 32:
@@ -145,7 +170,6 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
     start = toc + 16 * streams
     if toc < 32 or start > len(data):
         raise input_error(path, f"table of contents at byte {toc} is outside the file")
-    _check_extensions(header, data[32:toc], path)
     for index, size in enumerate(header.sections):
         stored, claimed = struct.unpack_from("<QQ", data, toc + 16 * index)
         if claimed != size:
@@ -158,18 +182,29 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Header:
         if content not in (-1, size):
             raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
         start += stored
-    return header
+    return header, b"", data[32:toc], len(data) - start
 
 
-def _check_extensions(header: Header, records: bytes, path: str | os.PathLike) -> None:
-    """Refuses axes other than RUB; any other extension leaves the Gaussians as they are."""
+def _stated_axes(
+    header: Header, records: bytes, path: str | os.PathLike
+) -> tuple[str | None, bytes]:
+    """The axes that extension records state, None if none does, and bytes that are no record.
+
+    Other extensions leave the Gaussians as they are. Refuses axes of an unknown number.
+    """
+    axes = None
     while header.flags & EXTENDED and len(records) >= 8:
         kind, size = struct.unpack_from("<II", records)
-        if kind == COORDINATES and len(records) >= 12:
-            axes = struct.unpack_from("<I", records, 8)[0]
-            if axes not in RUB:
-                raise input_error(path, f"extension 'coordinate system' is {axes}, not 4 (RUB)")
+        if len(records) < 8 + size:
+            break
+        if kind == COORDINATES:
+            number = struct.unpack_from("<I", records, 8)[0] if size >= 4 else -1
+            if not 0 <= number <= len(AXES):
+                what = f"is {number}, not 0 … {len(AXES)}"
+                raise input_error(path, f"extension 'coordinate system' {what}")
+            axes = AXES[number - 1] if number else None
         records = records[8 + size :]
+    return axes, records
 
 
 def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> Scene:
@@ -186,7 +221,7 @@ def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> 
             scene = _decode(copy.name, path)
         except InputError as error:
             raise InputError(str(error).replace(copy.name, str(path))) from None
-    return replace(scene, position=position * (1, -1, -1))
+    return replace(scene, position=position)
 
 
 def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
@@ -198,15 +233,4 @@ def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
     higher = data.shN if data.shN is not None and data.shN.size else None
     opacity = file.sigmoid(data.opacities)
     arrays = (data.means, data.scales, data.quats, opacity, data.sh0, higher)
-    return turned(file.stored_scene(path, *arrays))
-
-
-def turned(scene: Scene) -> Scene:
-    """The scene with y and z negated, half a turn about x: from RUB to the axes of PLY, and back.
-
-    The quaternion q becomes i·q·i⁻¹ = (w, x, −y, −z), the half turn on both sides: the right one
-    only negates two of the Gaussian's own axes, which leaves its covariance as it is.
-    """
-    position, quaternion = scene.position * (1, -1, -1), scene.quaternion * (1, 1, -1, -1)
-    sh = scene.sh * SH_SIGN[: scene.sh.shape[1], None]
-    return replace(scene, position=position, quaternion=quaternion, sh=sh)
+    return file.stored_scene(path, *arrays)

@@ -60,7 +60,7 @@ def render(
 
 
 def _render_cuda(position, factor, opacity, sh, camera, shift, convention, antialiased):
-    """gsplat's picture. Of the convention it takes near plane and blur; its alpha is clamped at
+    """gsplat's picture. Of the convention it takes the blur; its alpha is clamped at
     0.999, its splats end at 3.33 standard deviations, and its Jacobian's limits differ for a
     principal point off the centre. Its compensation takes the determinant as a difference in
     float32, which is rough for needles. Its centres' gradient goes to `shift`, which must be zero.
@@ -73,7 +73,7 @@ def _render_cuda(position, factor, opacity, sh, camera, shift, convention, antia
     image, alpha, found = rasterization(
         position, None, None, opacity, sh,
         position.new_tensor(view)[None], position.new_tensor(intrinsics)[None],
-        camera.width, camera.height, near_plane=convention.near_plane,
+        camera.width, camera.height, near_plane=camera.near,
         eps2d=convention.covariance_blur, sh_degree=int(np.sqrt(sh.shape[1])) - 1, packed=False,
         covars=factor @ factor.transpose(1, 2),
         rasterize_mode="antialiased" if antialiased else "classic",

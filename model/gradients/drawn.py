@@ -68,7 +68,8 @@ def blending_weights(
     It is the gradient, by the colours, of the sum of a picture in which every splat is white.
     """
     arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
-    arrays = [np.asarray(array, kind) for array in arrays]
+    with np.errstate(over="ignore"):  # Gaussians with Inf are not drawn
+        arrays = [np.asarray(array, kind) for array in arrays]
     arrays.append(np.zeros((len(gaussians), 2), kind))
     for camera in cameras:
         drawn = Drawn(arrays, camera, SPLATCORE, gaussians.antialiased)

@@ -22,6 +22,9 @@ U, V, A, B, C, OPACITY, RED, GREEN, BLUE, REACH, WIDE, HIGH = range(12)
 """Columns of a splat: centre (pixels), conic (1/pixel²), opacity, colour, the largest quadratic
 form with alpha ≥ alpha_min, and the half sides (pixels) of the box around it."""
 
+FARTHEST = 1e18
+"""Pixels to a splat's centre and to its box's sides: their integers are below 2^63."""
+
 GRADIENTS = 9  # the first columns, those that the picture depends on smoothly
 
 
@@ -33,7 +36,7 @@ def view_numbers(camera: Camera, convention: Convention, antialiased: bool = Fal
     return np.concatenate([
         camera.rotation.reshape(-1), camera.translation, camera.position,
         (camera.fx, camera.fy, camera.cx - shift, camera.cy - shift), limit,
-        (convention.near_plane, convention.covariance_blur, convention.alpha_min,
+        (camera.near, convention.covariance_blur, convention.alpha_min,
          convention.colour_offset, camera.width, camera.height, antialiased),
     ])  # fmt: skip
 
@@ -160,7 +163,10 @@ def project(position, factor, opacity, sh, shift, view, threads, splats, depth):
             u = view[15] * point[0] / point[2] + view[17] + shift[n, 0]
             v = view[16] * point[1] / point[2] + view[18] + shift[n, 1]
             reach = 2 * np.log(strength / view[23])
-            wide, high = np.sqrt(reach * sigma[0]), np.sqrt(reach * sigma[2])
+            wide = min(np.sqrt(reach * sigma[0]), FARTHEST)
+            high = min(np.sqrt(reach * sigma[2]), FARTHEST)
+            if not max(abs(u), abs(v)) < FARTHEST:
+                continue
             if not (u + wide >= 0 and u - wide <= view[25] - 1):
                 continue
             if not (v + high >= 0 and v - high <= view[26] - 1):

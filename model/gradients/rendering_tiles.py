@@ -46,10 +46,10 @@ def smallest_form(a, b, c, x0, x1, y0, y1):
         return 0.0 * a
     best = np.inf
     for x in (x0, x1):
-        y = min(max(-b * x / c, y0), y1)
+        y = min(max(-b * x / c, y0), y1) if c > 0 else y0  # 0 if the determinant overflows
         best = min(best, a * x * x + 2 * b * x * y + c * y * y)
     for y in (y0, y1):
-        x = min(max(-b * y / a, x0), x1)
+        x = min(max(-b * y / a, x0), x1) if a > 0 else x0
         best = min(best, a * x * x + 2 * b * x * y + c * y * y)
     return best
 
@@ -59,7 +59,7 @@ def _visit_tiles(splat, width, height, tiles):
     """Tiles that the splat reaches, written to `tiles` as far as it is long; returns how many."""
     columns = (width + TILE - 1) // TILE
     u, v, wide, high = splat[U], splat[V], splat[WIDE], splat[HIGH]
-    left = int(max(np.ceil(u - wide), 0.0)) // TILE
+    left = int(max(np.ceil(u - wide), 0.0)) // TILE  # below 2^63: `rendering_points.FARTHEST`
     right = int(min(np.floor(u + wide), width - 1.0)) // TILE
     top = int(max(np.ceil(v - high), 0.0)) // TILE
     bottom = int(min(np.floor(v + high), height - 1.0)) // TILE

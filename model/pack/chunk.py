@@ -1,16 +1,20 @@
 """Positions on the model's grid: Morton order, chunks of 256, octants, offsets; and back.
 
-The bits are defined in `spec.memory`; this file computes them.
+The bits are defined in `spec.memory`; this file computes them. Floaters share chunks of their own
+at the model's end (`model.pack.floaters`).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from splatcore.model.pack.floaters import bound_exponent
 from splatcore.spec import memory
 
 GRID_BITS = memory.ORIGIN_BITS - 2
 """Bits of a coordinate's magnitude on the grid: sums of two coordinates keep clear of the sign."""
+
+NO_FLOATERS = np.zeros(0, np.int64)
 
 MORTON_BITS = 21  # bits of each axis that one 64-bit Morton code interleaves
 
@@ -20,6 +24,7 @@ class Chunks:
     """Positions [N, 3] as they are stored, in the order in which they are stored."""
 
     order: np.ndarray  # [N] index of the Gaussian that is stored in each place
+    padding: np.ndarray  # [N] bool: a copy that only fills the last chunk before the floaters
     exponent: int  # the grid's step is 2^exponent scene units
     origin: np.ndarray  # [C, 3] int64, grid steps
     shift: np.ndarray  # [C, 3]
@@ -29,13 +34,22 @@ class Chunks:
     stored: np.ndarray  # [N, 3] these bits
 
 
-def chunk_positions(position: np.ndarray, bits: int = memory.STORED_BITS) -> Chunks:
-    """Cut finite positions [N, 3] (scene units) into chunks, of whose offsets so many bits are
-    stored."""
-    _, exponent = np.frexp(np.abs(position).max(initial=0))
-    exponent = max(int(exponent) - GRID_BITS, -memory.EXPONENT_MAX)
+def chunk_positions(
+    position: np.ndarray, bits: int = memory.STORED_BITS, floaters: np.ndarray = NO_FLOATERS
+) -> Chunks:
+    """Cut finite positions [N, 3] (scene units) into chunks, storing `bits` of each offset.
+
+    floaters: indices [F], in the order in which they are stored behind all others.
+    """
+    near = np.delete(np.arange(len(position)), floaters)
+    exponent = max(bound_exponent(position) - GRID_BITS, -memory.EXPONENT_MAX)
     grid = np.rint(np.ldexp(position, -exponent)).astype(np.int64)  # [N, 3]
-    order = morton_order(grid)
+    order = near[morton_order(grid[near])]
+    filling = order[:0]
+    if len(floaters):  # the last chunk holds the last 256 that are near, some of them again
+        filling = np.resize(order[-memory.CHUNK :], -len(order) % memory.CHUNK)
+    padding = np.repeat([False, True, False], [len(order), len(filling), len(floaters)])
+    order = np.concatenate([order, filling, floaters])
     grid = grid[order]
 
     of = np.arange(len(grid)) // memory.CHUNK  # [N] the chunk of each place
@@ -52,7 +66,8 @@ def chunk_positions(position: np.ndarray, bits: int = memory.STORED_BITS) -> Chu
     octant_end = np.cumsum(counts.reshape(-1, memory.OCTANTS), axis=1)[:, :-1]
     extent = (highest - origin + half(step)) >> step << zeros >> memory.EXTENT_SHIFT
     stored = offset[within] & ((1 << bits) - 1)
-    return Chunks(order[within], exponent, origin, step - zeros, octant_end, extent, bits, stored)
+    order, padding = order[within], padding[within]
+    return Chunks(order, padding, exponent, origin, step - zeros, octant_end, extent, bits, stored)
 
 
 def half(shift: np.ndarray) -> np.ndarray:

@@ -123,8 +123,7 @@ def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
     between those of its neighbours in depth."""
     if not len(points.index):
         return exact.splats.depth
-    near = int(config.arithmetic.encode(points.frame.near_plane))
-    found = keys(config, near, splat_codes(config, points.projected)).astype(np.float64)
+    found = keys(config, splat_codes(config, points.projected)).astype(np.float64)
     depth = exact.depth[points.index]
     order = np.argsort(depth, kind="stable")
     return np.interp(exact.splats.depth, depth[order], found[order])

@@ -21,7 +21,7 @@ from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import DEFAULT, PAPER, Config
-from splatcore.spec.convention import NEAR_PLANE, SPLATCORE, Convention
+from splatcore.spec.convention import SPLATCORE, Convention
 from splatcore.spec.depth import whole_depth
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import OPACITY
@@ -209,7 +209,7 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     splats, finite, positive = drawn_splats(fields, points)
 
     true, depth = exact.depth[points.points], points.culled["z"]
-    front = (true > NEAR_PLANE) & np.isfinite(depth)  # of what stage 0 reads
+    front = (true > camera.near) & np.isfinite(depth)  # of what stage 0 reads
     stage_0 = {"depth_stage_0": depth[front] / true[front] - 1}
     _, a, b = np.intersect1d(index, exact.splats.index, return_indices=True)
     a, b = a[finite[a]], b[finite[a]]

@@ -12,9 +12,13 @@ from splatcore.model.generate.generate import GENERATORS
 from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_antialiased import ANTIALIASED
 from splatcore.sim.accuracy.points import measure_view
+from splatcore.sim.common import notes
+from splatcore.sim.common.notes import with_notes
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.sim.common.pool import CONTEXT, as_done, processes, send
-from splatcore.sim.common.source import SUFFIXES, View, parse_size, scene_files, scene_folder
+from splatcore.sim.common.reading import AS_STATED, Reading
+from splatcore.sim.common.size import shape_of
+from splatcore.sim.common.source import SUFFIXES, View, scene_files, scene_folder
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
@@ -28,19 +32,19 @@ HARD_CASES = tuple(name for name in HARD if name not in (*NOT_POINTS, *ANTIALIAS
 
 
 def named(
-    sources: list[str], camera: str | None, size: str | None, antialiased: bool | None = None
+    sources: list[str], camera: str | None, size: str | None, reading: Reading = AS_STATED
 ) -> dict[str, View]:
     """The scenes that the command line names, each once; InputError for what cannot be opened."""
     check_view(camera, size)
     for source in sources:
         if source not in GENERATORS or os.path.exists(source):
             read_bytes(source, 4)
-    common = {"size": size, "file": camera, "antialiased": antialiased}
+    common = {"size": size, "file": camera, "reading": reading}
     return {source: View(source, **common) for source in sources}
 
 
 def everything(
-    folder: str | None, camera: str | None, size: str | None, antialiased: bool | None = None
+    folder: str | None, camera: str | None, size: str | None, reading: Reading = AS_STATED
 ) -> dict[str, View]:
     """Every scene of a folder, else the garden; and the hard cases that concern points; by name.
     The override of the mark is for the scenes."""
@@ -52,21 +56,20 @@ def everything(
         paths = scene_files(place)
         if not paths:
             raise InputError(f"--scenes {place}: holds no scene ({', '.join(SUFFIXES)})")
-        views = {path.name: View(str(path), size=size, antialiased=antialiased) for path in paths}
+        views = {path.name: View(str(path), size=size, reading=reading) for path in paths}
     elif folder:
         raise InputError(f"--scenes {folder}: there is no such folder")
     else:
         messages.print(f"no folder {place}: the generated garden stands in", soft_wrap=True)
-        views = {"garden": View("garden", size=size, antialiased=antialiased)}
+        views = {"garden": View("garden", size=size, reading=reading)}
     return views | {name: View(name) for name in HARD_CASES}
 
 
 def check_view(camera: str | None, size: str | None):
     """InputError for options that no scene could be seen with."""
+    shape = shape_of(size)
     if camera:
-        read_camera(camera)
-    if size:
-        parse_size(size)
+        read_camera(camera, shape)
 
 
 def measured(views: dict[str, View], machines: tuple[Config, ...]) -> Iterator[tuple[str, dict]]:
@@ -100,10 +103,12 @@ def in_processes(views, machines, tell) -> Iterator[tuple[str, dict]]:
     try:
         with processes(PROCESSES, news) as pool:
             waiting = {
-                pool.submit(measure_view, view, machines, partial(send, name)): name
+                pool.submit(with_notes, measure_view, view, machines, partial(send, name)): name
                 for name, view in views.items()
             }
             for name, future in as_done(waiting, news, tell):
-                yield name, future.result()
-    except BrokenProcessPool:
-        raise MemoryError from None  # what ends a process unasked
+                facts, lines = future.result()
+                notes.tell(*lines)
+                yield name, facts
+    except BrokenProcessPool as error:
+        raise InputError(f"measuring views: a process {error}") from None

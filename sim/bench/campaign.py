@@ -14,7 +14,9 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from splatcore.sim.common import notes
 from splatcore.sim.common.cache import digest, with_key
+from splatcore.sim.common.notes import with_notes
 from splatcore.sim.common.output import messages, progress_bar, write
 from splatcore.sim.common.pool import as_done, processes
 from splatcore.sim.common.sources import code_key
@@ -94,9 +96,12 @@ def collected(
 
 
 def outcome(future: Future, task: Task) -> dict | Failure:
-    """A task's result; what it raised is a failure of the task, not of the campaign."""
+    """A task's result; what it raised is a failure of the task, not of the campaign. Notes of the
+    worker are told here."""
     try:
-        return future.result()
+        found, lines = future.result()
+        notes.tell(*lines)
+        return found
     except BrokenProcessPool:
         raise
     except MemoryError:
@@ -107,7 +112,7 @@ def outcome(future: Future, task: Task) -> dict | Failure:
 
 def outcomes(pool: Executor, tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
     """Results in the order in which they come."""
-    waiting = {pool.submit(task.function, *task.arguments): task for task in tasks}
+    waiting = {pool.submit(with_notes, task.function, *task.arguments): task for task in tasks}
     for task, future in as_done(waiting):
         yield task, outcome(future, task)
 
@@ -124,10 +129,10 @@ def in_processes(tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
                     for task, found in outcomes(pool, some):
                         del left[task.name]
                         yield task, found
-            except BrokenProcessPool:
+            except BrokenProcessPool as error:
                 if one_by_one:
                     del left[some[0].name]
-                    yield some[0], Failure(some[0].name, "lost its process, as without memory")
+                    yield some[0], Failure(some[0].name, f"its process {error}")
         if not left:
             return
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from splatcore.model.formats.model_file import decode, encode, file_bytes, zstd
 from splatcore.model.pack.pack import pack
+from splatcore.sim.common.reading import AS_STATED, Reading
 from splatcore.sim.common.source import open_source
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
@@ -46,12 +47,12 @@ WAYS: dict[str, Callable[[PackedModel], bytes]] = {
 
 def coding(
     config: Config, scenes: list[str], qualities: list[str], tell: Callable,
-    antialiased: bool | None = None,
+    reading: Reading = AS_STATED,
 ) -> list[dict]:  # fmt: skip
     """A row for each scene and quality; `tell(done, total, label)`."""
     rows = []
     for scene in scenes:
-        original = open_source(scene, antialiased).unpacked
+        original = open_source(scene, reading).unpacked
         for quality in qualities:
             tell(len(rows), len(scenes) * len(qualities), f"{scene} {quality}")
             model = pack(original, config, quality=quality)[0]

@@ -8,7 +8,8 @@ from splatcore.golden import pipeline
 from splatcore.golden.reference import Frame, render
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.model.generate.hard_case import PSNR_MIN
-from splatcore.model.pack.pack import PackReport, pack
+from splatcore.model.pack.pack import pack
+from splatcore.model.pack.report import PackReport
 from splatcore.sim.common.metric import LEVELS, Difference, against, difference, psnr
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.diagnosis import diagnose

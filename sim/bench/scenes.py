@@ -19,6 +19,8 @@ from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write, write_json
+from splatcore.sim.common.reading import AS_STATED, Reading
+from splatcore.sim.common.size import shape_of
 from splatcore.sim.common.source import View, check_fits, scene_files
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.common.table import comma_separated, in_markdown, shown
@@ -56,17 +58,17 @@ class Expected:
 
 def views(
     scenes: list[str], cameras: str | None, size: str, quality: str | None = None,
-    antialiased: bool | None = None,
+    reading: Reading = AS_STATED,
 ) -> list[View]:  # fmt: skip
     """The views of scenes, else of all in the shared folder."""
     found = []
     for scene in scenes or map(str, scene_files()):
         named = cameras.split(",") if cameras else ["", *MORE_CAMERAS.get(Path(scene).name, ())]
         ids = (camera.strip() for camera in named)
-        found += [View(scene, i, size, None, quality, antialiased) for i in ids]
+        found += [View(scene, i, size, None, quality, reading) for i in ids]
     for view in found:
         if view.camera_text:
-            read_camera(view.camera_text)
+            read_camera(view.camera_text, shape_of(view.size))
     return found
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from splatcore.golden.pipeline import render
 from splatcore.sim.bench.campaign import Task
 from splatcore.sim.common.metric import against, differences
+from splatcore.sim.common.reading import AS_STATED, Reading
 from splatcore.sim.common.source import Source, View, open_source
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.engines import truths
@@ -51,7 +52,7 @@ def tasks(name: str, views: list[View], machines: dict[str, Config]) -> list[Tas
 def measure(view: View, machines: dict[str, Config]) -> dict:
     """{"rows": [a row for each machine]}; all machines make the same picture."""
     first = next(iter(machines.values()))
-    source = opened(view.scene, view.antialiased)
+    source = opened(view.scene, view.reading)
     camera = view.camera_of(source)
     model = packed_model(source, first, camera, view.quality)
     frame = render(first, model, camera)
@@ -67,13 +68,13 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
 
 
 @lru_cache(maxsize=1)
-def opened(scene: str, antialiased: bool | None = None) -> Source:
+def opened(scene: str, reading: Reading = AS_STATED) -> Source:
     """The scene that this process has worked on last."""
-    return open_source(scene, antialiased)
+    return open_source(scene, reading)
 
 
 @lru_cache(maxsize=8)
 def exact(view: View, model: PackedModel) -> dict[str, np.ndarray]:
     """The reference's 8-bit pictures of a model and of its scene."""
-    source = opened(view.scene, view.antialiased)
+    source = opened(view.scene, view.reading)
     return truths(source, model, view.camera_of(source))

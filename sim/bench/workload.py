@@ -14,11 +14,12 @@ from splatcore.golden.pipeline import Frame, render
 from splatcore.model.formats.camera_file import read_camera, read_cameras
 from splatcore.sim.bench.campaign import Task, collected
 from splatcore.sim.bench.sweep import opened
+from splatcore.sim.common.size import shape_of
 from splatcore.sim.common.source import View
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import Config
-from splatcore.spec.convention import NEAR_PLANE, TILE
+from splatcore.spec.convention import TILE
 from splatcore.spec.microprogram import operation_counts, program, projection
 from splatcore.spec.schedule import pes, schedule
 
@@ -30,10 +31,11 @@ def every_camera(views: list[View]) -> list[View]:
         if not view.camera_text:
             found[view.scene, None] = view
             continue
-        found.setdefault((view.scene, read_camera(view.camera_text).name), view)
+        name = read_camera(view.camera_text, shape_of(view.size)).name
+        found.setdefault((view.scene, name), view)
     for view in {(view.scene, view.size): replace(view, camera="") for view in views}.values():
-        beside = view.camera_text
-        for camera in read_cameras(beside) if beside else ():
+        beside, shape = view.camera_text, shape_of(view.size)
+        for camera in read_cameras(beside, size=shape) if beside else ():
             found.setdefault((view.scene, camera.name), replace(view, camera=camera.name))
     return list(found.values())
 
@@ -59,12 +61,12 @@ def work(config: Config, views: list[View], folder: Path, scheduler: str | None)
 
 def view_work(config: Config, view: View) -> dict:
     """A frame's counts and rates, and how many splats reach each tile."""
-    source = opened(view.scene, view.antialiased)
+    source = opened(view.scene, view.reading)
     camera = view.camera_of(source)
     model = packed_model(source, config, camera)
     frame = render(config, model, camera)
     depth = model.position @ camera.rotation[2] + camera.translation[2]
-    behind, counts = int((depth <= NEAR_PLANE).sum()), frame.counts
+    behind, counts = int((depth <= camera.near).sum()), frame.counts
     cycles = frame_cycles(config, frame)
     projected = counts["projected"]
     row = {

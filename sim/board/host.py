@@ -120,7 +120,7 @@ class Host(CommUART):
             self.write(address, value)
             time.sleep(seconds)
         known = {each.name: each.value for each in registers.control_registers(self.config)}
-        for name in ("ID", "VERSION", "SIZE_MAX"):
+        for name in ("ID", "VERSION", "PICTURE_MAX"):
             if (found := self.get(name)) != known[name]:
                 text = f"{name} is {found:#x}, of preset {self.config.name} {known[name]:#x}"
                 raise InputError(f"{self.name}: {text}")

@@ -8,14 +8,9 @@ import typer
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli.options import App, app, argument, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
-from splatcore.sim.common.source import (
-    VIEW_SIZE,
-    View,
-    check_fits,
-    check_known,
-    check_source,
-    parse_size,
-)
+from splatcore.sim.common.reading import AS_STATED, Reading
+from splatcore.sim.common.size import parse_size
+from splatcore.sim.common.source import VIEW_SIZE, View, check_fits, check_known, check_source
 from splatcore.spec.config import Config
 
 bench = App(no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated.")
@@ -38,7 +33,7 @@ SIZE = "x".join(map(str, VIEW_SIZE))
 
 def look(
     output: Path, scene: list[str] | None, cameras: str | None, size: str,
-    machines: Iterable[Config], quality: str | None = None, antialiased: bool | None = None,
+    machines: Iterable[Config], quality: str | None = None, reading: Reading = AS_STATED,
 ) -> list[View]:  # fmt: skip
     """The views to measure by some machines; makes the folder."""
     for config in machines:
@@ -47,20 +42,18 @@ def look(
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
     for text in scene or ():
-        check_source(text, antialiased)
+        check_source(text, reading)
     from splatcore.sim.bench.scenes import views
 
-    found = views(list(scene or ()), cameras, size, quality, antialiased)
+    found = views(list(scene or ()), cameras, size, quality, reading)
     make_folder(output)
     return found
 
 
-def view_of(
-    text: str, size: str, quality: str | None = None, antialiased: bool | None = None
-) -> View:
+def view_of(text: str, size: str, quality: str | None = None, reading: Reading = AS_STATED) -> View:
     """The view of SCENE[:ID]."""
     scene, _, camera = text.partition(":")
-    return View(scene, camera, size, quality=quality, antialiased=antialiased)
+    return View(scene, camera, size, quality=quality, reading=reading)
 
 
 def finish(path: Path, facts: dict):

@@ -2,8 +2,9 @@
 
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import AntialiasedOption, PresetOption, option
+from splatcore.sim.cli.options import AntialiasedOption, AxesOption, PresetOption, option
 from splatcore.sim.common.output import make_folder, progress_bar
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import check_known, check_source, scene_files
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.preset import find_preset
@@ -16,6 +17,7 @@ def coding_command(
     output: bench.FolderOption,
     scene: bench.ScenesArgument = None,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
     quality: QualitiesOption = "compact,faithful",
     preset: PresetOption = "DEFAULT",
 ):
@@ -27,14 +29,15 @@ def coding_command(
     """
     config, names = find_preset(preset), [name.strip() for name in quality.split(",")]
     check_known("--quality", QUALITIES, *names)
+    reading = Reading(antialiased, axes)
     for text in scene or ():
-        check_source(text, antialiased)
+        check_source(text, reading)
     scenes = list(scene or map(str, scene_files()))
     from splatcore.sim.bench.coding import WAYS, coding
 
     make_folder(output)
     with progress_bar("coding") as advance:
-        rows = coding(config, scenes, names, advance, antialiased)
+        rows = coding(config, scenes, names, advance, reading)
     ways = [name.replace("_", " ") for name in WAYS]
     headings = ["bytes, memory", "file", *(f"{way}, %" for way in ways), "encode s", "decode s"]
     table = new_table("scene", headings, "of bytes in memory")

@@ -4,10 +4,19 @@ from pathlib import Path
 
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
 from splatcore.sim.cli.compress import BesideOption, DegreeOption, QualityOption, RateOption
-from splatcore.sim.cli.options import AntialiasedOption, PresetOption, argument, option
+from splatcore.sim.cli.options import (
+    AntialiasedOption,
+    AxesOption,
+    NearOption,
+    PresetOption,
+    argument,
+    option,
+)
 from splatcore.sim.cli.power import LibertyOption, ProcessOption, checked_library
 from splatcore.sim.common.output import make_folder
-from splatcore.sim.common.source import check_known, parse_size
+from splatcore.sim.common.reading import Reading
+from splatcore.sim.common.size import parse_size
+from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import print_whole
 from splatcore.sim.compression import run as compression_run
 from splatcore.sim.compression.bench import BY_ITSELF, PARTS, RATIOS, RESULT, bench_compression
@@ -67,6 +76,8 @@ def compression_command(
     quality: QualityOption = DEFAULTS.quality,
     seed: SeedOption = DEFAULTS.seed,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     preset: PresetOption = "DEFAULT",
     liberty: LibertyOption = None,
     process: ProcessOption = None,
@@ -75,8 +86,7 @@ def compression_command(
 
     Quality is that of the reference's 8-bit pictures: against the photographs held out (every 7th)
     where there are some, else against the original scene in views that compression never sees:
-    those of the file of cameras beside it, on and beside whose path it learns, or others all round;
-    PSNR beside the path is told, too.
+    those of the file of cameras beside it, on and beside whose path it learns, or others all round.
 
     steps: size, PSNR, SSIM, FLIP (LPIPS where its weights are installed) and the machine's work
     after each step. schedule: pruning schedules with the same number of fine-tuning steps.
@@ -89,8 +99,8 @@ def compression_command(
     """
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
-        at_least("--views", views), parse_size(view_size), beside,
-        parse_size(size), scale, seed, rate, order, degree, quality, antialiased,
+        at_least("--views", views), parse_size(view_size), beside, parse_size(size), scale, seed,
+        rate, order, degree, quality, Reading(antialiased, axes, near),
     )  # fmt: skip
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")

@@ -9,7 +9,7 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.options import JsonOption, option
 from splatcore.sim.common.output import console, write_json
-from splatcore.sim.common.source import parse_size
+from splatcore.sim.common.size import parse_size
 from splatcore.sim.compression.run import check_installed
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SPLATCORE

@@ -1,7 +1,14 @@
 """The command `bench formats`: other compressed formats of a scene beside our models."""
 
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import AntialiasedOption, PresetOption, option
+from splatcore.sim.cli.options import (
+    AntialiasedOption,
+    AxesOption,
+    NearOption,
+    PresetOption,
+    option,
+)
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -17,6 +24,8 @@ def formats_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     tool: ToolOption = None,
     model: ModelOption = None,
     preset: PresetOption = "DEFAULT",
@@ -33,7 +42,9 @@ def formats_command(
     from splatcore.sim.bench.formats import find_tool, formats
 
     path, config = find_tool(tool), find_preset(preset)
-    views = bench.look(output, scene, cameras, size, [config], antialiased=antialiased)
+    views = bench.look(
+        output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
+    )
     facts = formats(config, views, path, list(model or ()), output, scheduler)
     headings = "Gaussians|degree|MB in memory|MB of the file|times smaller|dB, scene".split("|")
     table = new_table("view", headings, "files against the scene as it is", ["format"])

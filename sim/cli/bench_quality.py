@@ -2,7 +2,14 @@
 
 from splatcore.sim.bench.quality import TARGETS, quality
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import AntialiasedOption, PresetOption, option
+from splatcore.sim.cli.options import (
+    AntialiasedOption,
+    AxesOption,
+    NearOption,
+    PresetOption,
+    option,
+)
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -19,6 +26,8 @@ def quality_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     psnr: TargetsOption = TARGETS,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -33,7 +42,9 @@ def quality_command(
     except ValueError:
         raise InputError(f"--psnr '{psnr}': is not numbers between commas") from None
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config], antialiased=antialiased)
+    found = bench.look(
+        output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
+    )
     facts = quality(config, found, targets, output, scheduler)
     headings = "bytes|dB, scene|dB, packing|dB, machine|max error, machine|k cycles|model MB read"
     table = new_table("view", headings.split("|"), "by golden and cycle model", ["asked for"])

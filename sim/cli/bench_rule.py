@@ -1,7 +1,14 @@
 """The command `bench rule`: what is too faint to be seen, cycles against error."""
 
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import AntialiasedOption, PresetOption, QualityOption
+from splatcore.sim.cli.options import (
+    AntialiasedOption,
+    AxesOption,
+    NearOption,
+    PresetOption,
+    QualityOption,
+)
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.preset import find_preset
 
@@ -13,6 +20,8 @@ def rule_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     quality: QualityOption = "compact",
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -28,7 +37,9 @@ def rule_command(
     from splatcore.sim.bench.rule import cells, measure_rules
 
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config], quality, antialiased)
+    found = bench.look(
+        output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
+    )
     facts = measure_rules(config, found, output, scheduler)
     rows = {name: cells(summary) for name, summary in facts["rules"].items()}
     if rows:

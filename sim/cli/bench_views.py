@@ -4,8 +4,16 @@ import typer
 from rich.table import Table
 
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import AntialiasedOption, PresetOption, QualityOption, option
+from splatcore.sim.cli.options import (
+    AntialiasedOption,
+    AxesOption,
+    NearOption,
+    PresetOption,
+    QualityOption,
+    option,
+)
 from splatcore.sim.common.output import console
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.machine.script import TIMINGS, find_timing
@@ -29,6 +37,8 @@ def scenes_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     timing: TimingOption = "both",
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
@@ -40,7 +50,9 @@ def scenes_command(
     """
     config = find_preset(preset)
     timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
-    found = bench.look(output, scene, cameras, size, [config], quality, antialiased)
+    found = bench.look(
+        output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
+    )
     from splatcore.sim.bench import scenes
 
     right = scenes.bench_scenes(config, found, timings, output)
@@ -56,6 +68,8 @@ def sweep_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     only: PointOption = None,
     listed: ListOption = False,
     confirm: ConfirmOption = None,
@@ -80,10 +94,12 @@ def sweep_command(
             console.print(f"{point.name:22} {point.fields}", markup=False, soft_wrap=True)
         return
     machines = [point.config for point in chosen]
-    found = bench.look(output, scene, cameras, size, machines, antialiased=antialiased)
+    found = bench.look(
+        output, scene, cameras, size, machines, reading=Reading(antialiased, axes, near)
+    )
     facts = campaigns.sweep(chosen, found, output, scheduler)
     if confirm:
-        view = bench.view_of(confirm, found[0].size, antialiased=antialiased)
+        view = bench.view_of(confirm, found[0].size, reading=Reading(antialiased, axes, near))
         campaigns.confirm(chosen, facts, view, output)
     print_whole(sweep_table(facts))
     bench.finish(output / "sweep.json", facts)
@@ -114,6 +130,8 @@ def ablation_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     rtl: RtlOption = None,
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
@@ -125,11 +143,14 @@ def ablation_command(
     cycle model's; pictures and counts the golden model's. Writes DIR/ablation.json.
     """
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config], quality, antialiased)
+    found = bench.look(
+        output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
+    )
     from splatcore.sim.bench import campaigns
 
     size = found[0].size
-    simulated = [bench.view_of(text, size, quality, antialiased) for text in rtl or ()]
+    reading = Reading(antialiased, axes, near)
+    simulated = [bench.view_of(text, size, quality, reading) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
     names = [step["name"] for step in facts["steps"]]
     table = new_table("view", names, "frames a second at 800 MHz")
@@ -152,6 +173,8 @@ def work_command(
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
@@ -160,7 +183,9 @@ def work_command(
     Writes DIR/work.json, with how many splats reach each tile.
     """
     config = find_preset(preset)
-    found = bench.look(output, scene, cameras, size, [config], antialiased=antialiased)
+    found = bench.look(
+        output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
+    )
     from splatcore.sim.bench import workload
 
     if cameras is None:

@@ -13,13 +13,14 @@ from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import against, differences, told
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import write_png
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import (
     check_fits,
     check_known,
-    note_unseen,
-    open_camera,
+    open_cameras,
     open_source,
 )
+from splatcore.sim.common.unseen import note_empty
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -78,20 +79,21 @@ def render_command(
     camera: options.CameraOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     json: options.JsonOption = None,
 ):
     """Render a frame by a board, and compare it with the golden model's.
 
-    The packed model goes into the board's SDRAM, the picture comes back, over a serial port. Exit
-    status 1 if a pixel is not the golden model's.
+    Model and picture go over a serial port. Exit status 1 if a pixel is not the golden model's.
     """
     check_libraries()
     from splatcore.sim.board.host import Host, read_board
 
     config, facts = read_board(board)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, antialiased)
-        view = open_camera(camera, size, source)
+        source = open_source(scene, Reading(antialiased, axes, near))
+        (view,) = open_cameras(camera, None, size, source)
     check_fits(config, view.width, view.height)
     from splatcore.sim.machine import engines
     from splatcore.sim.machine.machine import Job
@@ -107,7 +109,7 @@ def render_command(
         seconds = time.perf_counter() - begin
     write_png(output, frame.pixels)
     golden = engines.golden(config, job)
-    note_unseen(source.name, view, golden.counts)
+    note_empty(source, view, golden.counts)
     wrong, clock = int((frame.pixels != golden.pixels).any(2).sum()), facts["clock_hz"]
     found = differences(frame.pixels, engines.truths(source, job.model, view))
     rate = clock / max(frame.preprocessing, frame.rendering)
@@ -117,15 +119,14 @@ def render_command(
     )
     console.print(
         f"{frame.preprocessing} cycles of preprocessing, {frame.rendering} of rendering: "
-        f"{rate:.1f} frames a second at {clock / 1e6:g} MHz; {seconds:.1f} s with loading and "
-        "fetching",
+        f"{rate:.1f} frames a second at {clock / 1e6:g} MHz; {seconds:.1f} s with all transfers",
         soft_wrap=True,
     )
     told_facts = {
         "scene": scene, "preset": config.name, "size": [view.width, view.height],
         "clock_hz": clock, "preprocessing_cycles": frame.preprocessing,
         "rendering_cycles": frame.rendering, "frames_a_second": round(rate, 3),
-        "seconds": round(seconds, 3), "identical": not wrong, **source.antialiasing,
+        "seconds": round(seconds, 3), "identical": not wrong, **source.stated,
     }  # fmt: skip
     write_json(json, told_facts | against(found))
     if wrong:

@@ -19,14 +19,15 @@ from splatcore.sim.common.metric import (
 )
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import read_png, write_error_map
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import (
     ENGINES,
     Source,
     check_fits,
-    note_unseen,
-    open_camera,
+    open_cameras,
     open_source,
 )
+from splatcore.sim.common.unseen import note_empty
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
@@ -51,6 +52,8 @@ def compare_command(
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     preset: options.PresetOption = "DEFAULT",
     scheduler: SchedulerOption = None,
     output: OutputOption = None,
@@ -61,16 +64,17 @@ def compare_command(
     Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
     or rtl the reference renders the same packed model (machine); if it comes first, they are also
     compared with its picture of the scene as it is (scene). With --cameras, which goes with
-    reference golden, there is a row for each camera, and the least, mean and most of them.
+    reference golden, there is a row per camera, and minimum, mean and maximum of them.
     """
     path.check(camera, cameras, scheduler)
     if len(images) < 2:
         raise InputError("compare: needs two images or more")
     config, drawn, mark = find_preset(preset), {}, {}
+    reading = Reading(antialiased, axes, near)
     if cameras:
         if images != ["reference", "golden"] or scene is None or output:
             raise InputError("--cameras: goes with reference golden --scene SCENE, without -o")
-        source, views = path.open_all(cameras, size, scene, antialiased, config)
+        source, views = path.open_all(cameras, size, scene, reading, config)
         quality = path.quality_of(source, config, views)
         rows = list(path.along(compared_view, source, views, (config, quality), scheduler))
         write_json(json, path.tell(source, rows, COLUMNS, "golden against reference"))
@@ -82,15 +86,13 @@ def compare_command(
             raise InputError(f"compare {text}: --scene says nothing about what to render")
     if named := [text for text in images if text in ENGINES]:
         with progress_bar(f"reading {scene}"):
-            source = open_source(scene, antialiased)
-            view = open_camera(camera, size, source)
+            source = open_source(scene, reading)
+            (view,) = open_cameras(camera, None, size, source)
         pictures, counts = rendered(named, source, view, config)
-        drawn, mark = drawn | pictures, source.antialiasing
-        if counts:
-            note_unseen(source.name, view, counts)
+        drawn, mark = drawn | pictures, source.stated
+        note_empty(source, view, counts or {"visible": True})
     found = compared(images, drawn, config.name, scene, camera, mark)
-    results = [result for result, _ in found]
-    truth = results[0].against
+    truth = (results := [result for result, _ in found])[0].against
     table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=f"against {truth}")
     for result, rows in found:
         for name, one in rows.items():
@@ -100,9 +102,8 @@ def compare_command(
         console.print(describe.antialiased_line(source), soft_wrap=True)
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
-        write_error_map(
-            output, drawn[images[1]], drawn[images[0]], f"{images[1]} against {truth}: {psnr}"
-        )
+        title = f"{images[1]} against {truth}: {psnr}"
+        write_error_map(output, drawn[images[1]], drawn[images[0]], title)
     write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
 
 
@@ -110,7 +111,7 @@ def compared(
     images: list[str], drawn: dict, preset: str, scene: str | None, camera: str | None, mark: dict
 ) -> list[tuple[Compared, dict[str, Difference]]]:
     """Metrics of each image against the first one, and by name the same for the table. mark:
-    `Source.antialiasing` of the scene that engines rendered, empty without one."""
+    `Source.stated` of the scene that engines rendered, empty without one."""
     first = images[0]
     packed = bool({"golden", "rtl"} & set(images))
     truth = f"{first} on the packed model" if first == "reference" and packed else first
@@ -133,7 +134,7 @@ def compared_view(source: Source, view: Camera, config: Config, quality: str | N
 
     images = ["reference", "golden"]
     drawn, counts = rendered(images, source, view, config, quality)
-    mark = source.antialiasing
+    mark = source.stated
     [(result, _)] = compared(images, drawn, config.name, source.name, view.name, mark)
     exact = {"machine": drawn["reference"]} | drawn[WHOLE]
     return vars(result) | {"counts": counts, "packing": packing(source, exact)}

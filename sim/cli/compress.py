@@ -7,7 +7,6 @@ import numpy as np
 
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
@@ -18,7 +17,9 @@ from splatcore.sim.common import output as files
 from splatcore.sim.common.cache import digest
 from splatcore.sim.common.metric import difference
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.source import open_source, parse_size
+from splatcore.sim.common.reading import Reading
+from splatcore.sim.common.size import parse_size, path_cameras
+from splatcore.sim.common.source import open_source
 from splatcore.sim.common.table import shown
 from splatcore.sim.compression import run
 from splatcore.sim.compression.steps_table import table_of, trials_of
@@ -30,7 +31,9 @@ from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 
 LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
 
-FolderArgument = argument(str, "DIR", "COLMAP model with its photographs in images/.")
+FolderArgument = argument(
+    str, "DIR", "COLMAP model with its photographs in images/ beside or above it."
+)
 OutputOption = option(Path, "SCENE.ply", "Where to write it.", "-o")
 StepsOption = option(int, None, "Steps of optimisation.", min=1)
 TuneStepsOption = option(
@@ -100,6 +103,7 @@ def train_command(
     seed: SeedOption = 0,
     work: WorkOption = None,
     antialiased: AntialiasedOption = False,
+    near: options.NearOption = None,
     json: options.JsonOption = None,
 ):
     """Train a plain 3DGS scene from photographs: the baseline that compression starts from.
@@ -109,7 +113,7 @@ def train_command(
     `compress`.
     """
     run.check_installed()
-    learn, aside = _split(folder, scale, hold_out)
+    learn, aside = _split(folder, scale, hold_out, Reading(near=near))
     place = work or output.with_name(output.name + ".steps")
     scene = run.trained(folder, learn, steps, seed, place, Path(folder).name, antialiased)
     with files.whole_file(output) as part:
@@ -117,8 +121,8 @@ def train_command(
     found = _decibels(scene.gaussians(), aside)
     facts = {
         "scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree, "steps": steps,
-        "antialiased": scene.antialiased, "photographs": len(learn), "held_out": len(aside),
-        "against": "photographs", "psnr_db": found,
+        "antialiased": scene.antialiased, "notes": list(scene.notes), "photographs": len(learn),
+        "held_out": len(aside), "against": "photographs", "psnr_db": found,
     }  # fmt: skip
     shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
     console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
@@ -148,6 +152,8 @@ def compress_command(
     views: ViewsOption = 480,
     size: SizeOption = "1920x1080",
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     scale: ScaleOption = 1.0,
     hold_out: HoldOutOption = 7,
     seed: SeedOption = 0,
@@ -160,9 +166,8 @@ def compress_command(
 
     Degree and number of Gaussians are chosen by trials for the least loss at the size; a target
     out of reach is refused then. It learns from photographs (--images), or from the scene's own
-    pictures: on the path of cameras (--cameras), or from all round. Steps are kept in a folder, and
-    the same command goes on where it was stopped. Prints trials, steps, and the loss on pictures
-    that were not learned from. Needs the extra `compress`.
+    pictures: on the path of cameras (--cameras), or from all round. The same command goes on where
+    it was stopped. Prints trials, steps, and the loss on held-out pictures. Needs `compress`.
     """
     run.check_installed()
     recipe = Recipe(
@@ -172,20 +177,19 @@ def compress_command(
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-psnr")
     config, pixels, share = find_preset(preset), parse_size(size), _beside(beside, cameras)
-    original = _opened(scene, antialiased)
+    original = _opened(scene, reading := Reading(antialiased, axes, near))
     recipe.check(original, config)
-    path = read_cameras(cameras) if cameras and not images else ()
-    learn, aside = _split(images, scale, hold_out) if images else ((), ())
-    learn = learn or _own_pictures(original, path, views, pixels, seed, share)
+    path = reading.seen(path_cameras(cameras, size) if cameras and not images else ())
+    learn, aside = _split(images, scale, hold_out, reading) if images else ((), ())
+    learn = learn or _own_pictures(original, path, views, pixels, seed, share, reading.near_plane)
     place = work or output.with_name(output.name + ".steps")
     checkpoints = Checkpoints(place, _key(original, learn, recipe, config))
     model = run.compressed(original, learn, recipe, checkpoints, config, scene)
-    data = file_bytes(model, plain)
-    files.write(output, data)
+    files.write(output, data := file_bytes(model, plain))
     facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
     facts |= facts_of(original, model, checkpoints)
     _tell(checkpoints, facts)
-    _end(facts | _loss(original, model.gaussians(), aside, pixels, seed, path), json)
+    _end(facts | _loss(original, model.gaussians(), aside, pixels, seed, path, reading), json)
 
 
 def _tell(checkpoints: Checkpoints, facts: dict):
@@ -217,17 +221,17 @@ def _beside(share: float | None, cameras: str | None) -> float:
     return run.BESIDE_SHARE if share is None else share
 
 
-def _opened(path: str, antialiased: bool | None) -> Scene:
+def _opened(path: str, reading: Reading) -> Scene:
     """The scene of a file; InputError for a packed model."""
     with progress_bar(f"reading {path}"):
-        return open_source(path, antialiased).unpacked
+        return open_source(path, reading).unpacked
 
 
 def _own_pictures(
-    scene: Scene, path, views: int, size: tuple[int, int], seed: int, beside: float
+    scene: Scene, path, views: int, size: tuple[int, int], seed: int, beside: float, near: float
 ) -> tuple:
     """The scene's own pictures, and from the cameras of a path, too."""
-    learn = run.teacher(scene, views, size, seed, path, beside)
+    learn = run.teacher(scene, views, size, seed, path, beside, near)
     return learn + run.pictures_at(scene, path, size) if path else learn
 
 
@@ -239,11 +243,11 @@ def parse_schedule(text: str) -> tuple[float, ...]:
         raise InputError(f"--schedule '{text}': is not a list of shares like 0.4,0.4") from None
 
 
-def _split(path: str, scale: float, hold_out: int) -> tuple[tuple, tuple]:
+def _split(path: str, scale: float, hold_out: int, reading: Reading) -> tuple[tuple, tuple]:
     """Photographs to learn from, and those held out."""
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not in 0 … 1")
-    learn, aside = run.photographs(path, scale, hold_out or 2**30)
+    learn, aside = run.photographs(path, scale, hold_out or 2**30, reading)
     if not hold_out:
         return (*aside, *learn), ()
     if not learn:
@@ -277,7 +281,9 @@ def _sizes(facts: dict) -> str:
     return f"{facts['bytes']:,} bytes in memory, {facts['file_bytes']:,} in the file"
 
 
-def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int, path) -> dict:
+def _loss(
+    scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int, path, reading: Reading
+) -> dict:
     """The loss on pictures that were not learned from: photographs, or the scene's own from other
     views, on a path and beside it or all round."""
     from splatcore.model.cameras.capture import teacher_views
@@ -290,7 +296,7 @@ def _loss(scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: i
         says = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
         found = {"against": "photographs", "psnr_db": after, "psnr_db_before": before}
         return found | {"says": says}
-    views = teacher_views(original, LOOKED_AT, size, seed + 1, path)
+    views = teacher_views(original, LOOKED_AT, size, seed + 1, path, near=reading.near_plane)
     after = _own(original, packed, views)
     says = "no difference" if after is None else f"{after:.2f} dB against the scene"
     says += f" on {len(views)} other views"

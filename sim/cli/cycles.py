@@ -9,8 +9,10 @@ from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.source import Source, View, check_fits, check_known, note_unseen
+from splatcore.sim.common.reading import Reading
+from splatcore.sim.common.source import Source, View, check_fits, check_known
 from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.unseen import note_empty
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError
@@ -32,6 +34,8 @@ def cycles_command(
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     preset: options.PresetOption = "DEFAULT",
     quality: options.QualityOption = None,
     scheduler: SchedulerOption = None,
@@ -48,10 +52,11 @@ def cycles_command(
         check_known("--quality", QUALITIES, quality)
     path.check(camera, cameras, scheduler)
     config, facts = find_preset(preset), {}
+    reading = Reading(antialiased, axes, near)
     if cameras:
         if len(scene) > 1:
             raise InputError("--cameras: goes with one SCENE")
-        source, views = path.open_all(cameras, size, scene[0], antialiased, config)
+        source, views = path.open_all(cameras, size, scene[0], reading, config)
         quality = quality or path.quality_of(source, config, views)
         rows = list(path.along(measured, source, views, (config, quality), scheduler))
         about = {"preset": config.name, "scene": source.name}
@@ -59,10 +64,10 @@ def cycles_command(
         return
     for text in scene:
         with progress_bar(f"reading {text}"):
-            source, view = View(text, size=size, file=camera, antialiased=antialiased).open()
+            source, view = View(text, size=size, file=camera, reading=reading).open()
             check_fits(config, view.width, view.height)
         facts[text] = measured(source, view, config, quality)
-        note_unseen(source.name, view, facts[text]["counts"])
+        note_empty(source, view, facts[text]["counts"])
         console.print(f"{source.name}: {describe.antialiased_line(source)}", soft_wrap=True)
         if source.packed:
             from splatcore.sim.packing.choose import packing_line
@@ -93,5 +98,5 @@ def measured(source: Source, view: Camera, config: Config, quality: str | None) 
     exact, found = truths(source, model, view), frame_cycles(config, frame)
     facts = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)}
     facts |= against(differences(frame.pixels, exact)) | {"counts": frame.counts}
-    facts |= source.antialiasing
+    facts |= source.stated
     return facts | ({"packing": packing(source, exact)} if source.packed else {})

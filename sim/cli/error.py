@@ -11,16 +11,19 @@ from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli.options import (
     AntialiasedOption,
+    AxesOption,
     JsonOption,
+    NearOption,
     QualityOption,
     app,
     argument,
     option,
 )
 from splatcore.sim.common.output import console, messages, write_json
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import View, check_known, check_source
 from splatcore.sim.common.table import new_table, print_whole, shown
-from splatcore.spec.config import DEFAULT, Config
+from splatcore.spec.config import DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -39,7 +42,7 @@ WidthOption = option(
 MachineOption = option(
     list[str] | None,
     "NAME",
-    "A machine: DEFAULT, PAPER, TINY, FPGA or a preset file. May repeat.",
+    f"A machine: {', '.join(PRESETS)} or a preset file. May repeat.",
     "--preset",
 )
 ViewOption = option(
@@ -96,6 +99,8 @@ def error_command(
     camera: ViewOption = None,
     size: SizeOption = None,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
     quality: QualityOption = None,
     output: OutputOption = None,
     json: JsonOption = None,
@@ -104,8 +109,7 @@ def error_command(
 
     The golden model of stages 0 and 1 against the float64 reference on the same packed model, by
     machine: PAPER, DEFAULT and widths between (exponent/fraction bits), or those of --preset
-    and --width. Pictures are blended in float64 from stage 1's splats: no other stage's error is
-    in them.
+    and --width. Pictures are blended in float64 from stage 1's splats.
 
     For a machine that has its models packed otherwise than DEFAULT (PAPER: FP16 positions, smaller
     codebooks) the picture is also compared with the reference's of the scene as packed for DEFAULT:
@@ -121,11 +125,11 @@ def error_command(
     part: positions, shape, opacity and colours as they are packed, arithmetic of stages 0 and 1,
     order by depth keys, stage 3, 8 bits; each alone, their sum, and all together. Of one machine.
 
-    Exponents of 5 bits or less come with FP16's infinities. Splats with a field that is not finite
-    are counted, not drawn, and left out of the fields' errors.
+    Exponents of 5 bits or less have FP16's infinities. Splats that are not finite are only counted.
     """
+    seen = camera, size, Reading(antialiased, axes, near)
     for text in scene or ():
-        check_source(text, antialiased)
+        check_source(text, seen[-1])
     from splatcore.sim.accuracy.points import MACHINES, with_width
     from splatcore.sim.accuracy.run import everything, named
 
@@ -133,7 +137,6 @@ def error_command(
     check_stage(stage, quality, len(chosen))
     if scene and scenes:
         raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
-    seen = camera, size, antialiased
     views = named(scene, *seen) if scene else everything(scenes, *seen)
     own = {name: view for name, view in views.items() if scene or name not in HARD}
     if stage == EVERYTHING:

@@ -13,6 +13,7 @@ from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.metric import LEVELS
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import Source, camera_beside, open_cameras, open_source
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.fit.preset_file import write_preset
@@ -47,6 +48,8 @@ def fit_command(
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     gates: GatesOption = False,
     confirm: ConfirmOption = False,
     json: options.JsonOption = None,
@@ -63,7 +66,9 @@ def fit_command(
     begin = time.perf_counter()
     _check_figures(fps, psnr)
     name = _name(output)
-    source, start, views = _open(name, scene, antialiased, camera, cameras, size)
+    source, start, views = _open(
+        name, scene, Reading(antialiased, axes, near), camera, cameras, size
+    )
     from splatcore.sim.fit.search import Impossible, fit, knobs
 
     try:
@@ -85,19 +90,19 @@ def fit_command(
     console.print(f"{output}: {facts['seconds']:.0f} s", soft_wrap=True)
     if confirm:
         facts["confirmed"] = _confirm(chosen, views, fps)
-    asked = {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | source.antialiasing
+    asked = {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | source.stated
     write_json(json, asked | facts)
     if confirm and not facts["confirmed"]["reached"]:
         raise typer.Exit(1)
 
 
 def _open(
-    name: str, scene: str, antialiased: bool | None, camera: str | None, cameras: str | None,
+    name: str, scene: str, reading: Reading, camera: str | None, cameras: str | None,
     size: str | None,
 ) -> "tuple[Source, Config, list[View]]":  # fmt: skip
     """The scene, the machine to start from and the views to fit it to."""
     with progress_bar(f"reading {scene}") as advance:
-        source = open_source(scene, antialiased)
+        source = open_source(scene, reading)
         beside = None if camera or cameras else camera_beside(scene)
         found = open_cameras(camera or beside, cameras, size, source)
         from splatcore.sim.fit.views import start_config, views_of

@@ -10,7 +10,8 @@ from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.sim.cli import options
 from splatcore.sim.cli.render_rtl import TimingOption
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
-from splatcore.sim.common.source import ENGINES, check_fits, check_known, parse_size
+from splatcore.sim.common.size import parse_size
+from splatcore.sim.common.source import ENGINES, check_fits, check_known
 from splatcore.sim.common.table import print_whole
 from splatcore.sim.machine.script import LPDDR4, find_timing
 from splatcore.spec.error import InputError

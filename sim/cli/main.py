@@ -9,6 +9,7 @@ from splatcore.sim.cli.bench import bench
 from splatcore.sim.cli.board import board
 from splatcore.sim.cli.options import app
 from splatcore.sim.cli.soak import soak
+from splatcore.sim.common import notes
 from splatcore.sim.common.output import messages
 from splatcore.spec.error import InputError
 
@@ -87,7 +88,8 @@ def main(arguments: list[str] | None = None):
     """Run the command line; bad input is one line on standard error and exit status 2."""
     register(sys.argv[1:] if arguments is None else None)
     try:
-        status = app(arguments, standalone_mode=False)
+        with notes.printed():
+            status = app(arguments, standalone_mode=False)
     except InputError as error:
         refuse(str(error))
     except UsageError as error:

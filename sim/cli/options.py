@@ -19,6 +19,9 @@ from splatcore.sim.common.output import (
     new_folders,
 )
 from splatcore.sim.common.source import ENGINES, camera_beside, scene_folder
+from splatcore.spec.camera import NEAR_LIMITS
+from splatcore.spec.config import PRESETS
+from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 
 FOLDER = "DIR"
@@ -119,7 +122,7 @@ SourceArgument = argument(str, "SCENE|MODEL", "Scene file, generated scene or pa
 CameraOption = option(
     str | None,
     "FILE[:ID]",
-    "INRIA cameras.json, transforms.json or COLMAP sparse/0; the first "
+    "INRIA cameras.json, transforms.json, COLMAP model or a folder with one; the first "
     "camera without ID. Default: a sensible view of the scene.",
     "--camera",
 )
@@ -128,7 +131,9 @@ CamerasOption = option(
     "FILE[:ID,ID,…]",
     "All cameras of a file, or some of them; ID,ID,… without FILE: of the file beside the scene.",
 )
-SizeOption = option(str | None, "WxH", "Pixels; the camera's intrinsics are scaled.", "--size")
+SizeOption = option(
+    str | None, "WxH", "Pixels; the camera's intrinsics are scaled with the sides.", "--size"
+)
 AntialiasedOption = option(
     bool | None,
     None,
@@ -136,10 +141,25 @@ AntialiasedOption = option(
     "file says.",
     "--antialiased/--no-antialiased",
 )
+NearOption = option(
+    float | None,
+    "Z",
+    f"Near plane: Gaussians of at most this depth are left out. Default: {NEAR_PLANE:g}, as 3DGS.",
+    "--near",
+    min=NEAR_LIMITS[0],
+    max=NEAR_LIMITS[1],
+)
+AxesOption = option(
+    str | None,
+    "RUB|RDF|…",
+    "Axes of an SPZ file that does not state its own: where x, y and z point, like "
+    "right-down-front, as in a PLY. Default: rub, by the format's specification.",
+    "--axes",
+)
 PresetOption = option(
     str,
     "NAME|FILE",
-    "Machine: DEFAULT, PAPER, TINY, FPGA or a preset file (TOML; `splatcore fit` writes some).",
+    f"Machine: {', '.join(PRESETS)} or a preset file (TOML; `splatcore fit` writes some).",
     "--preset",
 )
 QualityOption = option(

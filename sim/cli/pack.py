@@ -11,13 +11,14 @@ from splatcore.sim.cli import options
 from splatcore.sim.common import describe
 from splatcore.sim.common.output import (
     console,
-    messages,
     progress_bar,
     write,
     write_json,
 )
-from splatcore.sim.common.source import check_known, note_unseen, open_cameras, open_source
+from splatcore.sim.common.reading import Reading
+from splatcore.sim.common.source import check_known, open_cameras, open_source
 from splatcore.sim.common.table import new_table
+from splatcore.sim.common.unseen import note_empty
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -47,6 +48,8 @@ def pack_command(
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
@@ -56,16 +59,15 @@ def pack_command(
     as it is, with all its harmonics, the worst of the views: of the model, and of the scene with
     one part at a time as it is packed.
 
-    "bytes" are those in memory, "file bytes" those of the file, in which the same model is coded;
-    every command reads both. What loads a file into memory itself needs --plain.
+    "bytes" are in memory, "file bytes" of the coded file. Loading it into memory needs --plain.
     """
     config = find_preset(preset)
     check_wanted(quality, psnr)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, antialiased)
+        source = open_source(scene, Reading(antialiased, axes, near))
         original = source.unpacked
         views = open_cameras(camera, cameras, size, source)
-    from splatcore.sim.packing.budget import bytes_by_part, lost_line, psnr_by_part
+    from splatcore.sim.packing.budget import bytes_by_part, psnr_by_part
     from splatcore.sim.packing.choose import Views, choose, smallest
 
     if sh_degree is not None:
@@ -74,14 +76,16 @@ def pack_command(
         tell = partial(advance, 0, None)
         seen = Views.of(original, views)
         for view, picture in zip(views, seen.pictures, strict=True):
-            note_unseen(source.name, view, {"visible": picture.any()})
+            note_empty(source, view, {"visible": picture.any()})
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, tell)
         else:
             packed = choose(original, config, seen, quality, tell=tell)
         losses = psnr_by_part(original, packed.model, seen, tell)
     parts = bytes_by_part(packed.model)
-    facts = packed.report.as_dict() | source.antialiasing | {
+    for line in packed.report.notes:
+        source.note(line)
+    facts = packed.report.as_dict() | source.stated | {
         "preset": config.name, "quality": packed.quality, "views": len(views),
         "psnr_db_packing": packed.psnr_db,
     }  # fmt: skip
@@ -90,8 +94,6 @@ def pack_command(
     write(output, data)
     console.print(describe.table({"model": str(output)} | size | facts))
     console.print(parts_table(parts, losses))
-    if lost := lost_line(packed.report):
-        messages.print(f"{scene}: {lost}", soft_wrap=True, markup=False)
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
     write_json(json, facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})

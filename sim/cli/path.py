@@ -7,16 +7,17 @@ from functools import partial
 from splatcore.sim.common.describe import antialiased_line
 from splatcore.sim.common.metric import decibels
 from splatcore.sim.common.output import console, progress_bar
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import (
     Source,
     check_fits,
     check_one,
     check_source,
-    note_unseen,
     open_path,
     open_source,
 )
 from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.unseen import note_empty
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -37,11 +38,11 @@ def check(camera: str | None, cameras: str | None, scheduler: str | None):
 
 
 def open_all(
-    cameras: str, size: str | None, scene: str, antialiased: bool | None, config: Config | None
+    cameras: str, size: str | None, scene: str, reading: Reading, config: Config | None
 ) -> tuple[Source, list[Camera]]:
     """A scene and its views, each by a name of its own. config: the machine that renders them."""
-    check_source(scene, antialiased)
-    views = open_path(cameras, size, scene)
+    check_source(scene, reading)
+    views = reading.seen(open_path(cameras, size, scene))
     names = [file_name(view) for view in views]
     for view, name in zip(views, names, strict=True):
         if names.count(name) > 1:
@@ -49,9 +50,10 @@ def open_all(
         if config:
             check_fits(config, view.width, view.height)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, antialiased)
+        source = open_source(scene, reading)
     if config and source.model is not None:
         check_renderable(config, source.model)
+    source.seen_by(*views)
     return source, views
 
 
@@ -79,7 +81,7 @@ def along(
     open the scene once. It returns a row with `counts`; a view that shows nothing is noted."""
     from splatcore.sim.bench.campaign import Failure, Task, in_processes, on_cluster
 
-    scene = source.name, source.override
+    scene = source.name, source.reading
     tasks = [Task(v.name, "", of_scene, (function, scene, v, arguments)) for v in views]
     run = on_cluster(tasks, scheduler) if scheduler else in_processes(tasks)
     waiting, turn = {}, 0
@@ -90,13 +92,13 @@ def along(
             advance(done, len(tasks), f"{source.name}: camera {task.name}")
             waiting[task.name] = found
             while turn < len(views) and (found := waiting.pop(views[turn].name, None)):
-                note_unseen(source.name, views[turn], found["counts"])
+                note_empty(source, views[turn], found["counts"])
                 yield found
                 turn += 1
 
 
 def of_scene(
-    function: Callable[..., dict], scene: tuple[str, bool | None], view: Camera, arguments: tuple
+    function: Callable[..., dict], scene: tuple[str, Reading], view: Camera, arguments: tuple
 ) -> dict:
     """In a process: what a function makes of a view of the scene that was opened last. scene: the
     arguments of `open_source`."""
@@ -155,4 +157,4 @@ def tell(
         size = f"{packing['bytes_per_gaussian']:.2f} bytes a Gaussian"
         text = f"{source.name}: packed as {packing['quality']} for all cameras: {size}"
         console.print(text, soft_wrap=True)
-    return source.antialiasing | {"views": rows} | facts
+    return source.stated | {"views": rows} | facts

@@ -2,13 +2,14 @@
 
 import time
 
-from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.colmap_write import write_colmap
 from splatcore.sim.cli import options
 from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.source import Source, check_source, open_source, parse_size
+from splatcore.sim.common.reading import Reading
+from splatcore.sim.common.size import parse_size, path_cameras
+from splatcore.sim.common.source import Source, check_source, open_source
 from splatcore.sim.compression import capture
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
@@ -41,6 +42,8 @@ def photographs_command(
     points: PointsOption = 10_000,
     seed: SeedOption = 0,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
@@ -54,13 +57,14 @@ def photographs_command(
     is written as a whole.
     """
     begin, pixels = time.perf_counter(), parse_size(size)
-    given = _given(cameras, path_share)
+    given = _given(cameras, path_share, size)
     capture.check_empty(output)
-    check_source(scene, antialiased)
+    reading = Reading(antialiased, axes, near)
+    check_source(scene, reading)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, antialiased)
+        source = open_source(scene, reading)
         original = source.unpacked
-        planned = _views(source, views, pixels, seed, given, path_share)
+        planned = reading.seen(_views(source, views, pixels, seed, given, path_share))
     from splatcore.sim.cli.path import along
 
     with capture.whole_capture(output) as part:
@@ -73,7 +77,7 @@ def photographs_command(
     facts = {
         "scene": scene, "folder": str(output), "size": list(pixels), "photographs": views,
         "on_path": on_path, "around": views - on_path, "points": len(found[0]),
-        "observations": sum(map(len, shown)), "seed": seed, **source.antialiasing,
+        "observations": sum(map(len, shown)), "seed": seed, **source.stated,
         "seconds": round(time.perf_counter() - begin, 3),
     }  # fmt: skip
     where = f"{on_path} on the path, {views - on_path} from all round"
@@ -82,13 +86,13 @@ def photographs_command(
     write_json(json, facts)
 
 
-def _given(cameras: str | None, share: float | None) -> list[Camera]:
-    """The cameras of --cameras; InputError for a share without them, or that is none."""
+def _given(cameras: str | None, share: float | None, size: str) -> list[Camera]:
+    """The cameras of --cameras, resized; InputError for a share without them, or that is none."""
     if share is not None and not cameras:
         raise InputError("--path-share: goes with --cameras")
     if share is not None and not 0 <= share <= 1:
         raise InputError(f"--path-share {share:g}: is not in 0 … 1")
-    return read_cameras(cameras) if cameras else []
+    return path_cameras(cameras, size) if cameras else []
 
 
 def _views(

@@ -5,7 +5,8 @@ from pathlib import Path
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.source import check_fits, open_camera, open_source
+from splatcore.sim.common.reading import Reading
+from splatcore.sim.common.source import check_fits, open_cameras, open_source
 from splatcore.sim.common.table import print_whole
 from splatcore.sim.eda.liberty import Library
 from splatcore.sim.eda.liberty_file import read_liberty
@@ -35,6 +36,8 @@ def power_command(
     camera: options.CameraOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     preset: options.PresetOption = "DEFAULT",
     fps: FpsOption = None,
     sample: SampleOption = None,
@@ -47,8 +50,8 @@ def power_command(
     Frames are simulated in RTL; how often the nets of a part change, times its gates, times the
     energy of a NAND2 that switches, is the part's. Nets of RTL stand for those of gates; nothing
     is laid out. Flip-flops add their clock, memories their accesses, DRAM (apart) its bytes. All
-    constants are in spec/energy.py, 28 nm at 0.9 V, with their sources; --json writes them, too. A
-    factor of two either way is within what this is good for.
+    constants are in spec/energy.py, 28 nm at 0.9 V, with their sources; --json writes them, too.
+    Good to a factor of two either way.
 
     With --liberty each gate and flip-flop takes what the library says, by its slew and load, wires
     included, scaled from --process and the library's voltage; memories, DRAM and leakage as before.
@@ -59,10 +62,9 @@ def power_command(
     config = find_preset(preset)
     library = _checked(fps, sample, liberty, process)
     with progress_bar(f"packing {scene}"):
-        source = open_source(scene, antialiased)
-        view = open_camera(camera, size, source)
+        source = open_source(scene, Reading(antialiased, axes, near))
+        (view,) = open_cameras(camera, None, size, source)
         check_fits(config, view.width, view.height)
-
         from splatcore.sim.machine.machine import Job
         from splatcore.sim.packing.choose import packed_model
         from splatcore.sim.power.activity import counts_of
@@ -72,8 +74,7 @@ def power_command(
 
         model = packed_model(source, config, view)
     counts = counts_of(config, Job(model, view), sample, f"simulating {source.name}")
-    if fps is not None and fps > CLOCK_HZ / counts.cycles:
-        most = CLOCK_HZ / counts.cycles
+    if fps is not None and fps > (most := CLOCK_HZ / counts.cycles):
         raise InputError(f"--fps {fps:g}: is more than {most:.1f}, what 800 MHz are good for")
     with progress_bar("synthesising the machine") as advance:
         gates = machine_gates(config, library, process, advance)
@@ -85,7 +86,7 @@ def power_command(
         console.print(text, soft_wrap=True)
     facts = {
         "preset": config.name, "scene": source.name, "camera": camera or view.name,
-        "size": [view.width, view.height], **source.antialiasing,
+        "size": [view.width, view.height], **source.stated,
     }  # fmt: skip
     if library:
         facts["liberty"] = _cells(library, process, config.energy)

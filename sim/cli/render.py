@@ -16,14 +16,15 @@ from splatcore.sim.common import describe
 from splatcore.sim.common.metric import Difference, Result, against, differences, told
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import error_picture, write_heat_map, write_png
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import (
     ENGINES,
     Source,
     check_known,
-    note_unseen,
-    open_camera,
+    open_cameras,
     open_source,
 )
+from splatcore.sim.common.unseen import note_empty
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import ORIGINAL, SPLATCORE, Convention
@@ -56,6 +57,8 @@ def render_command(
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     engine: options.EngineOption = "reference",
     preset: options.PresetOption = "DEFAULT",
     original: OriginalOption = False,
@@ -95,23 +98,24 @@ def render_command(
     config = find_preset(preset)
     convention = replace(ORIGINAL if original else SPLATCORE, background=parse_colour(background))
     how = engine, config, convention, compare
+    reading = Reading(antialiased, axes, near)
     if not cameras:
-        return render_one(scene, antialiased, camera, size, how, request, heat_map, output, json)
+        return render_one(scene, reading, camera, size, how, request, heat_map, output, json)
     if heat_map:
         raise InputError("--heat-map: goes with one camera")
-    return render_all(scene, antialiased, cameras, size, how, film, output, scheduler, json)
+    return render_all(scene, reading, cameras, size, how, film, output, scheduler, json)
 
 
 def render_one(
-    scene: str, antialiased: bool | None, camera: str | None, size: str | None, how: tuple,
+    scene: str, reading: Reading, camera: str | None, size: str | None, how: tuple,
     request: rtl.Request, heat_map: Path | None, output: Path, json: Path | None,
 ):  # fmt: skip
     """Render a picture and say what is in it. how: engine, config, convention, compare."""
     engine, config, convention, _ = how
     begin = time.perf_counter()
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, antialiased)
-        view = open_camera(camera, size, source)
+        source = open_source(scene, reading)
+        (view,) = open_cameras(camera, None, size, source)
     from splatcore.sim.packing.choose import packing_line
 
     if engine == "rtl":
@@ -119,7 +123,7 @@ def render_one(
         return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
     made = pictured(source, view, *how, begin=begin)
     result, frame = made.result, made.frame
-    note_unseen(source.name, view, frame.counts)
+    note_empty(source, view, frame.counts)
     write_png(output, frame.pixels)
     if result.packing:
         console.print(packing_line(source), soft_wrap=True)
@@ -127,20 +131,20 @@ def render_one(
         console.print(f"against the reference: {told(made.found)}", soft_wrap=True)
     if heat_map:
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
-    about = {"image": str(output), "seconds": result.seconds} | source.antialiasing
+    about = {"image": str(output), "seconds": result.seconds} | source.stated
     console.print(describe.table(about | frame.counts))
     result.camera = camera or view.name
     write_json(json, result)
 
 
 def render_all(
-    scene: str, antialiased: bool | None, cameras: str, size: str | None, how: tuple,
+    scene: str, reading: Reading, cameras: str, size: str | None, how: tuple,
     film: along.Film, output: Path | None, scheduler: str | None, json: Path | None,
 ):  # fmt: skip
     """Render a picture of each camera. how: as `render_one` has it."""
     engine, config, *_ = how
     golden = engine == "golden"
-    source, views = path.open_all(cameras, size, scene, antialiased, config if golden else None)
+    source, views = path.open_all(cameras, size, scene, reading, config if golden else None)
     along.check_files(film, output, views, scene, cameras)
     quality = path.quality_of(source, config, views) if golden else None
     pictures = path.along(picture, source, views, (*how, quality, film.beside), scheduler)
@@ -197,7 +201,7 @@ def pictured(
     found = differences(frame.pixels, exact)
     result = Result(
         engine, config.name, source.name, view.name, (view.width, view.height), seconds,
-        frame.counts, packing=packing(source, exact), **source.antialiasing, **against(found),
+        frame.counts, packing=packing(source, exact), **source.stated, **against(found),
     )  # fmt: skip
     return Pictured(result, frame, exact, found)
 

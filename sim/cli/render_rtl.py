@@ -18,7 +18,8 @@ from splatcore.sim.common.output import (
     write_json,
 )
 from splatcore.sim.common.picture import write_error_map, write_png
-from splatcore.sim.common.source import Source, check_fits, note_unseen
+from splatcore.sim.common.source import Source, check_fits
+from splatcore.sim.common.unseen import note_empty
 from splatcore.sim.machine.script import find_timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import background_codes
@@ -115,7 +116,7 @@ def render_rtl(
     jobs = [Job(model, view, codes) for view in views]
     expected = [engines.golden(config, job) for job in jobs]
     for each, frame in zip(views, expected, strict=True):
-        note_unseen(source.name, each, frame.counts)
+        note_empty(source, each, frame.counts)
     run = simulated(config, jobs, request, expected[0], f"simulating {source.name}")
     for k, frame in enumerate(run.frames):
         if frame.pixels is not None:
@@ -138,7 +139,7 @@ def render_rtl(
     seconds = round(time.perf_counter() - begin, 3)
     result = Result(
         "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
-        expected[0].counts, packing=packing(source), identical=all(same), **source.antialiasing,
+        expected[0].counts, packing=packing(source), identical=all(same), **source.stated,
         **against(metrics[0]),
     )  # fmt: skip
     write_json(json, facts(run, result, metrics, same, find_timing(request.timing).name))

@@ -8,7 +8,8 @@ from splatcore.model.formats.file import read_bytes
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.cli.options import app, option
 from splatcore.sim.common.output import console, make_folder, messages
-from splatcore.sim.common.source import check_known, parse_size
+from splatcore.sim.common.size import parse_size
+from splatcore.sim.common.source import check_known
 from splatcore.sim.report import kept
 from splatcore.sim.report.results import Options, Results
 from splatcore.sim.report.titles import SECTIONS

@@ -10,15 +10,17 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.sim.cli.options import (
     AntialiasedOption,
+    AxesOption,
     JsonOption,
     SourceArgument,
     app,
     argument,
     option,
 )
-from splatcore.sim.common import describe
+from splatcore.sim.common import describe, notes
 from splatcore.sim.common import output as files
 from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import View, open_source
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
@@ -63,6 +65,7 @@ def join_command(
     count: KeptOption = None,
     cameras: CamerasOption = None,
     antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
 ):
     """Put scenes side by side in front of one camera and write them as one 3DGS PLY.
 
@@ -72,8 +75,9 @@ def join_command(
     --cameras writes the camera. Scenes reach into each other's columns, as real ones have
     surroundings.
     """
+    reading = Reading(antialiased, axes)
     with progress_bar("joining"):
-        opened = (View(each, antialiased=antialiased).open() for each in scene)
+        opened = (View(each, reading=reading).open() for each in scene)
         views = [(source.unpacked, camera) for source, camera in opened]
         unseen = open_source(behind).unpacked if behind else None
         joined, camera = side_by_side(views, unseen, count)
@@ -92,11 +96,15 @@ def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
 
 @app.command("info")
 def info_command(
-    scene: SourceArgument, antialiased: AntialiasedOption = None, json: JsonOption = None
+    scene: SourceArgument,
+    antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    json: JsonOption = None,
 ):
     """Say what a scene or packed model holds: counts, extents, ranges, anything odd."""
+    notes.hush()  # they are in the table
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, antialiased)
+        source = open_source(scene, Reading(antialiased, axes))
         facts = describe.describe(source)
-    console.print(describe.table(facts))
+    console.print(describe.table(facts, notes=True))
     write_json(json, facts)

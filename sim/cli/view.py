@@ -5,16 +5,17 @@ from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
 from splatcore.sim.common.output import console, progress_bar
+from splatcore.sim.common.reading import Reading
+from splatcore.sim.common.size import parse_size
 from splatcore.sim.common.source import (
     Source,
     camera_beside,
     check_fits,
     check_known,
-    open_camera,
+    open_cameras,
     open_source,
-    parse_size,
+    own_camera,
 )
-from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -33,6 +34,8 @@ def view_command(
     camera: options.CameraOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
     preset: options.PresetOption = "DEFAULT",
     quality: options.QualityOption = None,
     host: HostOption = "127.0.0.1",
@@ -54,7 +57,7 @@ def view_command(
         check_fits(config, *parse_size(size))
     check_viser(host, port)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, antialiased)
+        source = open_source(scene, Reading(antialiased, axes, near))
         setting = setting_of(source, camera, size, config, quality)
     mark = describe.antialiased_line(source)
     with served(source, setting, host, port) as (address, _):
@@ -68,7 +71,7 @@ def setting_of(
     """What pages begin with; InputError for what cannot be shown."""
     from splatcore.model.formats.camera_file import read_cameras, split_id
     from splatcore.model.pack.pack import qualities_of
-    from splatcore.sim.view.camera import up_of, within
+    from splatcore.sim.view.camera import fitting, up_of, within
     from splatcore.sim.view.page import Setting
 
     if not len(source.gaussians):
@@ -78,14 +81,18 @@ def setting_of(
     if quality and quality not in (known := qualities_of(config)):
         kinds = ", ".join(known)
         raise InputError(f"--quality {quality}: preset {config.name} renders {kinds} models only")
-    view = open_camera(camera, size, source)
-    if not size:
-        most = min(AT_MOST[0], config.width_max), min(AT_MOST[1], config.height_max)
-        view = view.resized(*within((view.width, view.height), most))
+    if size:
+        (view,) = open_cameras(camera, None, size, source)
+    else:
+        view = own_camera(camera, size, source)
+        source.seen_by(view)
+        view = view.resized(*fitting(config, within((view.width, view.height), AT_MOST)))
     file = split_id(camera)[0] if camera else camera_beside(source.name)
-    cameras: list[Camera] = read_cameras(file) if file else []
-    up, mark = up_of(cameras or [view]), source.antialiasing
-    return Setting(view, cameras, up, config, quality, source.gaussians, mark["antialiased_by"])
+    cameras = read_cameras(file, size=(view.width, view.height)) if file else []
+    cameras = source.reading.seen(cameras)
+    up, mark = up_of(cameras or [view]), source.stated["antialiased_by"]
+    notes = tuple(source.notes)
+    return Setting(view, cameras, up, config, quality, source.gaussians, mark, notes)
 
 
 def wait(address: str | None):

@@ -1,4 +1,4 @@
 """Parts that all tools share: scene arguments, output files, metrics, pictures, plots, pools.
 
-May import: spec, model.
+May import: spec, model, golden.
 """

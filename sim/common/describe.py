@@ -24,13 +24,14 @@ def describe(source: Source) -> dict:
     finite = np.isfinite(scene.position).all(1) & np.isfinite(scene.scale).all(1)
     finite &= np.isfinite(scene.opacity)
     facts = {"scene": source.name, "gaussians": len(scene), "sh_degree": scene.sh_degree}
-    facts |= source.antialiasing | _ranges(scene[finite])
+    facts |= source.stated | _ranges(scene[finite])
     axes = np.sort(scene.scale[finite], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         facts["needles"] = int((axes[:, 2] > NEEDLE_RATIO * axes[:, 1]).sum())
         facts["flakes"] = int((axes[:, 1] > FLAKE_RATIO * axes[:, 0]).sum())
     facts["transparent"] = int((scene.opacity[finite] < ALPHA_MIN).sum())
-    facts["notes"] = list(scene.notes)
+    del facts["near"]
+    facts["notes"] = facts.pop("notes")  # at the end of the table
     return facts
 
 
@@ -56,13 +57,14 @@ def _describe_model(source: Source) -> dict:
         "gaussians": len(model),
         "chunks": chunk_count(len(model)),
         "sh_degree": model.format.sh_degree,
-        **source.antialiasing,
+        **source.stated,
         "positions": model.format.position,
         "bytes": len(model.image),
         "file_bytes": os.path.getsize(source.name),
         "codebook_bytes": model.format.codebook_bytes,
         "bytes_per_gaussian": round(model.bytes_per_gaussian, 3),
     } | dict.fromkeys(("lowest_corner", "highest_corner", "opacity_percentiles"))
+    del facts["near"]
     if len(model):
         facts["lowest_corner"] = _rounded(model.position.min(0))
         facts["highest_corner"] = _rounded(model.position.max(0))
@@ -75,12 +77,13 @@ def _rounded(values: np.ndarray) -> list[float]:
     return [float(f"{value:.5g}") for value in np.ravel(values)]
 
 
-def table(facts: dict) -> Table:
-    """Facts as a table of two columns."""
+def table(facts: dict, notes: bool = False) -> Table:
+    """Facts as a table of two columns; notes, which commands print by themselves, if wanted."""
     drawn = Table(show_header=False, box=None, pad_edge=False)
     if "antialiased" in facts:
         reason = facts["antialiased_by"]
-        facts = {n: value for n, value in facts.items() if n != "antialiased_by"}
+        hidden = ("antialiased_by",) if notes else ("antialiased_by", "notes")
+        facts = {n: value for n, value in facts.items() if n not in hidden}
         facts["antialiased"] = antialiased(facts["antialiased"], reason)
     for name, value in facts.items():
         drawn.add_row(name.replace("_", " "), _text(value))
@@ -94,7 +97,8 @@ def antialiased(value: bool, reason: str) -> str:
 
 def antialiased_line(source: Source) -> str:
     """The same of a source, as a line of its own."""
-    return f"antialiased: {antialiased(*source.antialiasing.values())}"
+    found = source.stated
+    return f"antialiased: {antialiased(found['antialiased'], found['antialiased_by'])}"
 
 
 def _text(value) -> str:
@@ -105,5 +109,7 @@ def _text(value) -> str:
     if isinstance(value, int):
         return f"{value:,}".replace(",", " ")
     if isinstance(value, (list, tuple)):
+        if value and isinstance(value[0], str):
+            return "\n".join(value)  # notes have commas of their own
         return ", ".join(map(_text, value)) or "none"
     return str(value)

@@ -39,6 +39,8 @@ class Picture:
     size: tuple[int, int] | None = None  # width, height
     antialiased: bool | None = field(default=None, kw_only=True)
     antialiased_by: str | None = field(default=None, kw_only=True)
+    near: float | None = field(default=None, kw_only=True)
+    notes: list[str] | None = field(default=None, kw_only=True)
 
 
 @dataclass

@@ -66,7 +66,10 @@ def check_distinct(written: list[tuple[str, Path]], read: Iterable[Path] = ()):
                 raise InputError(f"{path}: {option} would overwrite {found}, which is read")
 
 
-INPUTS = ("images", "sparse", "point_cloud"), (".bin", ".txt", "cameras.json", "transforms.json")
+INPUTS = (
+    ("images", "sparse", "colmap", "point_cloud"),
+    (".bin", ".txt", "cameras.json", "transforms.json", "transforms_train.json"),
+)
 """What is read of a folder: all in folders of these names, files with these ends."""
 
 

@@ -4,8 +4,9 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context
+from multiprocessing import get_context
 from multiprocessing.queues import Queue
 from queue import Empty
 from typing import TypeVar
@@ -22,23 +23,54 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 POLL = 0.2  # seconds between looks at the messages of the processes
 
 
+class _Remembering:
+    """`CONTEXT` that remembers its processes."""
+
+    def __init__(self):
+        self.started = []
+
+    def Process(self, *arguments, **options):
+        self.started.append(CONTEXT.Process(*arguments, **options))
+        return self.started[-1]
+
+    def __getattr__(self, name: str):
+        return getattr(CONTEXT, name)
+
+
 @contextmanager
 def processes(count: int, messages: Queue | None = None) -> Iterator[Executor]:
-    """So many processes, which a failure or an interrupt ends. messages: where `send` puts them."""
-    before = set(active_children())
-    pool = ProcessPoolExecutor(count, CONTEXT, _begin, (messages,))
+    """So many processes, which a failure or an interrupt ends. messages: where `send` puts them.
+
+    If a process is lost, the text of the BrokenProcessPool says how it ended (`how_ended`).
+    """
+    context = _Remembering()
+    pool = ProcessPoolExecutor(count, context, _begin, (messages,))
     added = {name: value for name, value in ONE_THREAD.items() if name not in os.environ}
     os.environ.update(added)  # the processes start as work is submitted
     try:
         yield pool
-    except BaseException:
-        for process in set(active_children()) - before:
+    except BaseException as error:
+        for process in context.started:
             process.terminate()
-        raise
+        if not isinstance(error, BrokenProcessPool):
+            raise
+        pool.shutdown()  # joins the processes
+        raise BrokenProcessPool(how_ended([p.exitcode for p in context.started])) from None
     finally:
         for name in added:
             del os.environ[name]
         pool.shutdown(cancel_futures=True)
+
+
+def how_ended(codes: list[int]) -> str:
+    """How the first process that was lost ended, by the exit codes of all: the others have ended
+    (0) or were terminated for its sake."""
+    lost = [code for code in codes if code not in (0, -signal.SIGTERM)]
+    code = lost[0] if lost else -signal.SIGTERM
+    if code > 0:
+        return f"ended with status {code}"
+    name = signal.Signals(-code).name
+    return f"ended by signal {-code} ({name})" + ", as without memory" * (name == "SIGKILL")
 
 
 def as_done(

@@ -11,11 +11,16 @@ from pathlib import Path
 from splatcore.model.cameras.view import sensible_view
 from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
 from splatcore.model.formats.model_file import is_packed, read_model
-from splatcore.model.formats.read import find_format, read_scene
+from splatcore.model.formats.read import check_axes, find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
-from splatcore.sim.common.output import messages
-from splatcore.spec.camera import SIZE_MAX, Camera
+from splatcore.sim.common import notes
+from splatcore.sim.common.reading import ANTIALIASED, AS_STATED, Reading
+from splatcore.sim.common.size import pictured, shape_of
+from splatcore.sim.common.unseen import axes_note, near_note
+from splatcore.spec.binning import fits, groups_max
+from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
+from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
@@ -34,15 +39,12 @@ CAMERAS, IN_FOLDER = ".cameras.json", "cameras.json"
 """Ends of the files of cameras beside scene files; the one in a folder that is a scene."""
 
 
-OPTIONS = {True: "--antialiased", False: "--no-antialiased"}
-"""The option that overrides a scene's mark, by its value."""
-
-
 @dataclass(frozen=True, eq=False)
 class Source:
     """A scene file, a packed model or a generated scene; exactly one of the first two is set.
 
-    override: the value of --antialiased, if it was given; the scene has it already.
+    reading: the options it was read with, which the scene has already. notes: lines on what is odd
+    in it, and in what cameras see of it.
     """
 
     name: str
@@ -50,7 +52,21 @@ class Source:
     model: PackedModel | None = None
     camera: Camera | None = None  # a generated scene's own, the first of a folder's
     packed: dict = field(default_factory=dict)  # for `sim.packing`
-    override: bool | None = None
+    reading: Reading = AS_STATED
+    notes: list[str] = field(default_factory=list)
+
+    def note(self, line: str):
+        """Add a note, and print it once."""
+        if line and line not in self.notes:
+            self.notes.append(line)
+            notes.tell(f"{self.name}: {line}")
+
+    def seen_by(self, *cameras: Camera):
+        """Note cameras that show little, as if the file's axes were others, and what only a smaller
+        near plane shows."""
+        if self.scene:
+            self.note(axes_note(self.scene, cameras))
+        self.note(near_note(self, cameras))
 
     @property
     def unpacked(self) -> Scene:
@@ -65,63 +81,68 @@ class Source:
         return (self.model if self.scene is None else self.scene).gaussians()
 
     @property
-    def antialiasing(self) -> dict[str, bool | str]:
-        """Whether opacities are compensated, and what says so, as `--json` writes it."""
+    def stated(self) -> dict[str, bool | str | list[str] | float]:
+        """Whether opacities are compensated, what says so, notes, and the near plane, as `--json`
+        writes them."""
         if self.scene is None:
-            return {"antialiased": self.model.antialiased, "antialiased_by": "model's header"}
-        by = self.scene.mark or "not stated"
-        return {"antialiased": self.scene.antialiased, "antialiased_by": by}
+            antialiased, by = self.model.antialiased, "model's header"
+        else:
+            antialiased, by = self.scene.antialiased, self.scene.mark or "not stated"
+        found = {"antialiased": antialiased, "antialiased_by": by, "notes": list(self.notes)}
+        return found | {"near": self.reading.near_plane}
 
 
-def open_source(text: str, antialiased: bool | None = None) -> Source:
-    """The scene or model that a file (or the name of a generated scene) holds.
+def open_source(text: str, reading: Reading = AS_STATED) -> Source:
+    """The scene or model that a file (or the name of a generated scene) holds; its notes are told.
 
-    antialiased: overrides the mark of a scene; None keeps it. InputError for one with a model.
+    InputError for options of `reading` that do not go with it.
     """
     if text in GENERATORS and not os.path.exists(text):
+        check_source(text, reading)
         source = Source(text, scene=generate(text), camera=generated_camera(text))
     elif os.path.isdir(text):
         beside = camera_beside(text)
-        source = Source(text, read_scene(text), camera=read_camera(beside) if beside else None)
+        scene = read_scene(text, reading.axes)
+        source = Source(text, scene, camera=read_camera(beside) if beside else None)
     elif is_packed(text):
-        check_unpacked(text, antialiased)
+        reading.check_unpacked(text)
         source = Source(text, model=read_model(text))
     else:
-        source = Source(text, scene=read_scene(text))
-    if antialiased is None:
-        return source
-    scene = replace(source.scene, antialiased=antialiased, mark=OPTIONS[antialiased])
-    return replace(source, scene=scene, override=antialiased)
+        source = Source(text, scene=read_scene(text, reading.axes))
+    for line in source.scene.notes if source.scene else ():
+        source.note(line)
+    if (mark := reading.antialiased) is None:
+        return replace(source, reading=reading)
+    scene = replace(source.scene, antialiased=mark, mark=ANTIALIASED[mark])
+    return replace(source, scene=scene, reading=reading)
 
 
-def check_unpacked(text: str, antialiased: bool | None):
-    """InputError for an override of a packed model's mark."""
-    if antialiased is not None:
-        option = OPTIONS[antialiased]
-        why = "a packed model has its own mark; repack the scene"
-        raise InputError(f"{option}: {text}: {why}: splatcore pack SCENE {option} -o MODEL")
-
-
-def check_source(text: str, antialiased: bool | None = None):
+def check_source(text: str, reading: Reading = AS_STATED):
     """InputError for what `open_source` cannot open; the file's end is not looked at."""
     if text in GENERATORS and not os.path.exists(text):
-        return
-    if os.path.isdir(text) or not is_packed(text):
+        if reading.axes:
+            raise InputError(f"--axes {reading.axes}: {text} is generated, in axes of its own")
+    elif os.path.isdir(text) or not is_packed(text):
         find_format(text)
+        check_axes(text, reading.axes)
     else:
-        check_unpacked(text, antialiased)
+        reading.check_unpacked(text)
 
 
 def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
-    """The camera of FILE[:ID], else the scene's own, else a sensible view of it; then resized."""
-    width, height = parse_size(size) if size else VIEW_SIZE
+    """The camera of `own_camera`, with the pixels of its picture."""
+    camera = own_camera(text, size, source)
+    return pictured([camera], size, split_id(text)[0] if text else source.name)[0]
+
+
+def own_camera(text: str | None, size: str | None, source: Source) -> Camera:
+    """The camera of FILE[:ID], else the scene's own, both of any size, else a sensible view."""
+    shape = shape_of(size)
     if text:
-        camera = read_camera(text)
-    elif source.camera:
-        camera = source.camera
+        camera = read_camera(text, shape)
     else:
-        return sensible_view(source.gaussians, width, height)
-    return camera.resized(width, height) if size else camera
+        camera = source.camera or sensible_view(source.gaussians, *(shape or VIEW_SIZE))
+    return source.reading.seen([camera])[0]
 
 
 def open_cameras(
@@ -129,9 +150,12 @@ def open_cameras(
 ) -> list[Camera]:
     """The camera of --camera, else those of --cameras as `open_path` has them; resized."""
     check_one(camera, cameras)
-    if not cameras:
-        return [open_camera(camera, size, source)]
-    return open_path(cameras, size, source.name)
+    if cameras:
+        found = source.reading.seen(open_path(cameras, size, source.name))
+    else:
+        found = [open_camera(camera, size, source)]
+    source.seen_by(*found)
+    return found
 
 
 def check_one(camera: str | None, cameras: str | None):
@@ -143,51 +167,31 @@ def check_one(camera: str | None, cameras: str | None):
 def open_path(cameras: str, size: str | None, scene: str) -> list[Camera]:
     """All cameras of FILE, those of FILE:ID,ID,…, or those of ID,ID,… in the file beside a scene;
     resized."""
-    path, ids = split_id(cameras)
+    (path, ids), shape = split_id(cameras), shape_of(size)
     if os.path.exists(path):
-        found = read_cameras(path, _ids(ids) if ids else None)
-    elif beside := camera_beside(scene):
+        found = read_cameras(path, _ids(ids) if ids else None, shape)
+    elif path := camera_beside(scene):
         try:
-            found = read_cameras(beside, _ids(cameras))
+            found = read_cameras(path, _ids(cameras), shape)
         except InputError as error:
             raise InputError(f"--cameras {cameras}: no such file; {error}") from None
     else:
         raise InputError(f"--cameras {cameras}: no such file; {scene} has none of cameras beside")
-    shape = parse_size(size) if size else None
-    return [one.resized(*shape) if shape else one for one in found]
+    return pictured(found, size, path)
 
 
 def _ids(text: str) -> list[str]:
     return [one.strip() for one in text.split(",")]
 
 
-def parse_size(text: str) -> tuple[int, int]:
-    """Width and height of "WxH", each 1 … SIZE_MAX."""
-    match = re.fullmatch(r"(\d{1,9})[xX×](\d{1,9})", text.strip())
-    if not match:
-        raise InputError(f"--size '{text}': is not WIDTHxHEIGHT, like 1920x1080")
-    width, height = int(match[1]), int(match[2])
-    for name, side in (("width", width), ("height", height)):
-        if not 1 <= side <= SIZE_MAX:
-            raise InputError(f"--size {text}: {name} {side} is not in 1 … {SIZE_MAX}")
-    return width, height
-
-
-def note_unseen(name: str, camera: Camera, counts: dict):
-    """Say on standard error that a picture shows nothing, if no Gaussian is counted in it: of the
-    reference's "visible", of a machine's "splats"."""
-    if not counts.get("visible", counts.get("splats")):
-        where = f" {camera.name}" if camera.name else ""
-        text = f"{name}: no Gaussian is visible from camera{where}"
-        messages.print(text, markup=False, soft_wrap=True)
-
-
 def check_fits(config: Config, width: int, height: int):
     """InputError for a picture that is too large for a machine."""
-    if width > config.width_max or height > config.height_max:
-        most = f"{config.width_max}x{config.height_max}"
+    if not fits(config, width, height):
+        side = TILE * config.group
+        most = f"{groups_max(config)} squares of {side}x{side}"
         raise InputError(
-            f"picture of {width}x{height}: preset {config.name} renders up to {most} (see --size)"
+            f"picture of {width}x{height}: preset {config.name} renders up to {config.width_max}x"
+            f"{config.height_max}, or {most} of any shape, {config.side_max} a side (see --size)"
         )
 
 
@@ -237,7 +241,7 @@ class View:
     scene: a file or the name of a generated scene. camera: an ID in the file of cameras beside it;
     "": the first one there, else a sensible view. size: WxH; None: the camera's own. file: cameras
     as --camera takes them, instead of those beside. quality: how the scene is packed; None: as
-    small as is good enough. antialiased: overrides the scene's mark.
+    small as is good enough. reading: how the scene is read.
     """
 
     scene: str
@@ -245,13 +249,13 @@ class View:
     size: str | None = None
     file: str | None = None
     quality: str | None = None
-    antialiased: bool | None = None
+    reading: Reading = AS_STATED
 
     @property
     def name(self) -> str:
         """Stands for all that decides on the picture but the size: results are kept by it."""
         name = Path(self.scene).name + (f":{self.camera}" if self.camera else "")
-        words = name, self.quality, OPTIONS.get(self.antialiased)
+        words = name, self.quality, *self.reading.options
         return " ".join(word for word in words if word)
 
     @cached_property
@@ -264,9 +268,11 @@ class View:
 
     def camera_of(self, source: Source) -> Camera:
         """Its camera, in pixels of its size."""
-        return open_camera(self.camera_text, self.size, source)
+        camera = open_camera(self.camera_text, self.size, source)
+        source.seen_by(camera)
+        return camera
 
     def open(self) -> tuple[Source, Camera]:
         """The scene and its camera."""
-        source = open_source(self.scene, self.antialiased)
+        source = open_source(self.scene, self.reading)
         return source, self.camera_of(source)

@@ -14,8 +14,10 @@ from splatcore.model.formats.colmap import read_points
 from splatcore.model.formats.photographs import held_out, read_photographs
 from splatcore.sim.common.cache import digest
 from splatcore.sim.common.output import messages, progress_bar
+from splatcore.sim.common.reading import AS_STATED, Reading
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
+from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
@@ -43,12 +45,16 @@ def progress(label: str):
         yield tell
 
 
-def photographs(path: str, scale: float, every: int) -> tuple[tuple, tuple]:
+def photographs(
+    path: str, scale: float, every: int, reading: Reading = AS_STATED
+) -> tuple[tuple, tuple]:
     """Photographs to learn from and held-out ones; says what is odd about them."""
     found = read_photographs(path, scale)
     for note in found.notes:
         messages.print(f"{path}: {note}", markup=False, soft_wrap=True)
-    return held_out(found.targets, every)
+    cameras = reading.seen(target.camera for target in found.targets)
+    targets = [replace(t, camera=c) for t, c in zip(found.targets, cameras, strict=True)]
+    return held_out(tuple(targets), every)
 
 
 def trained(
@@ -74,12 +80,13 @@ def teacher(
     seed: int,
     cameras: Sequence[Camera] = (),
     beside: float = 0.0,
+    near: float = NEAR_PLANE,
 ) -> tuple:
-    """The scene's own pictures, to learn from: from all round, or on the path of `cameras`, with
-    the share `beside` off it."""
+    """The scene's own pictures, to learn from: from all round with that near plane, or on the path
+    of `cameras`, with the share `beside` off it."""
     from splatcore.model.compress.teacher import teacher_targets
 
-    return teacher_targets(scene, count, size, seed, cameras, beside)
+    return teacher_targets(scene, count, size, seed, cameras, beside, near)
 
 
 def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int]) -> tuple:

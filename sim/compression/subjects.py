@@ -24,6 +24,7 @@ from splatcore.model.formats.model_file import is_packed
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.common.cache import digest
+from splatcore.sim.common.reading import AS_STATED, Reading
 from splatcore.sim.common.source import VARIABLE, camera_beside, open_source, scene_folder
 from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera
@@ -57,7 +58,7 @@ class Protocol:
     order: str = Recipe.order  # of pruning and distillation
     degree: int | None = Recipe.degree  # of the models
     quality: str | None = Recipe.quality
-    antialiased: bool | None = None  # overrides the marks of scene files
+    reading: Reading = AS_STATED  # of scene files
 
     @property
     def recipe(self) -> Recipe:
@@ -101,13 +102,14 @@ class Subject:
             made_from += [protocol.beside] if self.path_cameras else []
             made_from += [getattr(self.scene, name) for name in ARRAYS]
             made_from += ["antialiased"] if self.scene.antialiased else []
+            made_from += [protocol.reading.near] if protocol.reading.near else []
         return f"{self.name} {digest(made_from)}"
 
     @cached_property
     def scene(self) -> Scene:
         """The original: what the file holds, or the baseline, trained once and kept."""
         if not self.photographed:
-            return open_source(self.path, self.protocol.antialiased).scene
+            return open_source(self.path, self.protocol.reading).scene
         place = self.folder / f"{self.name}-{digest(self.key)[:12]}"
         kept = Checkpoints(place, self.key)
         if not kept.last:
@@ -133,14 +135,14 @@ class Subject:
         protocol = self.protocol
         return compression_run.teacher(
             self.scene, protocol.views, protocol.view_size, protocol.seed, self.path_cameras,
-            protocol.beside,
+            protocol.beside, protocol.reading.near_plane,
         )  # fmt: skip
 
     @cached_property
     def path_cameras(self) -> list[Camera]:
         """Cameras on whose path the teacher's views lie: those of the file beside the scene."""
         beside = camera_beside(self.path)
-        return read_cameras(beside) if beside else []
+        return self.protocol.reading.seen(read_cameras(beside)) if beside else []
 
     @cached_property
     def views(self) -> tuple[Target, ...]:
@@ -148,7 +150,7 @@ class Subject:
         is the truth."""
         if self.photographed:
             return self.photographs[1]
-        source = open_source(self.path, self.protocol.antialiased)
+        source = open_source(self.path, self.protocol.reading)
         if self.path_cameras:
             cameras = self.path_cameras
         elif source.camera:
@@ -156,6 +158,7 @@ class Subject:
         else:
             seed = self.protocol.seed + OWN_SEED
             cameras = surrounding_views(source.gaussians, OWN_VIEWS, *self.protocol.size, seed)
+        cameras = self.protocol.reading.seen(cameras)
         sized = [camera.resized(*self.protocol.size) for camera in cameras]
         return tuple(Target(camera, None, camera.name or str(k)) for k, camera in enumerate(sized))
 

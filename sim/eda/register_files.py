@@ -6,18 +6,14 @@ from inspect import getsource
 from math import frexp
 from pathlib import Path
 
-import numpy as np
-
 from splatcore.sim.common.output import write
 from splatcore.sim.eda.macros import PREFIX
 from splatcore.sim.eda.template import filled
 from splatcore.spec import registers
 from splatcore.spec.axi import ID_BITS, READERS, WRITERS
-from splatcore.spec.binning import groups_max
-from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.convention import FRUSTUM_MARGIN, PRINCIPAL_POINT_SHIFT
-from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS, frame_constants
+from splatcore.spec.convention import FRUSTUM_MARGIN, NEAR_PLANE, PRINCIPAL_POINT_SHIFT, TILE
+from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS
 from splatcore.spec.memory import ALIGNMENT, HEADER
 from splatcore.spec.number import Float
 from splatcore.spec.registers import (
@@ -143,7 +139,6 @@ def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> 
         "sizes": sizes(config),
         "model": {f"MODEL_{name.upper()}_AT": place for name, place in places.items()},
         "constants": camera_constants(config),
-        "near_plane": near_plane(config),
         "number": number_facts(config.arithmetic),
         "halves": HALVES,
     } | {"READERS": READERS, "WRITERS": WRITERS, "WORD": WORD, "CODE_BITS": CODE_BITS}
@@ -179,7 +174,8 @@ def sizes(config: Config) -> dict[str, int]:
         "HEIGHT_MAX": config.height_max,
         "SH_DEGREE_MAX": config.sh_degree,
         "ADDRESS_BITS": config.address_bits,
-        "GROUPS_MAX": groups_max(config),
+        "SIDE_MAX": config.side_max,
+        "GROUP_SIDE": TILE * config.group,
         "MODEL_ALIGNMENT": ALIGNMENT,
         "WORK_ALIGNMENT": WORK_ALIGNMENT,
         "SLOT_BYTES": SLOT,
@@ -195,6 +191,7 @@ def sizes(config: Config) -> dict[str, int]:
 def camera_constants(config: Config) -> dict[str, float]:
     """Numbers that make a camera's registers, as in `spec.frame`."""
     return {
+        "NEAR": NEAR_PLANE,
         "SCREEN_EXPONENT": config.screen_exponent,
         "FRUSTUM_MARGIN": FRUSTUM_MARGIN,
         "PRINCIPAL_POINT_SHIFT": PRINCIPAL_POINT_SHIFT,
@@ -202,12 +199,6 @@ def camera_constants(config: Config) -> dict[str, float]:
         "GUARD_FACTOR": 1 + GUARD_ROUNDINGS * config.arithmetic.epsilon,
         "BACKGROUND_FULL": (256 << config.colour_fraction) / 255,
     }
-
-
-def near_plane(config: Config) -> int:
-    """The near plane's code, which is the same for every camera."""
-    nobody = Camera(1, 1, 1.0, 1.0, 0.0, 0.0, np.eye(3), np.zeros(3))
-    return int(config.arithmetic.encode(frame_constants(config, nobody, 0, 0).near_plane))
 
 
 def number_facts(format: Float) -> dict[str, int | str]:

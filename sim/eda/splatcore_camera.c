@@ -74,7 +74,8 @@ static void put_lens(struct splatcore_view *found, const struct splatcore_camera
         for (int k = 0; k < 4; k++)
             put(found, screen[axis][k], splatcore_number(values[k]));
     }
-    put(found, SPLATCORE_NEAR_PLANE, SPLATCORE_NEAR_PLANE_VALUE);
+    put(found, SPLATCORE_NEAR_PLANE,
+        splatcore_number_below(camera->near > 0 ? camera->near : SPLATCORE_NEAR));
 }
 
 void splatcore_look(struct splatcore_view *view, const struct splatcore_camera *camera,

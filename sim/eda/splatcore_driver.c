@@ -5,7 +5,7 @@ int32_t splatcore_open(void *device)
 {
     if (splatcore_read(device, SPLATCORE_ID) != SPLATCORE_ID_VALUE ||
         splatcore_read(device, SPLATCORE_VERSION) != SPLATCORE_VERSION_VALUE ||
-        splatcore_read(device, SPLATCORE_SIZE_MAX) != SPLATCORE_SIZE_MAX_VALUE)
+        splatcore_read(device, SPLATCORE_PICTURE_MAX) != SPLATCORE_PICTURE_MAX_VALUE)
         return SPLATCORE_NO_DEVICE;
     splatcore_write(device, SPLATCORE_ERROR, 0);
     splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_MASK);
@@ -58,7 +58,9 @@ static void write_memory(void *device, const struct splatcore_memory *memory)
 int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
                         const struct splatcore_view *view)
 {
-    if (view->width - 1 >= SPLATCORE_WIDTH_MAX || view->height - 1 >= SPLATCORE_HEIGHT_MAX)
+    if (view->width - 1 >= SPLATCORE_SIDE_MAX || view->height - 1 >= SPLATCORE_SIDE_MAX ||
+        SPLATCORE_GROUPS_ALONG(view->width) * SPLATCORE_GROUPS_ALONG(view->height) >
+            SPLATCORE_GROUPS_MAX_VALUE)
         return SPLATCORE_NO_FRAME;
     write_memory(device, memory);
     splatcore_write(device, SPLATCORE_WIDTH, view->width);

@@ -9,6 +9,10 @@
 
 #include "splatcore.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 void splatcore_write(void *device, uint32_t address, uint32_t value); /* a register */
 uint32_t splatcore_read(void *device, uint32_t address);
 void splatcore_pause(void *device); /* until the interrupt is high, but a while at most */
@@ -63,5 +67,9 @@ int32_t splatcore_finished(void *device, uint32_t frames, uint32_t pauses);
  * taken, up to pages_max, and the frame is begun again. */
 int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
                         const struct splatcore_view *view, uint32_t pages_max, uint32_t pauses);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

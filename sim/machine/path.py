@@ -10,7 +10,7 @@ from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.script import Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.convention import NEAR_PLANE, TILE
+from splatcore.spec.convention import TILE
 from splatcore.spec.work import PIXEL
 
 STEP = np.radians(0.25)
@@ -31,7 +31,7 @@ def target(camera: Camera, points: np.ndarray) -> np.ndarray:
     average (median), 1 if there are none."""
     x, y, z = (points @ camera.rotation.T + camera.translation).T
     across, down = camera.tan_half_fov
-    seen = (z > NEAR_PLANE) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
+    seen = (z > camera.near) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
     return camera.position + camera.rotation[2] * (np.median(z[seen]) if seen.any() else 1.0)
 
 

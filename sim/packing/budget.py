@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcore.model.pack.pack import PackReport, stored_order
+from splatcore.model.pack.stored import stored_scene
 from splatcore.sim.packing.choose import SAME_DB, Tell, Views
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
@@ -43,17 +43,10 @@ def bytes_by_part(model: PackedModel) -> dict[str, float]:
     return found | {"codebooks": format.codebook_bytes / count}
 
 
-def lost_line(report: PackReport) -> str:
-    """The degrees of which a coefficient is off by more than the whole range of brightness, as a
-    line for people; empty if there is none."""
-    errors = enumerate([report.colour_error, *report.sh_error])
-    lost = [f"{error:.3g} of degree {d}" for d, error in errors if error > 1]
-    return f"coefficients beyond what their steps hold, off by up to {', '.join(lost)}" * bool(lost)
-
-
 def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussians]]:
     """Names of parts, and the scene's Gaussians with that part alone as it is packed."""
-    exact, packed = scene[stored_order(scene)[0]].gaussians(), model.gaussians()
+    stored = stored_scene(scene, model.format).scene
+    exact, packed = stored.gaussians(), model.gaussians()
     yield "positions", replace(exact, position=packed.position)
     yield "shape", replace(exact, factor=packed.factor)
     yield "opacity", replace(exact, opacity=packed.opacity)

@@ -7,8 +7,10 @@ import numpy as np
 
 from splatcore.golden.reference import colours, render
 from splatcore.model.gradients.drawn import blending_weights
-from splatcore.model.pack.pack import PackReport, pack, packable, stored_order
-from splatcore.model.pack.quality import COMPACT, LEAST_DB, UNLEARNED
+from splatcore.model.pack.pack import format_of, pack, packable
+from splatcore.model.pack.quality import COMPACT, LEAST_DB, STEPPED, UNLEARNED
+from splatcore.model.pack.report import PackReport
+from splatcore.model.pack.stored import stored_scene
 from splatcore.sim.common.metric import LEVELS, against, difference, differences, psnr
 from splatcore.sim.common.source import Source
 from splatcore.spec.camera import Camera
@@ -129,10 +131,12 @@ def packed_model(
 def packed(
     source: Source, config: Config, camera: Camera, quality: str | None = None, tell: Tell = str
 ) -> Packed:
-    """A source's scene packed for a machine and a view, kept."""
+    """A source's scene packed for a machine and a view, kept; what that loses is noted."""
     key = packable(config), (quality or (camera.name, camera.width, camera.height))
     if key not in source.packed:
         source.packed[key] = choose(source.scene, config, [camera], quality, tell=tell)
+        for line in source.packed[key].report.notes:
+            source.note(line)
     return source.packed[key]
 
 
@@ -182,7 +186,7 @@ def smallest(
     if enough(first, least) or config.colours == "array":
         return first
     steps = upgrades(scene, config, views.cameras, tell)
-    plain = np.zeros(chunk_count(len(stored_order(scene)[0])), np.int64)
+    plain = np.zeros(chunk_count(len(stepped(scene, config))), np.int64)
 
     def of(count: int) -> Packed:
         tell(f"packing: {count} of {len(steps)} steps")
@@ -217,13 +221,13 @@ def upgrades(
     A chunk's error with a layout is Σ weight · squared error of its Gaussians' colours, as the
     cameras see them; weight: the Gaussian's share of the pictures.
     """
-    order, _ = stored_order(scene)
+    stored = stepped(scene, config)
     degree = min(scene.sh_degree, config.sh_degree)
     kinds = {0: (), 3: (COARSE, FINE)}.get(degree, (SECOND,))
-    of = np.arange(len(order)) // CHUNK
-    chunks = chunk_count(len(order))
+    of = np.arange(len(stored)) // CHUNK
+    chunks = chunk_count(len(stored))
     tell("weighing Gaussians")
-    exact = scene[order].gaussians()
+    exact = stored.gaussians()
     weights = list(blending_weights(exact, cameras))
     errors = []
     for kind in (0, *kinds):
@@ -236,6 +240,11 @@ def upgrades(
         most = np.minimum(most, before - after)  # a chunk's second step comes after its first
         found += [(-gain, kind, chunk) for chunk, gain in enumerate(most) if gain > 0]
     return [(chunk, kind) for _, kind, chunk in sorted(found)]
+
+
+def stepped(scene: Scene, config: Config) -> Scene:
+    """The scene as it is stored in models in steps."""
+    return stored_scene(scene, format_of(config, STEPPED[0], scene.sh_degree)).scene
 
 
 def seen_error(

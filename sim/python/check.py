@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from splatcore.spec.camera import Camera
+from splatcore.spec.camera import SIZE_MAX, Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
@@ -54,10 +54,11 @@ def machine(config: Config | str) -> Config:
 
 
 def view(camera: Camera) -> Camera:
-    """A camera; InputError if its rotation is none or its size is no whole number of pixels."""
+    """A camera; InputError if its rotation is none or its size is no picture's."""
     kind("camera", camera, Camera)
     for name in ("width", "height"):
-        kind(f"camera: {name}", getattr(camera, name), int, np.integer)
+        side = kind(f"camera: {name}", getattr(camera, name), int, np.integer)
+        within(f"camera: {name}", np.array(side), 1, SIZE_MAX)
     rotation = camera.rotation
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if not (error <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0):

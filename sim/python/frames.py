@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.golden import pipeline, reference
-from splatcore.model.pack.pack import PackReport
 from splatcore.model.pack.pack import pack as packed
 from splatcore.model.pack.quality import QUALITIES
+from splatcore.model.pack.report import PackReport
 from splatcore.sim.common.metric import LEVELS, Difference, difference
 from splatcore.sim.common.source import check_fits
 from splatcore.sim.cycles.frame import frame_cycles

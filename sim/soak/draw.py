@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.sim.machine.script import Timing
+from splatcore.spec.binning import fits
 from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.config import Config
 from splatcore.spec.scene import ARRAYS, Scene, sh_count
@@ -88,6 +89,8 @@ def scene(rng: np.random.Generator) -> Scene:
 def camera(rng: np.random.Generator, config: Config) -> Camera:
     """Anywhere around the origin, near or in the middle of the Gaussians; an image of any size."""
     width, height = (1 + int(rng.integers(most)) for most in (config.width_max, config.height_max))
+    if fits(config, height, width):
+        width, height = rng.permutation([width, height]).tolist()
     place = rng.normal(size=3)
     place *= DISTANCE * rng.choice([0.1, 1, 1, 1, 3]) / np.linalg.norm(place)
     focal = min(width, height, 64) * np.exp(rng.normal(0, 0.5))

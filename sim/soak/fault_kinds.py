@@ -99,8 +99,8 @@ def drawn_register(config: Config, kind: str, below: Below) -> Fault:
         value = values_of(config, B, SPOILT, B)[name] + 1 + below(registers.ALIGNED[name] - 1)
         return Fault(ErrorCode.ALIGNMENT, number(config, name), values={name: value})
     width = job(config, B).camera.width
-    choices = [({"WIDTH": 0}, 0), ({"WIDTH": config.width_max + 1 + below(63)}, 0)]
-    choices += [({"HEIGHT": 0}, 1), ({"HEIGHT": config.height_max + 1 + below(63)}, 1)]
+    sides = {"WIDTH": config.side_max - below(31), "HEIGHT": config.side_max - below(31)}
+    choices = [({"WIDTH": 0}, 0), (sides, 0), ({"HEIGHT": 0}, 1)]
     choices += [({"STRIDE": stride(width) + 1 + below(STRIDE_ALIGNMENT - 1)}, 2)]
     choices += [({"STRIDE": stride(width) - STRIDE_ALIGNMENT}, 2)]
     values, detail = choices[below(len(choices))]

@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatcore.model.cameras.orbit import upright
+from splatcore.spec.binning import fits
 from splatcore.spec.camera import Camera
+from splatcore.spec.config import Config
 
 Size = tuple[int, int]
 """Width and height in pixels."""
@@ -95,3 +97,13 @@ def within(size: Size, most: Size) -> Size:
     """A size of the same shape, no larger than `most`."""
     scale = min(1, most[0] / size[0], most[1] / size[1])
     return max(1, int(size[0] * scale + 1e-9)), max(1, int(size[1] * scale + 1e-9))
+
+
+def fitting(config: Config, size: Size) -> Size:
+    """A size, or the largest of its shape that a machine renders."""
+    width, height = size
+    for scale in range(4096, 0, -1):
+        width, height = (max(1, side * scale // 4096) for side in size)
+        if fits(config, width, height):
+            break
+    return width, height

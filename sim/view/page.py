@@ -15,10 +15,10 @@ from splatcore.sim.view.camera import (
     Pose,
     Size,
     camera_of,
+    fitting,
     framed,
     level_up,
     pose_of,
-    within,
 )
 from splatcore.sim.view.studio import Request, Shown
 from splatcore.sim.view.worker import Failed, Progress, Worker
@@ -39,7 +39,7 @@ MOVED = "the camera moves"
 @dataclass(frozen=True)
 class Setting:
     """What pages begin with. cameras: those to go to; up [3]: of the scene; mark: the reason why
-    it is antialiased or not."""
+    it is antialiased or not; notes: on what is odd in it."""
 
     camera: Camera
     cameras: list[Camera]
@@ -48,6 +48,7 @@ class Setting:
     quality: str | None
     gaussians: Gaussians
     mark: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def presets(self) -> dict[str, Config]:
@@ -123,7 +124,7 @@ class Page:
         """Ask for what the switches say of where the camera is."""
         config = self.setting.presets[self.preset.value]
         wanted = self.setting.sizes[self.size.value]
-        size = within(wanted, (config.width_max, config.height_max))
+        size = fitting(config, wanted)
         camera = camera_of(self.pose or self._seen(), self.setting.camera, size, "view")
         quality = None if self.quality.value == CHOSEN else self.quality.value
         request = Request(camera, config, quality, layer or self.layer.value)
@@ -200,6 +201,8 @@ class Page:
         gui, setting = self.client.gui, self.setting
         if setting.gaussians.antialiased:
             gui.add_markdown(text.UNCOMPENSATED.format(setting.mark))
+        if setting.notes:
+            gui.add_markdown(text.noted(setting.notes))
         self.status = gui.add_markdown("")
         self.bar = gui.add_progress_bar(0.0)
         self.layer = gui.add_dropdown("Show", layers.LAYERS, initial_value=layers.MACHINE)

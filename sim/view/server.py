@@ -34,11 +34,11 @@ def served(
     """
     import viser
 
-    worker, others, pages = Worker(source.name, source.override), [], {}
+    worker, others, pages = Worker(source.name, source.reading), [], {}
 
     def simulator() -> Worker:
         if not others:
-            others.append(Worker(source.name, source.override))
+            others.append(Worker(source.name, source.reading))
         return others[0]
 
     try:

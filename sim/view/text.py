@@ -1,10 +1,19 @@
 """What the page says beside the picture, as Markdown."""
 
+import re
+from collections.abc import Iterable
+
 from splatcore.sim.common.metric import decibels
 from splatcore.sim.cycles.frame import STAGES
 
 UNCOMPENSATED = "Antialiased ({}): the browser's own picture is drawn without opacity compensation."
 """The page's line on a marked scene, with the mark."""
+
+
+def noted(notes: Iterable[str]) -> str:
+    """Notes on the scene, a line each; their letters are no markup."""
+    lines = (re.sub(r"([\\`*_{}\[\]<>#|])", r"\\\1", note) for note in notes)
+    return "\n".join(f"- {line}" for line in lines)
 
 
 def told(facts: dict) -> str:

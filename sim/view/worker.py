@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from splatcore.sim.common import output
 from splatcore.sim.common.pool import CONTEXT
+from splatcore.sim.common.reading import AS_STATED, Reading
 from splatcore.sim.common.source import open_source
 from splatcore.sim.view.studio import Request, Shown, Studio
 from splatcore.spec.error import InputError
@@ -44,14 +45,14 @@ class Superseded(Exception):
 class Worker:
     """A process that holds a scene, and what is asked of it. `ask` and `cancel` come from any
     thread, answers to the newest request alone, in a thread of the worker's own. scene,
-    antialiased: as `open_source` takes them."""
+    reading: as `open_source` takes them."""
 
-    def __init__(self, scene: str, antialiased: bool | None = None):
+    def __init__(self, scene: str, reading: Reading = AS_STATED):
         self._lock, self._newest = threading.Lock(), CONTEXT.Value("q", 0)
         self._receive: Receive | None = None
         self._pipe, far = CONTEXT.Pipe()
         self._process = CONTEXT.Process(
-            target=work, args=(scene, antialiased, far, self._newest), daemon=True,
+            target=work, args=(scene, reading, far, self._newest), daemon=True,
             name="splatcore view",
         )  # fmt: skip
         self._process.start()
@@ -106,12 +107,12 @@ def _kill(pid: int):
         os.kill(pid, signal.SIGTERM)
 
 
-def work(scene: str, antialiased: bool | None, pipe, newest):
+def work(scene: str, reading: Reading, pipe, newest):
     """In the worker's process: serve the newest request until the pipe ends."""
     os.setpgrp()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process ends this one
     output.messages.quiet = True
-    studio = Studio(open_source(scene, antialiased))
+    studio = Studio(open_source(scene, reading))
     while True:
         try:
             number, request = pipe.recv()

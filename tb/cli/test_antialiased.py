@@ -18,6 +18,7 @@ from splatcore.sim.cli import bench
 from splatcore.sim.cli.main import register
 from splatcore.sim.cli.options import app
 from splatcore.sim.common.picture import write_png
+from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import View, open_source
 from splatcore.sim.view import worker
 from splatcore.spec.config import PAPER, TINY
@@ -214,17 +215,19 @@ def test_every_command_with_a_scene_has_the_option():
 def test_views_of_benchmarks(place, monkeypatch, antialiased):
     """Every view of `bench` opens the scene with the override, under a name of its own: results of
     the file's own mark are not taken for its."""
-    views = bench.look(Path("out"), ["mip.ply"], "4", "64x48", [TINY], antialiased=antialiased)
+    reading = Reading(antialiased)
+    views = bench.look(Path("out"), ["mip.ply"], "4", "64x48", [TINY], reading=reading)
     views += workload.every_camera(views)
-    views += [bench.view_of("mip.ply:4", "64x48", None, antialiased)]
+    views += [bench.view_of("mip.ply:4", "64x48", None, reading)]
     own = scenes.views(["mip.ply"], "4", "64x48")[0]
-    assert len(views) == 4 and own.open()[0].antialiasing["antialiased_by"] == COMMENT
+    assert len(views) == 4 and own.open()[0].stated["antialiased_by"] == COMMENT
     option = "--antialiased" if antialiased else "--no-antialiased"
+    stated = {"antialiased": antialiased, "antialiased_by": option, "notes": [], "near": 0.2}
     for view in views:
-        assert view.open()[0].antialiasing == {"antialiased": antialiased, "antialiased_by": option}
+        assert view.open()[0].stated == stated
         assert view.name.endswith(f" {option}") and repr(view) != repr(own) != own.name
-        opened = sweep.opened(view.scene, view.antialiased)
-        assert opened.antialiasing["antialiased"] == antialiased
+        opened = sweep.opened(view.scene, view.reading)
+        assert opened.stated["antialiased"] == antialiased
 
 
 def test_measured_tasks_have_the_override(place):
@@ -234,7 +237,7 @@ def test_measured_tasks_have_the_override(place):
     for measure in tasks:
         with pytest.raises(InputError, match="PAPER does not compensate"):
             measure(View("mip.ply", "4", "64x48"))
-        assert measure(View("mip.ply", "4", "64x48", antialiased=False))
+        assert measure(View("mip.ply", "4", "64x48", reading=Reading(False)))
 
 
 def test_generated_and_joined_scenes(place, capsys):
@@ -262,8 +265,8 @@ def test_the_viewer_s_process_has_the_override(place, monkeypatch):
     def end():
         raise EOFError
 
-    worker.work("mip.ply", False, SimpleNamespace(recv=end), None)
-    assert studios[0].antialiasing["antialiased_by"] == "--no-antialiased"
+    worker.work("mip.ply", Reading(False), SimpleNamespace(recv=end), None)
+    assert studios[0].stated["antialiased_by"] == "--no-antialiased"
 
 
 def test_json_of_many_images(place):

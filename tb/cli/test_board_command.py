@@ -126,7 +126,8 @@ def test_errors_are_told(board, scene, tmp_path, capsys, monkeypatch):
     none = changed(board, tmp_path, memory=memory | {"bytes": 1 << 15})
     check_refused(capsys, f"{words} {none}", r"150 Gaussians at 40x24 take .* MiB")
     other = changed(board, tmp_path, preset="DEFAULT")
-    check_refused(capsys, f"{words} {other}", "SIZE_MAX is 0x400040, of preset DEFAULT 0x4380780")
+    differs = "PICTURE_MAX is 0x400040, of preset DEFAULT 0x4380780"
+    check_refused(capsys, f"{words} {other}", differs)
     assert not picture.exists()
     assert run(f"{words} {board[0]}") == 0
 
@@ -210,7 +211,7 @@ def test_what_is_refused(tmp_path, capsys, scene):
     check_refused(capsys, f"{render} {tmp_path}", "board.json: is no board's")
     facts = {"preset": "TINY", "registers": 0, "baud": 9600, "memory": {}, "start": []}
     (tmp_path / host.FACTS).write_text(json.dumps(facts | {"clock_hz": 1}))
-    check_refused(capsys, f"{render} {tmp_path} --size 65x10", "preset TINY renders up to 64x64")
+    check_refused(capsys, f"{render} {tmp_path} --size 128x10", "preset TINY renders up to 64x64")
     check_refused(capsys, f"{render} {tmp_path} --size {FEW}", "^error: /dev/nothing: ")
     wide = tmp_path / "wide.toml"
     wide.write_text('base = "TINY"\naddress_bits = 64\n')

@@ -31,7 +31,9 @@ def place(tmp_path, monkeypatch):
     shutil.copy("cameras.json", "scene.cameras.json")
     (tmp_path / "sub").mkdir()
     (tmp_path / "photos" / "images").mkdir(parents=True)
-    shutil.copy("cameras.json", "photos/cameras.json")
+    (tmp_path / "photos" / "colmap").mkdir()
+    for name in ("cameras.json", "transforms_train.json", "colmap/points.ply"):
+        shutil.copy("cameras.json", f"photos/{name}")
     (tmp_path / "file").touch()
     for name in ("g.png", "r.png", "photos/images/1.png"):
         write_png(name, np.zeros((16, 16, 3), np.uint8))
@@ -75,6 +77,8 @@ CLASHES = {
         "--json would overwrite cameras.json"
     ),
     "train photos -o photos/cameras.json": "-o would overwrite photos/cameras.json",
+    "train photos -o photos/transforms_train.json": "would overwrite photos/transforms_train.json",
+    "train photos -o photos/colmap/points.ply": "-o would overwrite photos/colmap/points.ply",
     "train photos -o photos/images/1.png": "-o would overwrite photos/images/1.png",
     "power scene.ply --json scene.ply": "--json would overwrite scene.ply",
     "programs --preset file --json file": "--json would overwrite file",

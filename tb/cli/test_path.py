@@ -8,6 +8,8 @@ import av
 import numpy as np
 import pytest
 
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.formats.read import read_scene
 from splatcore.sim.bench import campaign, sweep
 from splatcore.sim.cli.path import folded, quality_of
 from splatcore.sim.common import output, video
@@ -112,6 +114,23 @@ def test_a_scene_is_opened_and_packed_once(here, monkeypatch):
         packing = difference(read_png("m.splatcore.png"), read_png("scene.ply.png"))
         assert row["packing"]["psnr_db_packing"] == pytest.approx(packing.psnr_db)
         assert row["packing"]["quality"] == "faithful"
+
+
+def test_what_packing_changes_is_said(here, capsys):
+    """Once, and in the JSON, of one camera and of all."""
+    scene = read_scene("scene.ply")
+    scene.position[3] = 1e6
+    write_ply("far.ply", scene)
+    note = "1 Gaussians far outside of the scene, stored in chunks of their own"
+    words = "render far.ply --engine golden --no-compare --json a.json"
+    assert run(f"{words} --camera cameras.json -o a.png") == 0
+    assert capsys.readouterr().err.count(f"far.ply: {note}\n") == 1
+    assert note in load(Path("a.json"))["notes"]
+    write_ply("other.ply", scene)  # this process keeps opened scenes
+    for command in ("render far.ply --engine golden -o new", "cycles other.ply"):
+        assert run(f"{command} --cameras cameras.json --json a.json") == 0
+        assert capsys.readouterr().err.count(f".ply: {note}\n") == 1
+        assert all(note in row["notes"] for row in load(Path("a.json"))["views"])
 
 
 def test_few_views_choose_the_packing(monkeypatch):
@@ -280,7 +299,7 @@ def test_by_processes(place, monkeypatch, capsys):
     monkeypatch.setattr(output, "EVERY", 0.2)
     found = path("cycles scene.ply --cameras away.json --quality faithful")
     told = capsys.readouterr().err
-    assert told.count("scene.ply: no Gaussian is visible from camera 7\n") == 1
+    assert told.count("scene.ply: no Gaussian is visible from camera 7 at (") == 1
     assert "views 0/2, " in told and [row["camera"] for row in found["views"]] == ["4", "7"]
     alone = path("cycles scene.ply --camera away.json:4 --quality faithful")["scenes"]["scene.ply"]
     assert found["views"][0] == {"camera": "4"} | alone

@@ -106,11 +106,13 @@ def test_other_conventions():
     for change in (
         {"background": BACKGROUND}, {"alpha_max": 0.5}, {"alpha_min": 0.02},
         {"transmittance_min": 0.3}, {"covariance_blur": 0.1}, {"frustum_margin": 0.5},
-        {"near_plane": 3.0}, {"pixel_centre": 0.5}, {"principal_point_shift": 0.0},
+        {"pixel_centre": 0.5}, {"principal_point_shift": 0.0},
         {"colour_offset": 0.1},
     ):  # fmt: skip
         found, *_ = check_against_dense(arrays, camera, replace(SPLATCORE, **change))
         assert not torch.allclose(plain.image, found.image), change
+    found, *_ = check_against_dense(arrays, replace(camera, near=3.0))
+    assert not torch.allclose(plain.image, found.image)
 
 
 def invisible(kind: str, arrays: dict, camera) -> None:

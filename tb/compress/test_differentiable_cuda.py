@@ -12,7 +12,7 @@ import torch
 
 from splatcore.model.gradients.differentiable import _render_cuda, render
 from splatcore.spec.camera import Camera, look_at
-from splatcore.spec.convention import SPLATCORE
+from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from tb.helpers.scenes import random_scene
 
 gsplat = pytest.importorskip("gsplat")
@@ -27,7 +27,7 @@ def stand_in(*arguments, **options):
     given = call.arguments
     assert given["quats"] is None and given["scales"] is None and not given["packed"]
     assert (given["sh_degree"] + 1) ** 2 == given["colors"].shape[1]
-    assert given["near_plane"] == SPLATCORE.near_plane
+    assert given["near_plane"] == NEAR_PLANE
     assert given["eps2d"] == SPLATCORE.covariance_blur
     (view,), (intrinsics,) = given["viewmats"].numpy(), given["Ks"].numpy()
     camera = Camera(

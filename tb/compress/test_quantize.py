@@ -13,8 +13,8 @@ from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import as_tensor, difference, finetune
 from splatcore.model.gradients.trainable import RATES, REFINING, optimizers, scene_of, tensors_of
-from splatcore.model.pack.pack import stored_order
 from splatcore.model.pack.quality import COMPACT, INDEXED
+from splatcore.model.pack.stored import stored_scene
 from splatcore.spec.colour import COARSE, FINE
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.memory import FACTOR, OPACITY
@@ -31,7 +31,7 @@ def in_codebooks(scene, weight, config, seed, quality=COMPACT):
 
 def compared(work):
     """What the last steps render against what the packed model decodes to, Gaussian by Gaussian."""
-    order, _ = stored_order(scene_of(work.tensors))
+    order = stored_scene(scene_of(work.tensors), work.format).index
     rendered = [tensor.detach().numpy() for tensor in work.rendered(work.tensors)]
     position, factor, opacity, sh = (array[order] for array in rendered)
     packed = work.packed().gaussians()
@@ -87,7 +87,7 @@ def test_steps_are_what_the_machine_reads(scene, degree, quality):
     assert packed.any(axis=(0, 2)).all(), "every coefficient is there"
     assert np.allclose(packed, rendered, rtol=1e-6, atol=1e-7)
     moved = scene_of(work.tensors)
-    off = np.abs(packed - moved.sh[stored_order(moved)[0]]).max(axis=(0, 2))
+    off = np.abs(packed - stored_scene(moved, work.format).scene.sh).max(axis=(0, 2))
     assert (off > 1e-4).all(), "and is rounded"
 
 

@@ -29,7 +29,7 @@ def plain_render(gaussians: Gaussians, view: Camera, convention=SPLATCORE):
     touched, blended = {}, 0
     for n in order:
         px, py, pz = point[n]
-        if pz <= convention.near_plane:
+        if pz <= view.near:
             continue
         limit_x = convention.frustum_margin * view.width / (2 * view.fx)
         limit_y = convention.frustum_margin * view.height / (2 * view.fy)

@@ -55,9 +55,12 @@ def found(config: Config, frames: list[Frame]) -> list[tuple[int, int]]:
 def expected(config: Config, frame: Frame) -> tuple[int, int]:
     """The first error by plain integers."""
     names = [register.name for register in frame_registers(config)]
+    side = 16 * config.group
+    most = -(-config.width_max // side) * -(-config.height_max // side)
+    groups = -(-frame["WIDTH"] // side) * -(-frame["HEIGHT"] // side)
     sizes = (
-        not 0 < frame["WIDTH"] <= config.width_max,
-        not 0 < frame["HEIGHT"] <= config.height_max,
+        not 0 < frame["WIDTH"] <= config.side_max or groups > most,
+        not 0 < frame["HEIGHT"] <= config.side_max,
         frame["STRIDE"] % STRIDE_ALIGNMENT or frame["STRIDE"] < frame["WIDTH"] * PIXEL,
     )
     for number, wrong in enumerate(sizes):
@@ -127,11 +130,21 @@ def edges(config: Config, rng: np.random.Generator) -> list[Frame]:
     frame, frames = good(config), [good(config)]
     stride = frame["STRIDE"]
     for name, values in (
-        ("WIDTH", (0, 1, config.width_max, config.width_max + 1)),
-        ("HEIGHT", (0, 1, config.height_max, config.height_max + 1)),
+        ("WIDTH", (0, 1, config.width_max)),
+        ("HEIGHT", (0, 1, config.height_max)),
         ("STRIDE", (0, stride - 32, stride + 1, stride + 16, stride + 32)),
     ):
         frames += [frame | {name: value} for value in values]
+    side = 16 * config.group
+    widths = {1, config.width_max, config.height_max, config.side_max}
+    for width in sorted(widths | set(range(side, config.side_max, side))):
+        for step in (0, 1):  # the tallest image that fits, and one that has a row more
+            columns = -(-(width + step) // side)
+            rows = -(-config.width_max // side) * -(-config.height_max // side) // columns
+            height = min(rows * side, config.side_max)
+            shape = {"WIDTH": min(width + step, config.side_max), "STRIDE": 32 * (width // 8 + 1)}
+            frames += [frame | shape | {"HEIGHT": height}]
+            frames += [frame | shape | {"HEIGHT": min(height + 1, config.side_max)}]
     for name, alignment in ALIGNED.items():
         bits = range(alignment.bit_length())
         frames += [frame | {name: int(rng.integers(0, 100)) * 4096 + (1 << k)} for k in bits]

@@ -15,7 +15,7 @@ from splatcore.hdl.lib.record import layout
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
-from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, TILE
+from splatcore.spec.convention import ALPHA_MIN, TILE
 from splatcore.spec.feature import feature_record
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import SPLAT_BITS, entry_record
@@ -58,7 +58,7 @@ class BinFrames(wiring.Component):
     def __init__(self, config: Config):
         self.inner = Bin(config)
         inner = self.inner.signature.members
-        names = ("i", "features", "bursts", "groups", "near_code", "counters")
+        names = ("i", "features", "bursts", "groups", "counters")
         ports = {name: inner[name] for name in names}
         ports |= {
             "frames": In(stream.Signature(layout(FRAME))),
@@ -74,7 +74,7 @@ class BinFrames(wiring.Component):
         taken, released = Signal(SPLAT_BITS), Signal()
         settled = Signal(SETTLING)
         frame, more = self.frames.payload, Signal()
-        forward(m, self, inner, ("features", "bursts", "groups", "near_code", "counters"))
+        forward(m, self, inner, ("features", "bursts", "groups", "counters"))
         for name in ("width", "height", "pages"):
             m.d.comb += getattr(inner, name).eq(frame[name])
         m.d.comb += [
@@ -141,13 +141,7 @@ def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
 
 def bin_frame(config: Config, frame: Frame) -> Binned:
     """The golden result."""
-    near = near_code(config)
-    return bin_splats(config, near, frame.splats, frame.width, frame.height, frame.pages)
-
-
-def near_code(config: Config) -> int:
-    """The near plane as depths are."""
-    return int(config.arithmetic.encode(NEAR_PLANE))
+    return bin_splats(config, frame.splats, frame.width, frame.height, frame.pages)
 
 
 def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
@@ -157,7 +151,7 @@ def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
     expected = rows_out(config, results)
     run = check_run(
         compiled(BinFrames, config, samples=SAMPLES), rows_in(config, frames), expected,
-        constants={"near_code": near_code(config)}, stall=stall, seed=seed,
+        stall=stall, seed=seed,
     )  # fmt: skip
     counted = counters(COUNTED, run.ports["counters"])
     blocked = counted.pop("blocked")

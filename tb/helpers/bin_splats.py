@@ -7,7 +7,7 @@ import numpy as np
 from splatcore.golden.bin import CHANNELS, Codes, splat_codes
 from splatcore.golden.program import run
 from splatcore.spec.config import Config
-from splatcore.spec.convention import COVARIANCE_BLUR, NEAR_PLANE, TILE
+from splatcore.spec.convention import COVARIANCE_BLUR, TILE
 from splatcore.spec.depth import low_bits
 from splatcore.spec.frame import fixed_constants
 from splatcore.spec.memory import OPACITY
@@ -19,6 +19,8 @@ KINDS = ("common", "tiny", "needle", "flat", "huge", "beside", "far", "faint", "
 
 FADED = "faded"
 """One more, of machines that compensate opacities: some have nothing left to be seen."""
+
+NEAREST = 1e-7  # a depth below the smallest near plane, whose key is 0
 
 
 @cache
@@ -62,7 +64,7 @@ def splats(config: Config, kind: str, count: int, size: tuple[int, int], seed: i
     }
     inputs = {name: value * unit**2 for name, value in covariance.items()}
     inputs |= fixed_constants(config) | {"u": u * unit, "v": v * unit}
-    inputs |= {"attenuation": attenuation, "z": between(rng, NEAR_PLANE, 1e4, count)}
+    inputs |= {"attenuation": attenuation, "z": between(rng, NEAREST, 1e4, count)}
     inputs |= {name: rng.normal(0.5, 1, count) for name in CHANNELS}
     inputs = {name: config.arithmetic.round(value) for name, value in inputs.items()}
     inputs |= run(config, conic(config.tile_test), inputs)

@@ -17,6 +17,11 @@ def die(number: int, log: str) -> dict:
     os._exit(1)
 
 
+def crash(number: int, log: str) -> dict:
+    """A measurement whose process ends by the signal of that number."""
+    os.kill(os.getpid(), number)
+
+
 def say(text: str):
     """A measurement that tells its progress."""
     from splatcore.sim.common.output import messages

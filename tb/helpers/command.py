@@ -19,8 +19,8 @@ from tb.helpers.clouds import cloud
 ROOT = Path(__file__).resolve().parents[2]
 
 KEYS = [
-    "engine", "preset", "scene", "camera", "size", "antialiased", "antialiased_by", "seconds",
-    "counts", "psnr_db_machine", "psnr_db_scene", "ssim_machine", "ssim_scene",
+    "engine", "preset", "scene", "camera", "size", "antialiased", "antialiased_by", "near",
+    "notes", "seconds", "counts", "psnr_db_machine", "psnr_db_scene", "ssim_machine", "ssim_scene",
     "max_error_machine", "max_error_scene", "identical", "cycles", "fps_at_800mhz",
     "traffic_bytes", "packing",
 ]  # fmt: skip
@@ -73,7 +73,10 @@ def load(path) -> dict:
 
 def write_scene(folder: Path):
     """A small scene and two cameras: scene.ply, cameras.json."""
-    write_ply(folder / "scene.ply", cloud(0, count=200))
+    scene = cloud(0, count=200)
+    depth = scene.position[:, 2] + 3  # none lies just before the near plane, which is noted
+    scene.position[(depth > 0) & (depth < 0.21), 2] += 0.3
+    write_ply(folder / "scene.ply", scene)
     cameras = [
         {"id": n, "img_name": f"view_{n}", "width": 64, "height": 48, "fx": 60.0, "fy": 60.0,
          "position": [0.1 * n, 0, -3], "rotation": np.eye(3).tolist()}

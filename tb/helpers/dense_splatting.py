@@ -66,7 +66,7 @@ def dense_render(
     rest, live = torch.ones_like(x), torch.ones_like(x, dtype=torch.bool)
     weights = [torch.zeros((), dtype=torch.float64)] * len(position)
     for n in np.argsort(point[:, 2].detach().numpy(), kind="stable"):
-        if decisions.below("near", point[n, 2], convention.near_plane * (1 + 1e-15)):
+        if decisions.below("near", point[n, 2], camera.near * (1 + 1e-15)):
             continue
         u, v = centre(point[n], camera, convention)
         if shift is not None:

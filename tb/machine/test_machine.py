@@ -15,6 +15,7 @@ from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.wave_names import signals
 from splatcore.sim.packing.choose import finest
 from splatcore.sim.soak.machines import machine
+from splatcore.spec.camera import NEAR_LIMITS
 from splatcore.spec.config import TINY
 from splatcore.spec.feature import feature_record
 from splatcore.spec.sort import BUCKETS, half_entries
@@ -65,6 +66,18 @@ def test_antialiased_garden():
     check(TINY, machine(TINY).run(jobs), *jobs)
 
 
+@pytest.mark.parametrize("name", ["near_plane", "camera_inside"])
+@pytest.mark.parametrize("near", [NEAR_LIMITS[0], 0.01, 0.5])
+def test_near_planes(name, near):
+    """Depths below the base of keys are in order, too."""
+    case = HARD[name](0)
+    model = pack(case.scene, TINY, quality=finest(case.scene, TINY))[0]
+    jobs = [Job(model, replace(case.camera, near=near)), Job(model, case.camera)]
+    frames = [render(TINY, *job).counts["projected"] for job in jobs]
+    assert (frames[0] > frames[1]) == (near < 0.2)
+    check(TINY, machine(TINY).run(jobs), *jobs)
+
+
 @pytest.mark.parametrize("name", HARD)
 def test_hard_cases(name):
     """Lists of 20,000, equal depths, no Gaussian at all, one pixel, …"""
@@ -87,7 +100,16 @@ def test_sizes():
     """Images that end within groups, tiles and blocks, each in memory as wide as it is."""
     jobs = [
         Job(garden(TINY, 150), view(width, height), (0, 0, 300))
-        for width, height in ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3))
+        for width, height in (
+            (64, 64),
+            (33, 17),
+            (1, 64),
+            (63, 1),
+            (36, 40),
+            (5, 3),
+            (127, 32),
+            (31, 127),
+        )
     ]
     check(TINY, machine(TINY).run(jobs, ROUGH), *jobs)
 

@@ -1,6 +1,8 @@
 """The whole machine of `DEFAULT` on the embedded scene, on the hard cases of harmonics and on small
 real frames."""
 
+from dataclasses import replace
+
 import pytest
 
 from splatcore.golden.pipeline import render
@@ -41,6 +43,13 @@ def run(model, camera, frames: int = 1):
 def test_garden():
     """Two frames of the embedded scene, both halves at work at once."""
     run(pack(generate("garden"), DEFAULT)[0], generated_camera("garden").resized(*SIZE), 2)
+
+
+def test_a_tall_image():
+    """Taller than the preset's own image, with no more groups; and a small near plane."""
+    camera = generated_camera("garden").resized(1920, 1080)
+    camera = replace(camera, width=96, height=1920, cx=48.0, cy=960.0, near=0.01)
+    run(pack(generate("garden"), DEFAULT)[0], camera)
 
 
 def test_hard_harmonics():

@@ -131,7 +131,7 @@ def driver(config: Config, job: Job, areas: Areas, folder: Path) -> Path:
     braces = ["{" + ", ".join(float(value).hex() for value in row) + "}" for row in rows]
     numbers = [float(n).hex() for n in (camera.fx, camera.fy, camera.cx, camera.cy)]
     given = [str(camera.width), str(camera.height), *numbers]
-    given += [f"{{{', '.join(braces[:3])}}}", braces[3]]
+    given += [f"{{{', '.join(braces[:3])}}}", braces[3], "0"]  # the usual near plane
     memory = [hex(region.begin) for region in areas.regions]
     memory += [str(FEW_PAGES), str(areas.features)]
     values = {"MODEL": job.model.image[:64], "CAMERA": given, "MEMORY": memory}

@@ -9,14 +9,30 @@ import pytest
 import zstandard
 
 from splatcore.model.formats import spz
-from splatcore.model.formats.spz import COORDINATES, EXTENDED, turned
+from splatcore.model.formats.read import read_scene
+from splatcore.model.formats.spz import COORDINATES, EXTENDED
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import rotation_matrix
-from tb.helpers.harmonics import harmonics
-from tb.helpers.scene_file import check_bad_scene, check_refused, read_written, spz_bytes, spz_codes
+from tb.helpers.scene_file import (
+    check_bad_scene,
+    check_refused,
+    ply_bytes,
+    ply_columns,
+    read_written,
+    smallest_three,
+    splat_bytes,
+    spz_bytes,
+    spz_codes,
+)
 from tb.helpers.scenes import random_scene
 
 VERSIONS = (1, 2, 3, 4)
+
+RUB = (
+    "the SPZ file does not state its axes; read as RUB, as the format's specification has it; "
+    "--axes reads others"
+)
+"""The note on a file without a record of its axes."""
 
 
 def read(tmp_path, data: bytes):
@@ -39,7 +55,10 @@ def test_every_section(tmp_path, version, degree):
     assert np.abs(scene.opacity - alpha[:, 0] / 255).max() < 2e-6  # gsply keeps 1e-6 from 0 and 1
     assert np.abs(scene.sh[:, 0] - (colour / 255 - 0.5) / 0.15).max() < 1e-6
     assert np.abs(np.log(scene.scale) - (scale / 16 - 10)).max() < 1e-12
-    assert (scene.sh_degree, scene.notes, scene.name) == (degree, (), f"{tmp_path}/scene.spz")
+    assert (scene.sh_degree, scene.name) == (degree, f"{tmp_path}/scene.spz")
+    faint = int((scene.opacity < 1 / 255).sum())
+    note = f"{faint} transparent Gaussians (opacity below 1/255)"
+    assert scene.notes == ((RUB, note) if faint else (RUB,))
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -54,67 +73,109 @@ def test_quaternions(tmp_path, version):
         codes[4] = np.round((xyzw[:, :3] + 1) * 127.5).astype(np.uint8)
         bound = 0.2  # measured 0.143: w comes from the norm, coarse where it is small
     else:
-        codes[4] = np.stack([_smallest_three(q) for q in xyzw])
+        codes[4] = np.stack([smallest_three(q) for q in xyzw])
         bound = 0.004  # measured 0.0027: steps of 1/(511·√2)
     scene = read(tmp_path, spz_bytes(version, codes, 0))
     error = np.abs(rotation_matrix(scene.quaternion) - rotation_matrix(quaternion))
     assert error.max() < bound
 
 
-def _smallest_three(q: np.ndarray) -> np.ndarray:
-    """(x, y, z, w) as 2 bits for the largest, then sign and 9 bits for each of the others."""
-    largest = int(np.argmax(np.abs(q)))
-    word = largest
-    for i in set(range(4)) - {largest}:
-        value = q[i] * np.sign(q[largest])
-        word = word << 10 | (value < 0) << 9 | round(min(abs(value) * np.sqrt(2), 1) * 511)
-    return np.frombuffer(struct.pack("<I", word), np.uint8)
-
-
-def test_turned_scene_looks_the_same():
-    """The turned coefficients give in the turned direction the colour that they gave before,
-    and the turned covariance is that of the turned shape.
-    """
-    scene = random_scene(200, 3)
-    back = turned(scene)
-    turn = np.diag([1.0, -1.0, -1.0])
-    direction = np.random.default_rng(5).normal(size=(200, 3))
-    colour = np.einsum("nk,nkc->nc", harmonics(direction, 3), scene.sh)
-    colour_back = np.einsum("nk,nkc->nc", harmonics(direction @ turn, 3), back.sh)
-    assert np.abs(colour - colour_back).max() < 1e-12
-    factor, factor_back = scene.gaussians().factor, turn @ back.gaussians().factor
-    covariance = factor @ factor.transpose(0, 2, 1)
-    assert np.abs(covariance - factor_back @ factor_back.transpose(0, 2, 1)).max() < 1e-12
-    assert np.array_equal(back.position, scene.position @ turn)
-    assert np.array_equal(turned(back).sh, scene.sh)
-
-
-def test_trailing_extension_is_allowed(tmp_path):
-    """Bytes after the sections of a gzip stream belong to extensions."""
-    codes = spz_codes(3, 4, 1)
-    raw = gzip.decompress(spz_bytes(3, codes, 1))
-    assert len(read(tmp_path, gzip.compress(raw + b"extension"))) == 4
-
-
-def _extended(version: int, axes: int) -> bytes:
-    """A file with two extensions: one that no reader knows, and its axes."""
-    records = struct.pack("<II3s", 0x12340001, 3, b"abc")
-    records += struct.pack("<III", COORDINATES, 4, axes)
-    data = spz_bytes(version, spz_codes(version, 4, 1), 1)
-    data = data if version == 4 else gzip.decompress(data)
-    data = data[:14] + bytes([EXTENDED]) + data[15:]
+def extended(version: int, *records: bytes, flags: int = EXTENDED) -> bytes:
+    """A file of four Gaussians with extension records."""
+    data = spz_bytes(version, spz_codes(version, 4, 1), 1, flags=flags)
+    added = b"".join(records)
     if version < 4:
-        return gzip.compress(data + records)
-    return data[:16] + struct.pack("<I", 32 + len(records)) + data[20:32] + records + data[32:]
+        return gzip.compress(gzip.decompress(data) + added)
+    return data[:16] + struct.pack("<I", 32 + len(added)) + data[20:32] + added + data[32:]
+
+
+UNKNOWN = struct.pack("<II3s", 0x12340001, 3, b"abc")
+"""An extension that no reader knows."""
+
+
+def record(axes: int) -> bytes:
+    return struct.pack("<III", COORDINATES, 4, axes)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_axes_other_than_rub_are_refused(tmp_path, version):
-    """An extension may state the axes: 4 is RUB, 6 is RDF, which PLY has."""
+def test_stated_axes(tmp_path, version):
+    """A record gives the axes and no note; 0 states nothing, nor does a file without a record."""
     plain = read(tmp_path, spz_bytes(version, spz_codes(version, 4, 1), 1))
-    assert np.array_equal(read(tmp_path, _extended(version, 4)).sh, plain.sh)
-    message = "'coordinate system' is 6, not 4 (RUB)"
-    check_bad_scene(tmp_path / "scene.spz", _extended(version, 6), message)
+    for number, axes in ((4, "RUB"), (6, "RDF"), (0, ""), (None, "")):
+        records = (UNKNOWN,) if number is None else (UNKNOWN, record(number))
+        scene = read(tmp_path, extended(version, *records))
+        turn = [1, 1, 1] if axes != "RDF" else [1, -1, -1]
+        assert np.array_equal(scene.position, plain.position * turn)
+        assert scene.notes == (() if axes else (RUB,))
+        assert scene.assumed_axes == ("" if axes else "RUB")
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_odd_extensions(tmp_path, version):
+    """Unknown axes are refused; bytes that are no record are noted, few enough not to be
+    Gaussians."""
+    for number in (17, 2**32 - 1):
+        message = f"extension 'coordinate system' is {number}, not 0 … 16"
+        check_bad_scene(tmp_path / "scene.spz", extended(version, record(number)), message)
+    short = struct.pack("<II", COORDINATES, 2) + b"ab"
+    check_bad_scene(tmp_path / "scene.spz", extended(version, short), "'coordinate system' is -1")
+    if version > 1:
+        scene = read(tmp_path, extended(version, record(6), b"abc"))
+        assert scene.notes == ("3 bytes belong to no Gaussian and are not read",)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_axes_for_a_file_that_states_none(tmp_path, version):
+    path = tmp_path / "scene.spz"
+    path.write_bytes(spz_bytes(version, spz_codes(version, 4, 1), 1))
+    plain, other = spz.read(path), spz.read(path, "RDF")
+    assert np.array_equal(other.position, plain.position * [1, -1, -1])
+    assert other.notes == ("the SPZ file does not state its axes; read as RDF, --axes",)
+    assert (plain.assumed_axes, other.assumed_axes) == ("RUB", "")
+    path.write_bytes(extended(version, record(4)))
+    with pytest.raises(InputError, match=r"--axes RDF: the file states its axes, RUB"):
+        spz.read(path, "RDF")
+
+
+def test_axes_of_other_formats_are_refused(tmp_path):
+    (tmp_path / "a.splat").write_bytes(splat_bytes(2))
+    with pytest.raises(InputError, match=r"a.splat: --axes RDF: only SPZ files"):
+        read_scene(tmp_path / "a.splat", "RDF")
+
+
+@pytest.mark.parametrize("version", (1, 2, 3))
+@pytest.mark.parametrize("said", (1, 3))
+def test_more_gaussians_than_the_header_says(tmp_path, version, said):
+    """Sections of fewer Gaussians would begin at wrong places: refused, with both numbers."""
+    codes = spz_codes(version, 4, 1)
+    raw = gzip.decompress(spz_bytes(version, codes, 1))
+    data = raw[:8] + struct.pack("<I", said) + raw[12:]
+    size = len(raw[16:]) // 4 * said
+    message = f"bytes, as many as 4 Gaussians have, not the {size} of {said} Gaussians"
+    check_bad_scene(tmp_path / "scene.spz", gzip.compress(data), message)
+
+
+@pytest.mark.parametrize("held, claim", [(2, 1), (3, 1), (3, 2)])
+def test_version_that_is_not_held(tmp_path, held, claim):
+    """A "version 1" with the positions of version 2 gave NaN."""
+    raw = gzip.decompress(spz_bytes(held, spz_codes(held, 50, 1), 1))
+    data = raw[:4] + struct.pack("<I", claim) + raw[8:]
+    message = f"of 50 Gaussians of SH degree 1 in version {claim}"
+    check_bad_scene(tmp_path / "scene.spz", gzip.compress(data), message)
+
+
+def test_few_bytes_after_the_gaussians(tmp_path):
+    raw = gzip.decompress(spz_bytes(3, spz_codes(3, 40, 1), 1))
+    note = "9 bytes belong to no Gaussian and are not read"
+    assert read(tmp_path, gzip.compress(raw + b"extension")).notes[:2] == (note, RUB)
+    assert read(tmp_path, ZIPPED + b"extension").notes[:2] == (note, RUB)
+    raw = gzip.decompress(spz_bytes(1, spz_codes(1, 40, 1), 1))
+    check_bad_scene(tmp_path / "scene.spz", gzip.compress(raw + b"x"), "in version 1")
+
+
+def test_zipped_ply(tmp_path):
+    data = gzip.compress(ply_bytes({"vertex": ply_columns(random_scene(3, 0))}))
+    check_bad_scene(tmp_path / "scene.ply.gz", data, "is a PLY in a gzip stream; unpack it first")
 
 
 CODES = spz_codes(2, 4, 1)

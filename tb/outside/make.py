@@ -19,7 +19,7 @@ from gsplat.cuda import _wrapper
 
 from splatcore.spec.convention import TILE
 from tb.outside.scenes import CASES
-from tb.outside.stored import GSPLAT, VERSIONS, Case, Stored, save
+from tb.outside.stored import VERSIONS, Case, Stored, save
 
 MARGIN = 1e-9
 """Least relative distance of every quantity from the threshold that it is compared with, so that
@@ -131,13 +131,13 @@ def render(case: Case) -> tuple[np.ndarray, np.ndarray]:
     )
     size = camera.width, camera.height
     radii, means2d, depths, conics, compensations = impl._fully_fused_projection(
-        means, covariances, view[None], matrix[None], *size, near_plane=GSPLAT.near_plane,
+        means, covariances, view[None], matrix[None], *size, near_plane=camera.near,
         calc_compensations=scene.antialiased,
     )  # fmt: skip
     opacities = torch.from_numpy(scene.opacity)[None]
     if compensations is not None:  # as in `gsplat.rendering.rasterization`
         opacities = opacities * compensations
-    keep_away(depths, GSPLAT.near_plane)
+    keep_away(depths, camera.near)
     # Its sort key is the depth in float32: without ties its order is that of float64.
     kept = depths[(radii > 0).all(dim=-1)].to(torch.float32)
     assert len(torch.unique(kept)) == len(kept), "equal depths: other seed"

@@ -15,7 +15,6 @@ VERSIONS = {"torch": "2.13.0", "gsplat": "1.5.3"}
 """The packages that made the files; the extra `[outside]` pins the same."""
 
 GSPLAT = Convention(
-    near_plane=0.2,  # an option there, 0.01 if not given: `make` gives it this
     alpha_max=0.999,
     pixel_centre=0.5,
     principal_point_shift=0.0,

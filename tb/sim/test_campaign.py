@@ -1,5 +1,6 @@
 """Campaigns: results are kept, failures named, lost workers lose nothing; sweep, ablation, work."""
 
+import signal
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from splatcore.sim.bench.campaigns import ablation_machines, confirmed, front, s
 from splatcore.sim.bench.sweep import SPEED, measure, picture_of
 from splatcore.sim.bench.sweep_points import Point, points
 from splatcore.sim.bench.workload import every_camera, tile_density, view_work
+from splatcore.sim.common.pool import how_ended
 from splatcore.sim.common.source import Source, View
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.cycles.frame import frame_cycles
@@ -27,7 +29,7 @@ from splatcore.sim.packing.choose import packed_model
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.convention import SPLATCORE, TILE
 from splatcore.spec.error import InputError
-from tb.helpers.campaign_tasks import die, double
+from tb.helpers.campaign_tasks import crash, die, double
 from tb.helpers.command import load
 from tb.helpers.command import run as command
 from tb.helpers.scenes import needs_scenes, scene_path
@@ -75,11 +77,28 @@ def test_failures_are_named_and_lose_nothing(tmp_path, cluster):
             found = run(tasks, tmp_path / "parts", workers.scheduler_address)
     else:
         found = run(tasks, tmp_path / "parts")
-    assert isinstance(found.pop("number 9"), Failure)
+    lost = found.pop("number 9")
+    assert cluster or lost == Failure("number 9", "its process ended with status 1")
+    assert isinstance(lost, Failure)
     assert found.pop("number -1") == Failure("number -1", "ValueError: -1 is negative")
     assert {name: f["value"] for name, f in found.items()} == {
         f"number {n}": 2 * n for n in range(3)
     }
+
+
+@pytest.mark.slow
+def test_signals_are_named(tmp_path):
+    """Only SIGKILL, by which the kernel frees memory, is said to be of memory."""
+    signals = {signal.SIGSEGV: "", signal.SIGKILL: ", as without memory", signal.SIGTERM: ""}
+    for number, why in signals.items():
+        found = run([task(number, tmp_path / "log", crash)], tmp_path / "parts")
+        text = f"its process ended by signal {number:d} ({number.name}){why}"
+        assert [*found.values()] == [Failure(f"number {number}", text)]
+
+
+def test_the_lost_process_is_named_among_terminated_ones():
+    assert how_ended([0, -15, -11, -15]) == "ended by signal 11 (SIGSEGV)"
+    assert how_ended([-15, 3]) == "ended with status 3"
 
 
 def test_speed_changes_no_picture():

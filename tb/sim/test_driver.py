@@ -41,7 +41,7 @@ uint32_t splatcore_read(void *device, uint32_t address)
     switch (address) {
     case SPLATCORE_ID: return machine->id;
     case SPLATCORE_VERSION: return machine->version;
-    case SPLATCORE_SIZE_MAX: return SPLATCORE_SIZE_MAX_VALUE;
+    case SPLATCORE_PICTURE_MAX: return SPLATCORE_PICTURE_MAX_VALUE;
     case SPLATCORE_STATUS: return machine->ready_after ? 0 : SPLATCORE_STATUS_READY;
     case SPLATCORE_INTERRUPT:
         if (!machine->started || machine->frame_after) return 0;
@@ -100,7 +100,8 @@ def camera(seed: int) -> Camera:
     random = np.random.default_rng(seed)
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     focal, centre = random.uniform(40, 2000, 2), random.uniform(10, 60, 2)
-    return Camera(64, 48, *focal, *centre, rotation, random.normal(0, 30, 3))
+    near = random.choice([0.2, 0.01, 3e-5, 1.7])
+    return Camera(64, 48, *focal, *centre, rotation, random.normal(0, 30, 3), "", near)
 
 
 def example(config, view: Camera, exponents: tuple[int, int] = (-8, 0), **machine: int) -> str:
@@ -117,7 +118,7 @@ def example(config, view: Camera, exponents: tuple[int, int] = (-8, 0), **machin
     rows = [*view.rotation, view.translation]
     braces = ["{" + ", ".join(float(v).hex() for v in row) + "}" for row in rows]
     text = ", ".join(str(v) if isinstance(v, int) else float(v).hex() for v in numbers)
-    text += f", {{{', '.join(braces[:3])}}}, {braces[3]}"
+    text += f", {{{', '.join(braces[:3])}}}, {braces[3]}, {float(view.near).hex()}"
     given = {"id": "SPLATCORE_ID_VALUE", "version": "SPLATCORE_VERSION_VALUE", "ready_after": 2}
     given |= {"frame_after": 5, "need": 0, "error": 0} | machine
     image = ", ".join(map(str, HEADER.pack(codes)[0]))

@@ -214,7 +214,7 @@ def test_command(monkeypatch, tmp_path, capsys):
         (("--process", "130"), "--process 130.0: goes with --liberty only"),
         (("--liberty", "a.lib", "--process", "130"), "a.lib: No such file"),
         (("--sample", "-1"), "--sample -1: is not above 0"),
-        (("--size", "65x16"), "picture of 65x16: preset TINY renders up to 64x64"),
+        (("--size", "128x16"), "picture of 128x16: preset TINY renders up to 64x64"),
     ):
         assert run(*asked, *options) == 2
         assert why in capsys.readouterr().err

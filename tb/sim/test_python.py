@@ -159,13 +159,13 @@ def test_other_bad_input(model, camera, tmp_path):
     scene = splatcore.make_scene(**arrays())
     mirrored = splatcore.Camera(*SIZE, 60.0, 60.0, 32, 24, np.diag([1, 1, -1]), np.zeros(3))
     half = splatcore.Camera(64.5, 48, 60.0, 60.0, 32, 24, np.eye(3), np.zeros(3))
-    large = splatcore.look_at([0, 0, -3], [0, 0, 0], 2000, 48)
+    large = splatcore.look_at([0, 0, -3], [0, 0, 0], 2048, 48)
     with_array = splatcore.pack(scene, "compact", config="PAPER")[0]
     for call, message in (
         (lambda: splatcore.render_golden(scene, camera), "model: is a Scene; splatcore.pack"),
         (lambda: splatcore.render_golden(model, mirrored), "rotation is no rotation matrix"),
         (lambda: splatcore.render_reference(scene, half), "camera: width: is of type float"),
-        (lambda: splatcore.render_golden(model, large), "2000x48: preset DEFAULT renders up to"),
+        (lambda: splatcore.render_golden(model, large), "2048x48: preset DEFAULT renders up to"),
         (lambda: splatcore.cycles(with_array, camera), "preset DEFAULT 'chunk'"),
         (lambda: splatcore.cycles(model, camera, "nope"), "preset 'nope': unknown"),
         (lambda: splatcore.render_golden(model, camera, background=(0, 2, 0)), "background: 2 is"),
@@ -177,6 +177,9 @@ def test_other_bad_input(model, camera, tmp_path):
         (lambda: splatcore.open_scene("nope.ply"), "nope.ply: "),
         (lambda: splatcore.open_cameras("nope.json"), "nope.json: "),
         (lambda: splatcore.open_cameras(scene, 64), "one without the other"),
+        (lambda: splatcore.open_cameras(scene, near="0.1"), "near: is of type str, not"),
+        (lambda: splatcore.open_cameras(scene, near=None), "near: is of type NoneType"),
+        (lambda: splatcore.open_cameras(scene, near=0), "near 0 is not in"),
         (lambda: splatcore.compare(np.zeros((4, 4)), np.zeros((4, 4))), "image: has shape"),
         (lambda: splatcore.compare(np.zeros((4, 4, 3)), np.zeros((4, 5, 3))), "image: .*, truth"),
         (lambda: splatcore.compare(np.zeros((4, 4, 3), int), np.zeros((4, 4, 3))), "type int64"),

@@ -12,7 +12,8 @@ from splatcore.golden.reference import render
 from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import generate, generated_camera
-from splatcore.model.pack.pack import pack, stored_order
+from splatcore.model.pack.pack import pack
+from splatcore.model.pack.stored import stored_scene
 from splatcore.sim.bench.quality import read_bytes
 from splatcore.sim.common.metric import psnr
 from splatcore.sim.common.source import Source
@@ -169,7 +170,7 @@ def test_no_step_too_many(scene):
         if (model.image == found.image[: len(model.image)]).all():
             break
     assert db[-1] >= 45.0 > db[-2]
-    order, _ = stored_order(scene)
+    order = stored_scene(scene, model.format).index
     strong = scene.sh.copy()
     strong[order[5 * CHUNK : 6 * CHUNK], 4:] *= 10
     strong = choose.upgrades(replace(scene, sh=strong), DEFAULT, [CAMERA], str)

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.camera import NEAR_LIMITS
+from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY
 from splatcore.spec.depth import (
+    below_bits,
     depth_keys,
     finer,
     key_shift,
@@ -19,22 +21,21 @@ from splatcore.spec.depth import (
 
 FINE = finer(DEFAULT).arithmetic
 BITS = low_bits(DEFAULT)
-NEAR = int(DEFAULT.arithmetic.encode(0.2))
+BASE = int(FINE.encode(np.nextafter(0.2, 0))) >> BITS << BITS
 
 
 def keys(config, codes: np.ndarray) -> np.ndarray:
     """Keys [N] of codes of `finer`."""
-    near = int(config.arithmetic.encode(0.2))
-    return depth_keys(config, near, *narrowed(config, codes)).astype(np.int64)
+    return depth_keys(config, *narrowed(config, codes)).astype(np.int64)
 
 
-def codes_from_near(count: int) -> np.ndarray:
-    """All codes around the near plane and each power of two, and some between."""
-    first, last = NEAR << BITS, (1 << FINE.width - 1) - 1
+def codes_around(first: int, count: int) -> np.ndarray:
+    """Codes from `first`: all around it, the base and each power of two, and some between."""
+    last = (1 << FINE.width - 1) - 1
     exponents = np.arange(first >> FINE.fraction, 1 << FINE.exponent) << FINE.fraction
     close = (exponents[:, None] + np.arange(-40, 41)).ravel()
     between = np.random.default_rng(0).integers(first, last, count)
-    codes = np.concatenate([first + np.arange(40), close, between])
+    codes = np.concatenate([first + np.arange(40), BASE + np.arange(-40, 40), close, between])
     return np.unique(codes[(first <= codes) & (codes < last - (1 << BITS))])
 
 
@@ -58,11 +59,12 @@ def test_narrowed_ends():
 
 
 def test_keys_rise_and_use_all_their_bits():
-    """Half of the keys tell all codes apart, a quarter every second, a quarter the rest."""
-    codes = codes_from_near(50_000)
-    found, steps = keys(DEFAULT, codes), codes - (NEAR << BITS)
+    """From the base half of the keys tell all codes apart, a quarter every second, others the
+    rest."""
+    codes = codes_around(BASE, 50_000)
     most = 1 << DEFAULT.sort_key_bits
-    assert (np.diff(found) >= 0).all() and found[0] == 0 and found[-1] < most
+    found, steps = keys(DEFAULT, codes) - most // 16, codes - BASE
+    assert (np.diff(found) >= 0).all() and found[0] == 0 and found[-1] < most * 15 // 16
     lower = steps < most // 2
     assert (found[lower] == steps[lower]).all() and lower.any()
     middle = ~lower & (steps < most)
@@ -71,16 +73,29 @@ def test_keys_rise_and_use_all_their_bits():
     assert (coarse == most * 3 // 4 + steps[steps >= most] // (1 << key_shift(DEFAULT))).all()
 
 
-def test_keys_of_nearer_depths_are_zero():
-    codes = np.array([(NEAR << BITS) - 1, NEAR << BITS, (NEAR << BITS) + 1])
-    assert list(keys(DEFAULT, codes)) == [0, 0, 1]
+def test_keys_below_the_base():
+    """They rise, reach the smallest near plane, and are finer than 2^-15 of the depth."""
+    codes = codes_around(int(FINE.encode(NEAR_LIMITS[0])), 50_000)
+    below = codes[codes < BASE]
+    found = keys(DEFAULT, below)
+    assert (np.diff(keys(DEFAULT, codes)) >= 0).all() and found[0] > 0
+    assert (found == (1 << below_bits(DEFAULT)) + ((below - BASE) // 32)).all()
+    assert keys(DEFAULT, np.arange(100)).max() == 0
+
+
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
+def test_every_machine_orders_all_depths(preset):
+    """From the smallest near plane to the largest depth no key is beyond its bits."""
+    format = finer(preset).arithmetic
+    codes = np.array([format.encode(NEAR_LIMITS[0]), (1 << format.width - 1) - 1], np.int64)
+    first, last = depth_keys(preset, *narrowed(preset, codes)).astype(np.int64)
+    assert 0 < first < last < 1 << preset.sort_key_bits
 
 
 @pytest.mark.parametrize("config", [PAPER, replace(TINY, depth=replace(TINY.depth, fraction=16))])
 def test_machines_whose_depths_are_no_finer(config):
-    """Keys are codes from the near plane's on."""
+    """Keys are codes."""
     assert low_bits(config) == 0 == key_shift(config) and low_format(config) == {}
     assert finer(config) == config
     codes = config.arithmetic.encode(np.geomspace(0.1, 1000, 5000)).astype(np.int64)
-    steps = codes - int(config.arithmetic.encode(0.2))
-    assert (keys(config, codes) == np.maximum(steps, 0)).all()
+    assert (keys(config, codes) == codes).all()

@@ -88,7 +88,7 @@ def test_names_and_files(tmp_path):
         ("a = " + "[" * 2000, "is not TOML: "),
         ("rasterisers = 2", "unknown key 'rasterisers'; did you mean 'rasterizers'?"),
         ("xyz = 2", "unknown key 'xyz' (there are base, name, width_max, "),
-        ('base = "MINE"', "base 'MINE' is unknown (there are DEFAULT, PAPER, TINY, FPGA)"),
+        ('base = "MINE"', f"base 'MINE' is unknown (there are {', '.join(PRESETS)})"),
         ("base = 1", "base 1 is unknown"),
         ("rasterizers = 2.0", "rasterizers: 2.0 is no integer"),
         ('energy = { supply = "high" }', "energy.supply: 'high' is no number"),

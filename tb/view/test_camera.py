@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from splatcore.sim.view.camera import (
     BORDER,
     camera_of,
+    fitting,
     framed,
     level_up,
     pose_of,
@@ -14,7 +15,9 @@ from splatcore.sim.view.camera import (
     within,
 )
 from splatcore.sim.view.page import alike
+from splatcore.spec.binning import fits
 from splatcore.spec.camera import Camera, look_at
+from splatcore.spec.config import DEFAULT
 from tb.helpers.page_client import PageCamera
 
 PAGES = [(640, 360), (1000, 360), (500, 700), (1, 1)]
@@ -95,3 +98,11 @@ def test_within():
     assert within((1920, 1080), (960, 540)) == (960, 540)
     assert within((640, 360), (64, 64)) == (64, 36) and within((60, 20), (64, 64)) == (60, 20)
     assert within((8000, 10), (64, 64)) == (64, 1)
+
+
+def test_fitting():
+    """Portrait as well as landscape; the largest of a shape that is too large."""
+    for size in ((1920, 1080), (1080, 1920), (64, 2047), (1, 1)):
+        assert fitting(DEFAULT, size) == size
+    width, height = fitting(DEFAULT, (3840, 2160))
+    assert fits(DEFAULT, width, height) and abs(width * 9 - height * 16) < 16 and width > 1900

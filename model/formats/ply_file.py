@@ -1,0 +1,241 @@
+"""The container of PLY files: header, comments, and elements as tables, ASCII or binary.
+
+Elements with lists (faces, for one) are skipped; comments may hold any bytes.
+Source: Greg Turk, "The PLY Polygon File Format" (1994).
+"""
+
+import mmap
+import os
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatcore.model.formats import file
+from splatcore.model.formats.file import file_size, input_error
+
+HEADER_MAX = 1 << 16  # bytes within which a header must end
+
+FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+"""Format of a header → byte order."""
+
+_OLD = "char uchar short ushort int uint float double"
+_NEW = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
+TYPES = dict(zip(f"{_OLD} {_NEW}".split(), "i1 u1 i2 u2 i4 u4 f4 f8".split() * 2, strict=True))
+"""Type of a property → numpy's, without byte order."""
+
+LIST_COUNTS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
+"""Types of a list's count as `struct` has them."""
+
+COUNT = "number of "  # begins a field's name; no property's, as that is a word
+
+
+@dataclass
+class Element:
+    """An element of a header. properties: name → type, or the types of a list's count and items."""
+
+    name: str
+    count: int
+    properties: dict[str, str | tuple[str, str]] = field(default_factory=dict)
+
+    @property
+    def lists(self) -> bool:
+        return any(isinstance(kind, tuple) for kind in self.properties.values())
+
+    def row(self, order: str, lengths: Iterable[int] = ()) -> np.dtype:
+        """A row's type, whose lists have these lengths."""
+        lengths, fields = iter(lengths), []
+        for name, kind in self.properties.items():
+            if isinstance(kind, tuple):
+                fields.append((COUNT + name, order + kind[0]))
+                fields.append((name, f"V{int(kind[1][1]) * next(lengths)}"))
+            else:
+                fields.append((name, order + kind))
+        return np.dtype(fields)
+
+
+@dataclass(frozen=True)
+class PlyFile:
+    """A file's content. tables: element → structured array, of elements without lists; skipped:
+    names of the others that have rows; rest: bytes after the last row, or lines of ASCII."""
+
+    tables: dict[str, np.ndarray]
+    skipped: list[str]
+    comments: list[str]
+    text: bool
+    rest: int
+
+
+def read(path: str | os.PathLike) -> PlyFile:
+    """The content of a PLY file; InputError names the part that is wrong."""
+    size = file_size(path)
+    header, start = _header(path)
+    form, elements, comments = _parsed(header, path)
+    for element in elements:
+        smallest = max(len(element.properties) * (2 if form == "ascii" else 1), 1)
+        if not element.properties or not 0 <= element.count * smallest <= size + 1:
+            what = f"{element.count} × {len(element.properties)} values in {size} bytes"
+            raise input_error(path, f"element {element.name!r}: {what}")
+    rows = _text_rows if form == "ascii" else _binary_rows
+    tables, rest = rows(path, start, elements, FORMATS[form])
+    skipped = [each.name for each in elements if each.lists and each.count]
+    return PlyFile(tables, skipped, comments, form == "ascii", rest)
+
+
+def _header(path: str | os.PathLike) -> tuple[list[str], int]:
+    """Lines of the header, Latin-1 characters for bytes, and its size in bytes."""
+    text = file.read_bytes(path, HEADER_MAX).decode("latin-1")
+    if not text.startswith("ply"):
+        raise input_error(path, "does not start with 'ply'")
+    # The first line's end is the end of all of them: LF, CR LF or CR.
+    newline = "\r\n" if text[3:5] == "\r\n" else text[3:4]
+    header, end, _ = text.partition(f"{newline}end_header{newline}")
+    if newline not in ("\n", "\r", "\r\n") or not end:
+        raise input_error(path, f"header has no 'end_header' within {HEADER_MAX} bytes")
+    return header.split(newline)[1:], len(header) + len(end)
+
+
+def _parsed(lines: list[str], path: str | os.PathLike) -> tuple[str, list[Element], list[str]]:
+    """Format, elements and comments of a header."""
+    form, elements, comments = "", [], []
+    for line in lines:
+        word, *words = line.split() or [""]
+        if word in ("comment", "obj_info"):
+            text = line.strip()[len(word) :].strip()
+            comments.append(text.encode("latin-1").decode("utf-8", "replace"))
+        elif word == "format" and len(words) == 2 and words[0] in FORMATS and not form:
+            if words[1] != "1.0":
+                raise input_error(path, f"header: version {words[1]!r} is not 1.0")
+            form = words[0]
+        elif word == "element":
+            with file.reading(path, f"header: {line[:80]!r} has no count"):
+                elements.append(Element(words[0], int(words[1])))
+        elif word == "property" and elements:
+            _add_property(elements[-1], words, path)
+        else:
+            raise input_error(path, f"header: {line[:80]!r} is not known")
+    names = [element.name for element in elements]
+    if not form:
+        raise input_error(path, "header: 'format' is missing")
+    if len(set(names)) < len(names):
+        raise input_error(path, "header: two elements of the same name")
+    return form, elements, comments
+
+
+def _add_property(element: Element, words: list[str], path: str | os.PathLike):
+    """Add the property that words behind `property` declare."""
+    *kinds, name = words or [""]
+    where = f"header: element {element.name!r}"
+    if kinds[:1] == ["list"]:
+        kinds = kinds[1:]
+        known = len(kinds) == 2 and all(kind in TYPES for kind in kinds)
+        kind = tuple(TYPES.get(kind, "") for kind in kinds)
+        known = known and kind[0] in LIST_COUNTS
+    else:
+        known = len(kinds) == 1 and kinds[0] in TYPES
+        kind = TYPES.get(kinds[0], "") if kinds else ""
+    if not known:
+        raise input_error(path, f"{where}: property {' '.join(words)[:80]!r} is not known")
+    if name in element.properties:
+        raise input_error(path, f"{where}: two properties are called {name!r}")
+    element.properties[name] = kind
+
+
+def _binary_rows(
+    path: str | os.PathLike, start: int, elements: list[Element], order: str
+) -> tuple[dict[str, np.ndarray], int]:
+    """Tables by element, and the bytes that are left."""
+    with file.reading(path), open(path, "rb") as opened:
+        data = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
+    tables = {}
+    for element in elements:
+        if element.lists and element.count:
+            start = _behind_lists(data, start, element, order, path)
+        if element.lists:
+            continue
+        row = element.row(order)
+        end = start + element.count * row.itemsize
+        if end > len(data):
+            held = (len(data) - start) // row.itemsize
+            raise input_error(path, f"element {element.name!r}: {held} of {element.count} rows")
+        tables[element.name] = np.frombuffer(data, row, element.count, start)
+        start = end
+    return tables, len(data) - start
+
+
+def _behind_lists(
+    data: mmap.mmap, start: int, element: Element, order: str, path: str | os.PathLike
+) -> int:
+    """The offset of the first byte behind an element with lists."""
+    where, end = f"element {element.name!r}: lists", start
+    with file.reading(path, f"{where} are cut off"):
+        lengths, end = _row_end(data, start, element, order)
+        row = element.row(order, lengths)
+        last = start + element.count * row.itemsize
+        if last <= len(
+            data
+        ):  # all lists may be as long as the first row's, like those of triangles
+            table = np.frombuffer(data, row, element.count, start)
+            counts = [name for name in row.names if name.startswith(COUNT)]
+            if all((table[n] == k).all() for n, k in zip(counts, lengths, strict=True)):
+                return last
+        for _ in range(element.count - 1):
+            _, end = _row_end(data, end, element, order)
+    if end > len(data):
+        raise input_error(path, f"{where} are cut off")
+    return end
+
+
+def _row_end(data: mmap.mmap, start: int, element: Element, order: str) -> tuple[list[int], int]:
+    """Lengths of the lists of the row at an offset, and where the row ends."""
+    lengths = []
+    for kind in element.properties.values():
+        if isinstance(kind, tuple):
+            count = struct.Struct(order + LIST_COUNTS[kind[0]])
+            (length,) = count.unpack_from(data, start)
+            if length < 0:
+                raise ValueError(f"a list of {length} items")
+            lengths.append(length)
+            start += count.size + length * int(kind[1][1])
+        else:
+            start += int(kind[1])
+    return lengths, start
+
+
+def _text_rows(
+    path: str | os.PathLike, start: int, elements: list[Element], order: str
+) -> tuple[dict[str, np.ndarray], int]:
+    """Tables by element, and the number of lines that are left; empty lines do not count."""
+    lines = [line for line in file.read_bytes(path)[start:].splitlines() if line.strip()]
+    tables, begin = {}, 0
+    for element in elements:
+        rows = lines[begin : begin + element.count]
+        begin += element.count
+        where = f"element {element.name!r}"
+        if len(rows) < element.count:
+            raise input_error(path, f"{where}: {len(rows)} of {element.count} rows")
+        if not element.lists:
+            tables[element.name] = _text_table(rows, element, f"{path}: {where}")
+    return tables, max(len(lines) - begin, 0)
+
+
+def _text_table(rows: list[bytes], element: Element, where: str) -> np.ndarray:
+    """The table of an element's lines."""
+    words, table = [row.split() for row in rows], np.empty(len(rows), element.row("="))
+    for number, row in enumerate(words):
+        if len(row) != len(element.properties):
+            what = f"row {number} has {len(row)} values, not {len(element.properties)}"
+            raise input_error(where, what)
+    if not rows:
+        return table
+    with file.reading(where, "holds a value that is no number"):
+        values = np.array(words).astype(np.float64)
+    for name, column in zip(element.properties, values.T, strict=True):
+        kind = table.dtype[name]
+        low, high = (0, 0) if kind.kind == "f" else (np.iinfo(kind).min, np.iinfo(kind).max)
+        if kind.kind != "f" and not ((column >= low) & (column <= high)).all():
+            raise input_error(where, f"property {name!r} is not in {low} … {high}")
+        with np.errstate(over="ignore"):
+            table[name] = column
+    return table

@@ -1,0 +1,113 @@
+"""Notes about what a camera does not show: nothing at all, Gaussians before its near plane, most of
+a file that has other axes than assumed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatcore.model.formats.spz_axes import PLY_AXES, matrix
+from splatcore.sim.common import notes
+from splatcore.spec.camera import Camera
+from splatcore.spec.scene import Scene
+
+if TYPE_CHECKING:
+    from splatcore.sim.common.source import Source
+
+FEW = 0.1
+"""Share of what the other axes show below which a camera's view suggests them."""
+
+NEAREST = 0.01
+"""The near plane of gsplat and most viewers (scene units)."""
+
+
+def note_empty(source: "Source", camera: Camera, counts: dict):
+    """Print a line if no Gaussian is counted in a picture: the reference's "visible", a machine's
+    "splats"."""
+    if counts.get("visible", counts.get("splats")):
+        return
+    text = f"no Gaussian is visible from camera{_name(camera)} at {_point(camera.position)}"
+    text = f"{text} with near plane {camera.near:g}{_extent(source)}"
+    notes.tell(f"{source.name}: {text}")
+
+
+def near_note(source: "Source", cameras: Sequence[Camera]) -> str:
+    """A note about the camera for which a near plane of `NEAREST` would show the most; empty if it
+    would show no more."""
+    counts = [before_near(source, camera) for camera in cameras]
+    if not any(counts):
+        return ""
+    camera, count = cameras[int(np.argmax(counts))], max(counts)
+    more = _likewise(sum(map(bool, counts)) - 1)
+    return (
+        f"camera{_name(camera)}: {count:,} Gaussian{'s' * (count > 1)} between depth {NEAREST:g} "
+        f"and near plane {camera.near:g} would be visible{more}; --near {NEAREST:g} draws them"
+    )
+
+
+def before_near(source: "Source", camera: Camera) -> int:
+    """Gaussians that touch a picture with a near plane of `NEAREST` and lie before the camera's."""
+    from splatcore.golden.reference import project
+
+    position = _position(source)
+    with np.errstate(all="ignore"):
+        depth = position @ camera.rotation[2] + camera.translation[2]
+    index = np.flatnonzero((depth > NEAREST) & (depth <= camera.near))
+    if not len(index):
+        return 0
+    scene = source.scene
+    some = source.gaussians[index] if scene is None else scene[index].gaussians()
+    return int(project(some, replace(camera, near=NEAREST))[1]["visible"])
+
+
+def axes_note(scene: Scene, cameras: Sequence[Camera]) -> str:
+    """A note about the first camera that sees less than `FEW` of the centres that it saw if a
+    file's assumed axes were PLY's; empty if none does. Costs nothing unless axes were assumed."""
+    if not scene.assumed_axes:
+        return ""
+    other = scene.position @ matrix(scene.assumed_axes)
+    counts = [(camera, _seen(scene.position, camera), _seen(other, camera)) for camera in cameras]
+    found = [(camera, here, there) for camera, here, there in counts if here < FEW * there]
+    if not found:
+        return ""
+    camera, here, there = found[0]
+    where = f"camera {camera.name}" if camera.name else "the camera"
+    read = f"{here:,} Gaussians read as {scene.assumed_axes}, {there:,} as {PLY_AXES}"
+    return f"{where} sees {read}{_likewise(len(found) - 1)}: try --axes {PLY_AXES.lower()}"
+
+
+def _seen(position: np.ndarray, camera: Camera) -> int:
+    """How many centres [N, 3] lie in front of a camera's near plane and within its picture."""
+    x, y, z = camera.rotation @ position.T + camera.translation[:, None]
+    with np.errstate(all="ignore"):
+        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+    inside = (z > camera.near) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    return int(inside.sum())
+
+
+def _extent(source: "Source") -> str:
+    """Where most of a scene is, if it has Gaussians."""
+    position = _position(source)
+    position = position[np.isfinite(position).all(1)]
+    if not len(position):
+        return ""
+    low, high = (_point(np.percentile(position, percent, axis=0)) for percent in (1, 99))
+    return f"; 98 % of the scene's Gaussians lie between {low} and {high}"
+
+
+def _position(source: "Source") -> np.ndarray:
+    return (source.model if source.scene is None else source.scene).position
+
+
+def _point(place: np.ndarray) -> str:
+    return f"({', '.join(f'{number:.4g}' for number in place)})"
+
+
+def _likewise(count: int) -> str:
+    """How many cameras a note is about beside the one that it names."""
+    return f" ({count} other camera{'s' * (count > 1)} likewise)" if count else ""
+
+
+def _name(camera: Camera) -> str:
+    return f" {camera.name}" if camera.name else ""

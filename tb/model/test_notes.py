@@ -1,0 +1,62 @@
+"""Notes on Gaussians of any format: bright, transparent, not finite."""
+
+import numpy as np
+import pytest
+
+from splatcore.spec.scene import Scene
+from tb.helpers.harmonics import harmonics
+from tb.helpers.scene_file import ply_bytes, ply_columns, read_written
+from tb.helpers.scenes import random_scene
+
+C0 = np.sqrt(1 / (4 * np.pi))
+
+
+def notes_of(tmp_path, scene: Scene) -> tuple[str, ...]:
+    data = ply_bytes({"vertex": ply_columns(scene)})
+    return read_written(tmp_path / "scene.ply", data).notes
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_colours_that_saturate(tmp_path, degree):
+    """From 8 on, in any channel: of the constant coefficient alone, or seen from one side."""
+    scene = random_scene(20, degree)
+    scene.sh[3, 0, 1] = 7.51 / C0
+    scene.sh[4, 0, 2] = 30
+    scene.sh[5, 0, 0] = 7.4 / C0  # its own colour is 7.9
+    scene.sh[6, 0] = -30
+    scene.sh[3:7, 1:] = 0
+    count = 2
+    if degree:
+        scene.sh[7] = 0
+        scene.sh[7, 0, 0] = 7 / C0
+        scene.sh[7, degree * degree, 0] = 2  # 0.5 + 7 + 2 · at least 0.48
+        count = 3
+    note = f"{count} Gaussians with colours from 8 on, which saturate in the machine"
+    assert notes_of(tmp_path, scene) == (note,)
+    scene.sh[3:8] /= 10
+    assert notes_of(tmp_path, scene) == ()
+
+
+def test_bright_sides_by_brute_force(tmp_path):
+    """The count of Gaussians that are 8 or brighter from some of many random directions."""
+    scene = random_scene(3000, 3)
+    scene.sh[...] *= np.random.default_rng(1).uniform(0, 8, (3000, 1, 1))
+    direction = np.random.default_rng(2).normal(size=(2000, 3))
+    colour = 0.5 + np.einsum("dk,nkc->ndc", harmonics(direction, 3), scene.sh.astype(np.float32))
+    brightest = colour.max(axis=(1, 2))
+    (note,) = notes_of(tmp_path, scene)
+    found = int(note.split()[0])
+    # Of 200 directions the nearest is at most 8° from the brightest one.
+    assert (brightest > 8.4).sum() <= found <= (brightest > 7.9).sum()
+    assert (brightest > 8).sum() > 300
+
+
+def test_transparent_gaussians(tmp_path):
+    scene = random_scene(20, 0)
+    scene.opacity[[2, 7]], scene.opacity[3] = 1 / 260, 1 / 254
+    assert notes_of(tmp_path, scene) == ("2 transparent Gaussians (opacity below 1/255)",)
+    columns = ply_columns(scene)
+    columns["opacity"][2] = np.nan
+    scene = read_written(tmp_path / "scene.ply", ply_bytes({"vertex": columns}))
+    faint = "1 transparent Gaussians (opacity below 1/255)"
+    assert scene.notes == ("1 Gaussians with NaN or Inf", faint)
