@@ -130,7 +130,7 @@ def test_switches(opened):
     assert request.config.name == "DEFAULT"
     assert (request.camera.width, request.camera.height) == (982, 720)
     client.widgets["Preset"].change("TINY")
-    assert (desk.requests[-1].camera.width, desk.requests[-1].camera.height) == (64, 46)
+    assert (desk.requests[-1].camera.width, desk.requests[-1].camera.height) == (64, 47)
 
 
 def test_another_camera(opened, setting):
