@@ -39,7 +39,8 @@ class StandIn:
         self.stop_after: str | None = None
         self.breaks_at = 0  # Gaussians of the scene that cannot be compressed
 
-    def teacher_targets(self, scene, count, size, seed, cameras=(), beside=0.0):
+    def teacher_targets(self, scene, count, size, seed, cameras=(), beside=0.0, near=0.2):
+        assert {camera.near for camera in cameras} <= {near}
         self.calls.append(
             f"teacher {count} {size[0]}x{size[1]} {seed}, {len(cameras)} cameras, {beside:g} beside"
         )
