@@ -68,7 +68,10 @@ class Check(wiring.Component):
         groups = {name: Signal(len(pixels) - side + 1, name=f"{name}_groups", reset_less=True)
                   for name, pixels in sides.items()}  # fmt: skip
         m.d.sync += [groups[name].eq((sides[name] + (1 << side) - 1) >> side) for name in sides]
-        wrong = {name: (pixels == 0) | (pixels > config.side_max) for name, pixels in sides.items()}
+        wrong = {name: pixels == 0 for name, pixels in sides.items()}
+        for name, pixels in sides.items():
+            if config.side_max < (1 << len(pixels)) - 1:
+                wrong[name] |= pixels > config.side_max
         too_many = groups["width"] * groups["height"] > groups_max(config)
         return [
             wrong["width"] | too_many,
