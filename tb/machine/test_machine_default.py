@@ -49,7 +49,8 @@ def test_a_tall_image():
     """Taller than the preset's own image, with no more groups; and a small near plane."""
     camera = generated_camera("garden").resized(1920, 1080)
     camera = replace(camera, width=96, height=1920, cx=48.0, cy=960.0, near=0.01)
-    run(pack(generate("garden"), DEFAULT)[0], camera)
+    job = Job(pack(generate("garden"), DEFAULT)[0], camera)
+    check(DEFAULT, machine(DEFAULT).run([job], LPDDR4), job)
 
 
 def test_hard_harmonics():
