@@ -61,7 +61,7 @@ def depths(scene: Scene, camera: Camera) -> np.ndarray:
 def in_view(scene: Scene, camera: Camera) -> int:
     """Gaussians whose centres lie in the image, beyond the near plane."""
     x, y, z = (scene.position @ camera.rotation.T + camera.translation).T
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(all="ignore"):
         u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
         inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     return int((inside & (z > camera.near)).sum())

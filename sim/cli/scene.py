@@ -21,7 +21,7 @@ from splatcore.sim.common import describe, notes
 from splatcore.sim.common import output as files
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.reading import Reading
-from splatcore.sim.common.source import View, open_source
+from splatcore.sim.common.source import View, check_source, open_source
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
@@ -76,6 +76,8 @@ def join_command(
     surroundings.
     """
     reading = Reading(antialiased, axes)
+    for each in scene:
+        check_source(each, reading)
     with progress_bar("joining"):
         opened = (View(each, reading=reading).open() for each in scene)
         views = [(source.unpacked, camera) for source, camera in opened]

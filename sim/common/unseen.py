@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatcore.model.cameras.join import in_view
 from splatcore.model.formats.spz_axes import PLY_AXES, matrix
 from splatcore.sim.common import notes
 from splatcore.spec.camera import Camera
@@ -66,8 +67,8 @@ def axes_note(scene: Scene, cameras: Sequence[Camera]) -> str:
     file's assumed axes were PLY's; empty if none does. Costs nothing unless axes were assumed."""
     if not scene.assumed_axes:
         return ""
-    other = scene.position @ matrix(scene.assumed_axes)
-    counts = [(camera, _seen(scene.position, camera), _seen(other, camera)) for camera in cameras]
+    other = replace(scene, position=scene.position @ matrix(scene.assumed_axes))
+    counts = [(camera, in_view(scene, camera), in_view(other, camera)) for camera in cameras]
     found = [(camera, here, there) for camera, here, there in counts if here < FEW * there]
     if not found:
         return ""
@@ -75,15 +76,6 @@ def axes_note(scene: Scene, cameras: Sequence[Camera]) -> str:
     where = f"camera {camera.name}" if camera.name else "the camera"
     read = f"{here:,} Gaussians read as {scene.assumed_axes}, {there:,} as {PLY_AXES}"
     return f"{where} sees {read}{_likewise(len(found) - 1)}: try --axes {PLY_AXES.lower()}"
-
-
-def _seen(position: np.ndarray, camera: Camera) -> int:
-    """How many centres [N, 3] lie in front of a camera's near plane and within its picture."""
-    x, y, z = camera.rotation @ position.T + camera.translation[:, None]
-    with np.errstate(all="ignore"):
-        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-    inside = (z > camera.near) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    return int(inside.sum())
 
 
 def _extent(source: "Source") -> str:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from splatcore.sim.bench import campaign
 from tb.helpers.command import write_scene
 
 
@@ -11,3 +12,14 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def in_turn(monkeypatch):
+    """Tasks run in this process."""
+
+    def serve(tasks):
+        for task in tasks:
+            yield task, task.function(*task.arguments)
+
+    monkeypatch.setattr(campaign, "in_processes", serve)

@@ -13,7 +13,7 @@ import typer
 
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
-from splatcore.sim.bench import campaign, scenes, sweep, workload
+from splatcore.sim.bench import scenes, sweep, workload
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.main import register
 from splatcore.sim.cli.options import app
@@ -50,17 +50,6 @@ def packed(place):
         quality = "--quality faithful --camera cameras.json"
         assert run(f"pack {name}.ply -o {name}.splatcore {quality} --json {name}.json") == 0
     return place
-
-
-@pytest.fixture
-def in_turn(monkeypatch):
-    """Tasks run in this process."""
-
-    def serve(tasks):
-        for task in tasks:
-            yield task, task.function(*task.arguments)
-
-    monkeypatch.setattr(campaign, "in_processes", serve)
 
 
 MARKS = {

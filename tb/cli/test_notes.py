@@ -13,7 +13,7 @@ import splatcore
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
-from splatcore.sim.bench import campaign, sweep
+from splatcore.sim.bench import sweep
 from splatcore.sim.cli.main import register
 from splatcore.sim.cli.options import app
 from splatcore.sim.cli.view import setting_of
@@ -45,17 +45,6 @@ def place(tmp_path, monkeypatch):
         shutil.copy("cameras.json", f"{name}.cameras.json")
     sweep.opened.cache_clear()
     return tmp_path
-
-
-@pytest.fixture
-def in_turn(monkeypatch):
-    """Tasks run in this process."""
-
-    def serve(tasks):
-        for task in tasks:
-            yield task, task.function(*task.arguments)
-
-    monkeypatch.setattr(campaign, "in_processes", serve)
 
 
 COMMANDS = """
