@@ -30,7 +30,7 @@ HABITS = {
     "H1 told": r"\b(told|tells?|telling)\b",
     "H2 docstring: What …": r"\A\s*(What|How|Whatever|Whoever|Where|Who)\b(?!.*\?)",
     "H3 what is": r"\b[Ww]hat\b",
-    "H4 those that": r"\b([Tt]hose|[Tt]hat|[Tt]he ones?) (that|of|which|whose|in|on|with)\b|\bthat one\b",
+    "H4 those that": r"\b([Tt]hose|[Tt]hat|[Tt]he ones?) (that|of|which|whose|in|on|with)\b",
     "H5 so many": r"\bso (many|much|fast|few|long as|near|far)\b",
     "H6 is there": r"\b(is|are|was|were|be|been) there\b|\bthere are known\b",
     "H7 anew": r"\banew\b",
@@ -109,7 +109,7 @@ def files(room: str, root: Path = ROOT) -> list[Path]:
 
 
 def main(words: list[str]):
-    """Print counts by habit and room; `ROOM … [HABIT]` lists the hits, `--root DIR` counts there."""
+    """Print counts by habit and room; `ROOM … [HABIT]` lists the hits; `--root DIR`: in DIR."""
     root = Path(words.pop(words.index("--root") + 1)) if "--root" in words else ROOT
     words = [word for word in words if word != "--root"]
     if words:
