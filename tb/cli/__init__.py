@@ -1,1 +1,1 @@
-"""Tests of commands, as a user runs them."""
+"""Tests of the command line: commands run as a user runs them."""

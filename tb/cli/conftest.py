@@ -1,4 +1,4 @@
-"""What tests of commands share."""
+"""Fixtures of the command-line tests."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def in_turn(monkeypatch):
-    """Tasks run in this process."""
+    """Campaign tasks run in this process, in order."""
 
     def serve(tasks):
         for task in tasks:

@@ -1,4 +1,4 @@
-"""The mark of antialiasing on the command line: shown with its reason, overridden by one option."""
+"""The antialiasing mark on the command line: printed with its reason, overridden by one option."""
 
 import json
 import re
@@ -28,12 +28,12 @@ from tb.helpers.command import check_documented, check_refused, load, run, write
 COMMENT = "PLY comment 'SplatRenderMode: mip'"
 
 COMPENSATES = "mine.toml"
-"""A preset file of a machine that compensates."""
+"""Preset file of a machine that compensates opacities."""
 
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder with the same scene marked and unmarked, and two cameras for each."""
+    """A folder with one scene, marked and unmarked, and two cameras for each."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     write_ply("mip.ply", replace(read_scene("scene.ply"), antialiased=True))
@@ -61,11 +61,11 @@ MARKS = {
     "scene.splatcore": (False, "model's header"),
     "mip.splatcore": (True, "model's header"),
 }
-"""Arguments, whether pictures are compensated, and the reason."""
+"""Arguments → whether opacities are compensated, and the reason."""
 
 
 def check(found: dict, expected: tuple[bool, str], printed: str):
-    """JSON keys, and a line for people."""
+    """Check the mark and its reason in the JSON keys and in the printed line."""
     assert (found["antialiased"], found["antialiased_by"]) == expected
     text = f"{'yes' if expected[0] else 'no'} ({expected[1]})"
     assert re.search(rf"antialiased:? +{re.escape(text)}", printed), printed
@@ -73,7 +73,7 @@ def check(found: dict, expected: tuple[bool, str], printed: str):
 
 @pytest.mark.parametrize("arguments, expected", MARKS.items())
 def test_shown(packed, capsys, arguments, expected):
-    """By `info`, `render`, `cycles` and `compare`."""
+    """`info`, `render`, `cycles` and `compare` report the mark, printed and in JSON."""
     for command in (
         "info",
         "render -o a.png --camera cameras.json",
@@ -127,14 +127,14 @@ def test_images_have_no_mark(place, capsys):
 
 
 def test_a_machine_that_does_not_compensate(place, capsys):
-    """PAPER refuses a marked scene in one line, and renders it without the mark."""
+    """PAPER refuses a marked scene with one line, and renders it once the mark is overridden."""
     words = "cycles mip.ply --camera cameras.json --preset paper"
     check_refused(capsys, words, "PAPER does not compensate opacities; .*--no-antialiased")
     assert run(f"{words} --no-antialiased") == 0
 
 
 def test_with_all_cameras(packed, in_turn, capsys):
-    """The option reaches the processes that render: PAPER would refuse the scene."""
+    """The option reaches the worker processes: without it PAPER would refuse the scene."""
     for command in (
         "cycles mip.ply --cameras cameras.json --preset paper",
         "render mip.ply -o new --cameras cameras.json --engine golden --preset paper",
@@ -175,14 +175,14 @@ bench coding mip.splatcore -o new
 
 @pytest.mark.parametrize("option", ["--antialiased", "--no-antialiased"])
 def test_refused_with_a_packed_model(packed, capsys, option):
-    """The model has its mark; every command hands the option on, and says so in one line."""
+    """A packed model has its own mark: every command refuses the option with one line."""
     message = f"{option}: mip.splatcore: a packed model has its own mark; repack the scene: "
     for line in OF_A_MODEL.strip().splitlines():
         check_refused(capsys, f"{line} {option}", re.escape(message))
 
 
 def commands(group: object, *words: str):
-    """Names and parameters of all commands."""
+    """Yield the name and parameters of every command of a group."""
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
             yield from commands(command, *words, name)
@@ -191,7 +191,7 @@ def commands(group: object, *words: str):
 
 
 def test_every_command_with_a_scene_has_the_option():
-    """Except `report`, which shows results; and `train`, which makes such scenes, has it."""
+    """Commands with a SCENE argument, `scene` and `train` have both options; `report` does not."""
     register()
     for name, parameters in commands(typer.main.get_command(app)):
         takes = any(re.search(r"\bSCENE\b(?!\.)", each.metavar or "") for each in parameters)
@@ -202,8 +202,8 @@ def test_every_command_with_a_scene_has_the_option():
 
 @pytest.mark.parametrize("antialiased", [True, False])
 def test_views_of_benchmarks(place, monkeypatch, antialiased):
-    """Every view of `bench` opens the scene with the override, under a name of its own: results of
-    the file's own mark are not taken for its."""
+    """Every view of `bench` opens the scene with the override, and its name contains the option:
+    results measured with the file's own mark are not reused for it."""
     reading = Reading(antialiased)
     views = bench.look(Path("out"), ["mip.ply"], "4", "64x48", [TINY], reading=reading)
     views += workload.every_camera(views)
@@ -220,7 +220,7 @@ def test_views_of_benchmarks(place, monkeypatch, antialiased):
 
 
 def test_measured_tasks_have_the_override(place):
-    """PAPER does not compensate: it refuses the marked scene unless the view overrides its mark."""
+    """PAPER does not compensate: it refuses the marked scene unless the view overrides the mark."""
     paper = {"a": PAPER}
     tasks = (lambda view: sweep.measure(view, paper), lambda view: workload.view_work(PAPER, view))
     for measure in tasks:
@@ -230,7 +230,7 @@ def test_measured_tasks_have_the_override(place):
 
 
 def test_generated_and_joined_scenes(place, capsys):
-    """Files keep the mark by their comment; scenes of different marks are not joined."""
+    """Files keep the mark in a comment; scenes with different marks are not joined."""
     assert run("scene garden --count 50 --antialiased -o g.ply") == 0
     assert read_scene("g.ply").mark == COMMENT
     assert run("scene garden --count 50 -o plain.ply") == 0
@@ -244,7 +244,7 @@ def test_generated_and_joined_scenes(place, capsys):
 
 
 def test_the_viewer_s_process_has_the_override(place, monkeypatch):
-    """It opens the scene for itself."""
+    """The viewer's process opens the scene itself, with the option."""
     studios = []
     monkeypatch.setattr(worker, "Studio", studios.append)
     for module, name in ((worker.os, "setpgrp"), (worker.signal, "signal")):
@@ -259,7 +259,7 @@ def test_the_viewer_s_process_has_the_override(place, monkeypatch):
 
 
 def test_json_of_many_images(place):
-    """`compare` with more than two: each has the mark."""
+    """`compare` of three images: each entry in JSON has the mark."""
     write_png("a.png", np.zeros((48, 64, 3), np.uint8))
     words = "compare reference a.png reference --scene mip.ply --camera cameras.json"
     assert run(f"{words} --json a.json") == 0

@@ -1,4 +1,4 @@
-"""`splatcore bench sort` and `differentiable`: what they measure, write and refuse."""
+"""`splatcore bench sort` and `bench differentiable`: measured values, files and printed lines."""
 
 import pytest
 
@@ -26,7 +26,7 @@ def test_bench_sort(tmp_path, monkeypatch, capsys):
     assert found["model"] == [stage_cycles(TINY, [some]) for some in keys]
     for kind, values in found["cycles"].items():
         assert values[1] <= BOUND * 16 and values == sorted(values)
-        known = len(LENGTHS) if kind == "random" else 2  # rounds of dealing depend on the keys
+        known = len(LENGTHS) if kind == "random" else 2  # bucket rounds depend on the keys
         assert values[:known] == pytest.approx(found["model"][:known], rel=0.02, abs=2)
     assert read_png("out/sort.png").std() > 5
     printed = capsys.readouterr().out
@@ -56,7 +56,9 @@ def test_bench_differentiable(tmp_path, monkeypatch, capsys):
 @pytest.mark.compress
 def test_times_are_medians_without_the_first(monkeypatch):
     pytest.importorskip("torch")
-    from splatcore.sim.cli import bench_differentiable  # not earlier: `main` has the order
+    from splatcore.sim.cli import (
+        bench_differentiable,
+    )  # imported late: `main` sets the order of commands
 
     ticks = iter([0, 100, 300, 0, 1, 11, 0, 3, 33, 0, 2, 22])  # start, middle, end of each run
     monkeypatch.setattr(bench_differentiable, "perf_counter", lambda: next(ticks))

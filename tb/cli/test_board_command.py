@@ -1,4 +1,4 @@
-"""The commands `board`: a board in simulation renders frames; the files for a real one."""
+"""The commands `board`: a simulated board renders frames; files for a real board; refusals."""
 
 import json
 import os
@@ -43,7 +43,7 @@ FEW = "40x24"
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
-    """Few small Gaussians: what the UART takes in half a minute."""
+    """A few small Gaussians, which the simulated UART transfers within half a minute."""
     garden = generate("garden", 150)
     path = tmp_path_factory.mktemp("scene") / "small.ply"
     write_ply(path, replace(garden, scale=garden.scale * 0.4))
@@ -52,7 +52,7 @@ def scene(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory):
-    """Folder and port of a board that is simulated; what it has said is looked at in the end."""
+    """Folder and port of a simulated board; its log is checked for violations at the end."""
     folder = tmp_path_factory.mktemp("board")
     with simulated_board(TINY, folder) as port:
         yield folder, port
@@ -61,14 +61,14 @@ def board(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def patient(monkeypatch):
-    """A simulated board is slower than a real one."""
+def long_timeouts(monkeypatch):
+    """Raise the timeouts: a simulated board is slower than a real one."""
     monkeypatch.setattr(host, "ANSWER_SECONDS", 600.0)
     monkeypatch.setattr(host, "FRAME_SECONDS", 600.0)
 
 
 def changed(board: tuple[Path, str], folder: Path, **facts) -> str:
-    """A folder for the same board with other facts, as an argument."""
+    """Write a board file with changed facts; return its folder as an argument."""
     known = json.loads((board[0] / host.FACTS).read_text())
     (folder / host.FACTS).write_text(json.dumps(known | facts))
     return str(folder)
@@ -76,14 +76,14 @@ def changed(board: tuple[Path, str], folder: Path, **facts) -> str:
 
 @pytest.mark.slow
 def test_a_frame(board, scene, tmp_path, capsys):
-    """Twice, of different sizes; the second without a reset in between."""
+    """Two frames of different sizes, without a reset in between, equal the golden model's."""
     folder, port = board
     for size in (FEW, "17x33"):
-        picture, told = tmp_path / f"{size}.png", tmp_path / "told.json"
+        picture, report = tmp_path / f"{size}.png", tmp_path / "report.json"
         words = ["--board", folder, "--port", port, "--size", size]
-        assert run("board", "render", scene, *words, "-o", picture, "--json", told) == 0
+        assert run("board", "render", scene, *words, "-o", picture, "--json", report) == 0
         assert "identical to the golden model" in capsys.readouterr().out
-        facts = json.loads(told.read_text())
+        facts = json.loads(report.read_text())
         width, height = facts["size"]
         assert facts["identical"] and read_png(picture).shape == (height, width, 3)
         assert facts["frames_a_second"] == pytest.approx(
@@ -109,8 +109,8 @@ def test_a_wrong_pixel_is_found(board, scene, tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_errors_are_told(board, scene, tmp_path, capsys, monkeypatch):
-    """The machine's own error, and another machine than the one that is expected; then a frame."""
+def test_errors_are_reported(board, scene, tmp_path, capsys, monkeypatch):
+    """The machine's error, too little memory and a wrong preset are reported; then a frame runs."""
     port, picture = board[1], tmp_path / "a.png"
     words = f"board render {scene} --port {port} --size {FEW} -o {picture} --board"
     memory = json.loads((board[0] / host.FACTS).read_text())["memory"]
@@ -121,8 +121,8 @@ def test_errors_are_told(board, scene, tmp_path, capsys, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(host, "place_in", short)
-        told = r"ERROR PAGES, detail 0, the lists need \d+ pages"
-        check_refused(capsys, f"{words} {board[0]}", told)
+        message = r"ERROR PAGES, detail 0, the lists need \d+ pages"
+        check_refused(capsys, f"{words} {board[0]}", message)
     none = changed(board, tmp_path, memory=memory | {"bytes": 1 << 15})
     check_refused(capsys, f"{words} {none}", r"150 Gaussians at 40x24 take .* MiB")
     other = changed(board, tmp_path, preset="DEFAULT")
@@ -132,8 +132,8 @@ def test_errors_are_told(board, scene, tmp_path, capsys, monkeypatch):
     assert run(f"{words} {board[0]}") == 0
 
 
-def test_areas_lie_side_by_side():
-    """All of memory: model, scratch, image and work area, none over another."""
+def test_areas_do_not_overlap():
+    """Model, scratch, image and work area fill the memory one after the other, without overlap."""
     model, _ = pack(generate("garden", 150), TINY)
     camera, at, size = generated_camera("garden", *SIZE), 1 << 30, 1 << 22
     areas = place_in(TINY, model, camera, at, size)
@@ -153,16 +153,16 @@ def test_areas_lie_side_by_side():
 
 @pytest.mark.slow
 def test_files(tmp_path, capsys):
-    """Verilog that yosys takes, pins of all ports, a Makefile; what starts the SDRAM."""
+    """Verilog that yosys accepts, a pin for every port, a Makefile, the SDRAM's start sequence."""
     folder = tmp_path / "ulx3s"
     words = "--preset tiny --clock 40 --baud 500000 --sdram 64"
     assert run(f"board write {words} -o {folder}") == 0
-    told = capsys.readouterr().out.split()
-    assert sorted(told) == sorted(str(path) for path in folder.rglob("*") if path.is_file())
+    printed = capsys.readouterr().out.split()
+    assert sorted(printed) == sorted(str(path) for path in folder.rglob("*") if path.is_file())
     facts = json.loads((folder / host.FACTS).read_text())
     assert facts["clock_hz"] == 40_000_000 and facts["baud"] == 500_000
     assert facts["memory"] == {"at": 1 << 30, "bytes": 64 << 20}
-    check_started(facts["start"])
+    check_start(facts["start"])
     config, _ = host.read_board(str(folder))
     assert config == TINY
     names = ["rtl/splatcore_memories.v", "rtl/splatcore_top.v", "splatcore_board.v"]
@@ -184,8 +184,8 @@ def test_files(tmp_path, capsys):
     assert script.startswith(f"read_verilog {' '.join(names)}\nsynth_ecp5 -top splatcore_board ")
 
 
-def check_started(writes: list):
-    """What LiteDRAM's own header for Python says, then the controller has the SDRAM."""
+def check_start(writes: list):
+    """Compare with LiteDRAM's Python header; the last write hands the SDRAM to the controller."""
     module = modules.AS4C32M16(40e6, "1:1")
     settings = get_sdram_phy_settings("SDR", 16, 40e6), module.timing_settings
     known: dict = {}
@@ -202,7 +202,7 @@ def check_started(writes: list):
     assert len(set(places)) == 5 and places[2] == places[-1]
 
 
-def test_what_is_refused(tmp_path, capsys, scene):
+def test_refused(tmp_path, capsys, scene):
     render = f"board render {scene} -o {tmp_path / 'a.png'} --port /dev/nothing --board"
     check_refused(capsys, f"{render} {tmp_path}", "board.json: No such file")
     (tmp_path / host.FACTS).write_text("{")
@@ -221,8 +221,8 @@ def test_what_is_refused(tmp_path, capsys, scene):
     assert not (tmp_path / "b").exists()
 
 
-def test_nobody_answers(tmp_path, capsys, scene, monkeypatch):
-    """A port with no board on it."""
+def test_no_answer(tmp_path, capsys, scene, monkeypatch):
+    """A serial port without a board: the command times out with one line."""
     monkeypatch.setattr(host, "ANSWER_SECONDS", 0.2)
     facts = {"preset": "TINY", "registers": 0, "baud": 9600, "memory": {}, "start": []}
     (tmp_path / host.FACTS).write_text(json.dumps(facts | {"clock_hz": 1}))
@@ -233,7 +233,7 @@ def test_nobody_answers(tmp_path, capsys, scene, monkeypatch):
 
 
 def test_the_port_is_gone():
-    """The board is unplugged."""
+    """The board is unplugged: the error names the port, not a silent board."""
     here, port = os.openpty()
     name = os.ttyname(port)
     board = host.Host(name, TINY, {"registers": 0, "baud": 9600})
@@ -244,7 +244,7 @@ def test_the_port_is_gone():
 
 
 def test_libraries(tmp_path, capsys, monkeypatch):
-    """Without them what to install is told; they are an extra."""
+    """Without LiteX the message names the package to install, which is an extra."""
     monkeypatch.setattr(board_runs, "find_spec", lambda name: None)
     check_refused(capsys, f"board write -o {tmp_path / 'b'}", r"pip install 'splatcore\[board\]'")
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -253,7 +253,7 @@ def test_libraries(tmp_path, capsys, monkeypatch):
 
 
 class Bus(host.Host):
-    """A host on a bus of words, without a port."""
+    """A host whose bus is a dict of words, without a serial port."""
 
     def __init__(self):
         self.name, self.config, self.facts = "bus", TINY, {"start": []}
@@ -271,12 +271,12 @@ class Bus(host.Host):
 
 
 def known(config) -> dict[str, int]:
-    """Registers that never change."""
+    """Values of the constant registers."""
     return {each.name: each.value for each in control_registers(config) if each.value is not None}
 
 
-def test_what_another_host_began(monkeypatch):
-    """It is given up, and waited for: until STATUS says READY alone."""
+def test_begin_aborts_a_running_frame(monkeypatch):
+    """`begin` aborts a frame of another host and waits until STATUS is READY alone."""
     bus, states = Bus(), [READY | RENDERING, RENDERING, READY]
     read = bus.read
 
@@ -295,7 +295,7 @@ def test_what_another_host_began(monkeypatch):
 
 
 def test_a_frame_that_does_not_end(monkeypatch):
-    """It is given up."""
+    """A frame that does not end in time is aborted."""
     monkeypatch.setattr(host, "FRAME_SECONDS", 0.01)
     bus = Bus()
     bus.words[bus.at["INTERRUPT"]] = 0
@@ -304,10 +304,10 @@ def test_a_frame_that_does_not_end(monkeypatch):
     assert bus.words[bus.at["CONTROL"]] == ABORT
 
 
-def test_bytes_of_any_number():
-    """A model's last word is filled up; what comes back is what was written."""
-    bus, told = Bus(), []
+def test_load_and_fetch_any_length():
+    """A model's last word is padded; the bytes that are read back are the ones written."""
+    bus, calls = Bus(), []
     content = np.random.default_rng(1).integers(0, 256, 4 * 300 + 3, np.uint8)
-    bus.load(256, content, lambda *each: told.append(each))
-    assert np.array_equal(bus.fetch(256, 4 * 301, lambda *each: told.append(each))[:-1], content)
-    assert told[0] == (0, 1204) and told[-1] == (1204, 1204)
+    bus.load(256, content, lambda *each: calls.append(each))
+    assert np.array_equal(bus.fetch(256, 4 * 301, lambda *each: calls.append(each))[:-1], content)
+    assert calls[0] == (0, 1204) and calls[-1] == (1204, 1204)

@@ -1,4 +1,4 @@
-"""Sizes of cameras and pictures: large cameras, stretched pictures; the same folders everywhere."""
+"""Camera and picture sizes: large cameras, stretched pictures, a missing size; in all commands."""
 
 import json
 import re
@@ -24,7 +24,7 @@ POINTS = np.zeros((1, 3)), np.zeros((1, 3), np.uint8)
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder with a scene, cameras of 64×48 and captures `large` and `small` of one view."""
+    """A folder with a scene, 64×48 cameras, and one view as captures `large`, `small`, `angle`."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     for name, camera in {"large": LARGE, "small": SMALL}.items():
@@ -46,7 +46,7 @@ def lines(capsys) -> list[str]:
 
 @pytest.mark.parametrize("option", ["--camera", "--cameras"])
 def test_large_cameras(place, capsys, option):
-    """Only the picture is limited; the message names the file that has the size."""
+    """A picture above 8192 pixels is refused; the message names the file that holds the size."""
     where = (
         "^error: large/sparse/cameras.bin: width 9504 of camera 1 is not in 1 … 8192 .see --size"
     )
@@ -82,7 +82,7 @@ def test_python(place):
 
 
 def test_viewer(place):
-    """Its pictures are small whatever the camera's size."""
+    """The viewer's pictures fit the machine, however large the camera is."""
     source = open_source("scene.ply")
     for name in ("large", "small", "large/sparse"):
         setting = setting_of(source, name, None, TINY, None)
@@ -101,7 +101,7 @@ STRETCHED = {
 
 @pytest.mark.parametrize("view", STRETCHED)
 def test_stretched_pictures(place, capsys, view):
-    """One line says so, and what is done, however many cameras there are."""
+    """A stretched picture gives exactly one warning, however many cameras are stretched."""
     output = "out" if "--cameras" in view else "a.png"
     assert run(f"render scene.ply {view} -o {output}") == 0
     found = [line for line in lines(capsys) if "stretched" in line]
@@ -111,13 +111,13 @@ def test_stretched_pictures(place, capsys, view):
 
 @pytest.mark.parametrize("size", ["64x48", "128x96", "33x25", "43x32", "1x1", "640x481", "641x480"])
 def test_sizes_of_the_same_shape(place, capsys, size):
-    """A size that is rounded does not count as stretched."""
+    """Rounding a size to whole pixels does not count as stretching."""
     assert run(f"render scene.ply --camera cameras.json --size {size} -o a.png") == 0
     assert not [line for line in lines(capsys) if "stretched" in line]
 
 
 def test_stretched_scenes(place, capsys):
-    """A generated scene's own camera is stretched; a sensible view has the size's shape."""
+    """A generated scene's camera is stretched; a default view takes the aspect of `--size`."""
     assert run("render needles --size 40x40 -o a.png") == 0
     assert re.search(
         r"(?m)^needles: camera needles: \d+x\d+ is stretched to 40x40", capsys.readouterr().err
@@ -128,7 +128,7 @@ def test_stretched_scenes(place, capsys):
 
 @pytest.mark.parametrize("cameras", ["cameras.json", "small"])
 def test_stretched_captures(place, capsys, cameras):
-    """`photographs` says so of the cameras whose path it follows."""
+    """`photographs` warns about the cameras whose path it follows."""
     command = (
         f"photographs scene.ply -o taken --views 2 --points 9 --size 24x24 --cameras {cameras}"
     )

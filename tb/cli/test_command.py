@@ -1,4 +1,4 @@
-"""The command line as a user meets it: results on disk, one-line errors, exit status."""
+"""Main commands end to end: files and JSON keys written, one-line errors, exit status, imports."""
 
 import subprocess
 import sys
@@ -33,7 +33,7 @@ def test_render(folder, capsys):
     assert "contributions" in capsys.readouterr().out
 
 
-def test_golden_compares_unless_told_not_to(folder):
+def test_golden_compares_by_default(folder):
     run("pack scene.ply -o m.splatcore --quality faithful --camera cameras.json")
     for name, more in (("a", ""), ("b", " --no-compare")):
         files = f"-o {name}.png --json {name}.json"
@@ -68,7 +68,7 @@ def test_a_generated_scene_by_name(folder):
 
 @pytest.mark.slow
 def test_an_empty_scene_is_a_black_picture(folder):
-    """A scene of no Gaussians is false in Python; it is a scene all the same."""
+    """A scene without Gaussians is falsy in Python, but valid: every command accepts it."""
     assert run("render", "empty", "-o", "a.png", "--json", "a.json") == 0
     assert load(folder / "a.json")["counts"]["gaussians"] == 0 and not read_png("a.png").any()
     assert run("info", "empty") == 0
@@ -78,7 +78,7 @@ def test_an_empty_scene_is_a_black_picture(folder):
     assert not read_png("b.png").any()
 
 
-def test_without_a_camera_there_is_something_to_see(folder):
+def test_the_default_camera_sees_the_scene(folder):
     assert run("render", "scene.ply", "--size", "96x54", "-o", "a.png") == 0
     assert read_png("a.png").shape == (54, 96, 3) and read_png("a.png").std() > 5
 
@@ -103,7 +103,7 @@ def test_pack_render_compare(folder, capsys):
 
 
 def test_against_model_and_scene(folder, capsys):
-    """Of a scene both are told, of a model only the one that it can be compared with."""
+    """`render`, `compare` and `cycles` report both PSNRs for a scene, one for a packed model."""
     view = "--camera cameras.json --json"
     assert run(f"render scene.ply --engine golden -o g.png {view} g.json") == 0
     assert run(f"render scene.ply -o scene.png {view} r.json") == 0
@@ -182,7 +182,7 @@ def test_synth(folder):
 
 @pytest.mark.slow
 def test_empty_model(folder, capsys):
-    """A model of no Gaussians is false in Python and a model none the less."""
+    """A model without Gaussians is falsy in Python, but valid."""
     assert run("pack", "empty", "-o", "empty.splatcore") == 0
     assert run("render", "empty.splatcore", "--engine", "golden", "-o", "e.png") == 0
     assert run("compare", "reference", "golden", "--scene", "empty.splatcore") == 0
@@ -203,8 +203,8 @@ finally:
 
 @pytest.mark.slow
 def test_memories(folder):
-    """In a process of its own: Amaranth warns of a component that is not used when it is deleted,
-    be it long after the test that made it."""
+    """In a separate process, because Amaranth warns about unused components only when they are
+    deleted, which may be long after the test that created them."""
     command = [sys.executable, "-W", "always", "-c", MEMORIES]
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
@@ -226,13 +226,13 @@ for group, part in {"": app, **GROUPS}.items():
 
 
 def test_commands_are_in_the_order_of_the_table():
-    """In a process that has imported none of them before."""
-    told = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
-    found = [tuple(line.split(",")) for line in told.stdout.splitlines()]
+    """In a process that has not imported any command yet."""
+    done = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
+    found = [tuple(line.split(",")) for line in done.stdout.splitlines()]
     assert found == [(name, file) for name, (file, _) in COMMANDS.items()]
 
 
-def test_the_table_says_what_the_commands_do():
+def test_the_table_matches_the_help():
     register()
     groups = {"": app, **GROUPS}
     helps = {
@@ -248,7 +248,7 @@ def test_the_table_says_what_the_commands_do():
 
 
 HEAVY = "amaranth matplotlib numba scipy skimage sklearn torch".split()
-"""Libraries that take a tenth of a second and more to import."""
+"""Libraries that take 0.1 seconds or more to import."""
 
 IMPORTED = """
 import sys
@@ -278,7 +278,7 @@ finally:
      "power garden --liberty none.lib --process 130"],
 )  # fmt: skip
 def test_help_and_refusals_import_nothing_heavy(tmp_path, words):
-    """What a user waits for before a line of error is what is imported."""
+    """Help and errors come at once: no slow library is imported before them."""
     command = [sys.executable, "-c", IMPORTED, *words.split()]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == (0 if "--help" in words else 2), done.stderr
@@ -287,7 +287,7 @@ def test_help_and_refusals_import_nothing_heavy(tmp_path, words):
     assert not [*tmp_path.iterdir()]
 
 
-def test_the_parts_of_verilog_are_those_that_are_written():
+def test_verilog_parts_match_the_writers():
     assert list(PARTS) == list(WRITERS)
 
 

@@ -1,4 +1,4 @@
-"""The commands `train` and `compress`: from files to files, and what they refuse."""
+"""The commands `train` and `compress`: models and facts they write, resuming, refusals."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def scene_file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory):
-    """A transforms.json with nine photographs of a garden, and its points as COLMAP has them."""
+    """A COLMAP folder with nine photographs of a garden and its points."""
     folder = tmp_path_factory.mktemp("photographs")
     garden = generate("garden", 500)
     cameras = surrounding_views(garden.gaussians(), 9, 64, 48)
@@ -71,7 +71,7 @@ def photographs(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def compressed(scene_file, tmp_path_factory):
-    """A small model, its facts, and the command that made them."""
+    """A small model, its facts as JSON, and the command that produced both."""
     folder = tmp_path_factory.mktemp("model")
     model, facts = folder / "small.splatcore", folder / "facts.json"
     command = ["compress", str(scene_file), "-o", str(model), *QUICK, "--json", str(facts)]
@@ -80,7 +80,7 @@ def compressed(scene_file, tmp_path_factory):
 
 
 def test_compress(compressed, tmp_path, capsys):
-    """A scene file to a model that the machine renders; the same command again does nothing."""
+    """A scene file becomes a model that the machine renders; a second run changes nothing."""
     model, facts, command = compressed
     before = model.read_bytes()
     assert run(*command) == 0 and model.read_bytes() == before
@@ -108,7 +108,7 @@ def test_compress(compressed, tmp_path, capsys):
 
 
 def test_degree(compressed, tmp_path, capsys):
-    """It is that of the model, in steps; another one does not go on from the steps of the first."""
+    """`--degree` sets the model's degree; with another degree or quality kept steps are refused."""
     scene, model = tmp_path / "third.ply", tmp_path / "third.splatcore"
     write_ply(scene, garden_with_harmonics(500))
     command = ["compress", str(scene), "-o", str(model), *QUICK, "--degree", "3"]
@@ -124,7 +124,7 @@ def test_degree(compressed, tmp_path, capsys):
 
 
 def test_cameras_of_a_file(scene_file, compressed, photographs, tmp_path, capsys):
-    """They are learned from beside the generated views, so the model is another one."""
+    """`--cameras` adds the file's cameras to the generated views, so the model differs."""
     path, options = tmp_path / "b", ["--cameras", str(photographs)]
     assert run("compress", str(scene_file), "-o", str(path), *QUICK, *options) == 0
     assert compressed[0].read_bytes() != path.read_bytes()
@@ -133,7 +133,7 @@ def test_cameras_of_a_file(scene_file, compressed, photographs, tmp_path, capsys
 
 
 def test_beside_the_path(scene_file, photographs, tmp_path, capsys):
-    """The loss there is told by its parts; what is learned there makes another model."""
+    """The PSNR off the path is reported for four offsets; `--beside` changes the model."""
     models = []
     for share in ("0", "1"):
         model, facts = tmp_path / f"{share}.splatcore", tmp_path / "facts.json"
@@ -152,7 +152,7 @@ def test_beside_the_path(scene_file, photographs, tmp_path, capsys):
 
 
 def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
-    """`train`, then `compress` with the photographs, each with what was held out."""
+    """`train`, then `compress --images`: both report PSNR on the held-out photographs."""
     scene, model = tmp_path / "trained.ply", tmp_path / "model"
     assert run("train", str(photographs), "-o", str(scene), "--steps", "30", "--hold-out", "4") == 0
     assert "dB on 3 held-out photographs" in capsys.readouterr().out
@@ -169,7 +169,7 @@ def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
 
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_training_with_antialiasing(photographs, tmp_path, antialiased, monkeypatch):
-    """The option is that of `train`, and results say so; without it nothing is compensated."""
+    """`train --antialiased` marks the scene and the JSON; without the option neither is marked."""
     scenes, right = [], compression_run.trained
     monkeypatch.setattr(
         compression_run, "trained", lambda *a: scenes.append(right(*a)) or scenes[0]
@@ -203,14 +203,14 @@ def test_bad_options(scene_file, tmp_path, capsys, options, message):
 
 
 def test_degree_above_the_scene_s(scene_file, tmp_path, capsys, monkeypatch):
-    """It is refused before a picture is rendered."""
+    """A degree above the scene's is refused before any picture is rendered."""
     monkeypatch.delattr(compression_run, "teacher")
     assert run("compress", str(scene_file), "-o", str(tmp_path / "m"), "--degree", "2") == 2
     assert "small.ply: --degree 2 is above its degree 1" in capsys.readouterr().err
 
 
-def test_what_a_kept_step_is_of(scene_file):
-    """Of photographs' pixels; of own pictures without rendering them."""
+def test_key_of_kept_steps(scene_file):
+    """Photographs enter the key by their pixels, rendered views by their cameras alone."""
     scene, views = (
         read_scene(scene_file),
         surrounding_views(generate("garden").gaussians(), 2, 8, 8),

@@ -1,4 +1,4 @@
-"""The command `example`: its folder renders a frame where there is no Splatcore."""
+"""The command `example`: its folder renders a frame on a machine without Splatcore."""
 
 import os
 import re
@@ -27,7 +27,7 @@ def example(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory) -> Path:
-    """Of a new environment, which sees the libraries of this one, but not the package."""
+    """Python of a new environment with the libraries of this one, but without Splatcore."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, symlinks=True)
     site = next(folder.glob("lib/python*/site-packages"))
@@ -36,7 +36,7 @@ def python(tmp_path_factory) -> Path:
 
 
 def make(folder: Path, python: Path, *words: str) -> subprocess.CompletedProcess:
-    """Run make in a folder, with nothing of this environment on any path."""
+    """Run make in a folder, without this environment on PATH or in variables."""
     plain = os.environ.items() - {("PATH", os.environ["PATH"])}
     inside = sysconfig.get_path("scripts")
     variables = {
@@ -50,7 +50,7 @@ def make(folder: Path, python: Path, *words: str) -> subprocess.CompletedProcess
 
 
 def check_alone(folder: Path, python: Path):
-    """Nothing finds Splatcore, nor is it imported."""
+    """Check that Splatcore cannot be imported and that no file of the folder imports it."""
     done = subprocess.run(
         [python, "-c", "import cocotb, splatcore"], cwd=folder, capture_output=True, text=True
     )
@@ -74,7 +74,7 @@ def test_frame(example, python, simulator):
 @needs_icarus
 @pytest.mark.slow
 def test_a_wrong_picture_is_found(example, python):
-    """Rendered before another background."""
+    """The bench fails when the machine renders another background than expected."""
     path = example / "frame.json"
     text = path.read_text()
     fault = text.replace('"BACKGROUND_RED": 0', '"BACKGROUND_RED": 300')
@@ -87,14 +87,14 @@ def test_a_wrong_picture_is_found(example, python):
     assert done.returncode != 0 and "frame.png is not expected.png" in done.stdout
 
 
-def test_requirements_are_what_is_installed(example):
+def test_requirements_list_the_libraries(example):
     lines = (example / "requirements.txt").read_text().split()
     assert [line.partition("==")[0] for line in lines] == list(LIBRARIES)
 
 
 @pytest.mark.verify
-def test_its_requirements_are_enough(example, tmp_path):
-    """In an environment of their own; from the package registry."""
+def test_requirements_are_sufficient(example, tmp_path):
+    """The example runs with nothing but its requirements, installed from the package registry."""
     venv.create(tmp_path, with_pip=True, symlinks=True)
     python = tmp_path / "bin" / "python"
     done = make(example, python, "install")

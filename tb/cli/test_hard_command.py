@@ -1,4 +1,4 @@
-"""`splatcore hard`: every case meets its bound, and what does not is told."""
+"""`splatcore hard`: every case meets its bound, and planted failures are reported."""
 
 import re
 from dataclasses import replace
@@ -25,11 +25,11 @@ from splatcore.spec.error import InputError
 from tb.helpers.bounds import BOUND, RULE
 from tb.helpers.command import check_documented, load, run
 
-QUICK = ("opacity_edge", "empty", "one", "one_pixel")  # cases of less than a tenth of a second
+QUICK = ("opacity_edge", "empty", "one", "one_pixel")  # each takes less than 0.1 seconds
 
 
 def measured(path, *arguments: str, status: int = 0) -> dict:
-    """The JSON of `splatcore hard ARGUMENTS` on the small machine."""
+    """Run `splatcore hard ARGUMENTS --preset tiny` and return its JSON."""
     file = path / "hard.json"
     assert run("hard", *arguments, "--preset", "tiny", "--json", file) == status
     return load(file)
@@ -37,12 +37,12 @@ def measured(path, *arguments: str, status: int = 0) -> dict:
 
 @pytest.fixture
 def quick(monkeypatch):
-    """As if there were no other cases."""
+    """Restrict the command to the quick cases."""
     monkeypatch.setattr(hard_command, "HARD", {name: HARD[name] for name in QUICK})
 
 
 def check_keys(facts: dict):
-    """docs/json.md has every key."""
+    """Check that docs/json.md documents every key."""
     case = next(iter(facts["cases"].values()))
     keys = (*facts, *case, *case["left_out"])
     check_documented("## `splatcore hard`", keys)
@@ -69,8 +69,8 @@ def test_all_cases_of_the_golden_model(tmp_path, capsys):
     assert text.count(": pass (") == len(HARD) and "34 of 34 pass" in text and "FAIL" not in text
 
 
-def test_what_is_measured(tmp_path, capsys):
-    """PSNR as the pipeline's test has it, the cycle model's frame, the golden model's picture."""
+def test_measured_values(tmp_path, capsys):
+    """PSNR, largest error, cycles and picture equal the ones computed here from the models."""
     assert PSNR_MIN == BOUND
     case = measured(tmp_path, "one", "-o", str(tmp_path))["cases"]["one"]
     hard = HARD["one"](0)
@@ -86,12 +86,12 @@ def test_what_is_measured(tmp_path, capsys):
     whole = render_reference(hard.scene.gaussians(), hard.camera).pixels / 255
     assert case["psnr_db_scene"] == pytest.approx(psnr(golden.pixels / 255, whole))
     assert case["psnr_db_packing"] == pytest.approx(psnr(exact.pixels / 255, whole))
-    told = f"one: pass (machine, own rule ≥ 52 dB): {case['psnr_db_rule']:.2f} dB"
-    assert told in capsys.readouterr().out
+    line = f"one: pass (machine, own rule ≥ 52 dB): {case['psnr_db_rule']:.2f} dB"
+    assert line in capsys.readouterr().out
 
 
-def test_what_is_too_faint(tmp_path):
-    """It is no fault of the machine: the bound is under its own rule, the error is told."""
+def test_faint_splats(tmp_path):
+    """Faint splats that the machine drops do not fail the case: the bound uses its own rule."""
     case = measured(tmp_path, "fog")["cases"]["fog"]
     hard = HARD["fog"](0)
     model, _ = pack(hard.scene, TINY, quality=finest(hard.scene, TINY))
@@ -126,14 +126,14 @@ def test_size(tmp_path):
 
 
 def changed(golden, place: tuple[int, int, int], by: int):
-    """A frame of the golden model with a colour changed."""
+    """Return a golden frame with one colour value XORed."""
     pixels = golden.pixels.copy()
     pixels[place] ^= by
     return replace(golden, raster=replace(golden.raster, pixels=pixels))
 
 
 def test_a_wrong_picture(tmp_path, monkeypatch, quick, capsys):
-    """All cases of more than a pixel fail; the command goes on to the last of them."""
+    """A wrong pixel fails every case that has it; the command still runs all cases."""
 
     def wrong(config, model, camera):
         golden = render(config, model, camera)
@@ -154,7 +154,7 @@ def test_a_wrong_picture(tmp_path, monkeypatch, quick, capsys):
 
 
 def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
-    """A Gaussian too many, and one that only the reference sees."""
+    """A wrong count of NaN Gaussians fails, and so does a reference pixel that is not finite."""
 
     def careless(scene, config, quality):
         model, report = pack(scene, config, quality=quality)
@@ -175,7 +175,7 @@ def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
 
 
 def test_packing_below_its_bound(tmp_path, monkeypatch, capsys):
-    """Fails whatever the engine; a bound that is met is told as well."""
+    """Packing below its bound fails with every engine; a met bound is reported, too."""
     facts = measured(tmp_path, "zero_bands")["cases"]["zero_bands"]
     assert (
         facts["bound"] == "machine, own rule ≥ 52 dB; packing ≥ 50 dB"
@@ -190,8 +190,8 @@ def test_packing_below_its_bound(tmp_path, monkeypatch, capsys):
     assert "packing ≥" not in capsys.readouterr().out
 
 
-def test_what_cannot_be_packed(tmp_path, monkeypatch, quick):
-    """Fails and is told; the others stand."""
+def test_packing_that_fails(tmp_path, monkeypatch, quick):
+    """A case that cannot be packed fails with its reason; the other cases still run."""
 
     def refuse(scene, config, quality):
         if len(scene) == 1:
@@ -221,7 +221,7 @@ def test_a_machine_that_hangs(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["empty", "one", "near_plane", "not_finite", "one_pixel"])
 def test_hardware(name, tmp_path):
-    """The golden model's picture, and the same Gaussians left out by the counters."""
+    """RTL gives the golden model's picture, and its counters drop the same Gaussians."""
     golden = measured(tmp_path, name, "-o", str(tmp_path))["cases"][name]
     picture = read_png(tmp_path / f"{name}.png")
     facts = measured(tmp_path, name, "--engine", "rtl", "-o", str(tmp_path))
@@ -238,14 +238,14 @@ def test_hardware(name, tmp_path):
         "reason",
     ):
         assert case[key] == golden[key], key
-    # The model has memory's latency in it, and in frames as small as these it is up to 4.4 % above
-    # the hardware (not_finite: 18,729 for 17,943 cycles).
+    # The cycle model includes memory latency; for frames as small as these it is up to 4.4 %
+    # above the hardware (not_finite: 18,729 instead of 17,943 cycles).
     assert case["cycles"] > 0.95 * golden["cycles"]
 
 
 @pytest.mark.slow
-def test_a_bit_of_the_hardware(tmp_path, monkeypatch, capsys):
-    """The least one of a pixel is enough, which no PSNR would tell."""
+def test_one_wrong_bit_of_the_hardware(tmp_path, monkeypatch, capsys):
+    """One wrong least significant bit fails the case, although PSNR stays above the bound."""
     monkeypatch.setattr(
         hard_cases.pipeline, "render", lambda *job: changed(render(*job), (20, 30, 1), 1)
     )

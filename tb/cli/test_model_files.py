@@ -1,4 +1,4 @@
-"""Files of packed models on the command line: coded or plain, and both sizes told."""
+"""Model files on the command line: coded and plain hold the same model; both sizes reported."""
 
 import re
 from pathlib import Path
@@ -9,10 +9,10 @@ from tb.helpers.command import load, run
 
 
 def test_plain_and_coded_files(folder, capsys):
-    """The same model; a plain file is what lies in memory, and both sizes are told."""
+    """Both files render the same picture; a plain file is the memory image byte by byte."""
     command = "pack scene.ply --camera cameras.json --quality faithful"
     assert run(f"{command} -o c.splatcore --json c.json") == 0
-    told = re.sub(r"\s+", " ", capsys.readouterr().out)
+    printed = re.sub(r"\s+", " ", capsys.readouterr().out)
     assert run(f"{command} -o p.splatcore --json p.json --plain") == 0
     coded, plain = load(folder / "c.json"), load(folder / "p.json")
     model = read_model("c.splatcore")
@@ -22,7 +22,7 @@ def test_plain_and_coded_files(folder, capsys):
     sizes = "bytes", "file_bytes"
     for name in sizes:
         shown = f"{coded[name]:,}".replace(",", " ")
-        assert f" {name.replace('_', ' ')} {shown} " in told
+        assert f" {name.replace('_', ' ')} {shown} " in printed
     assert run("info c.splatcore --json info.json") == 0
     facts = load(folder / "info.json")
     assert [facts[name] for name in sizes] == [coded[name] for name in sizes]
@@ -43,7 +43,7 @@ def test_a_broken_coded_file(folder, capsys):
 
 
 def test_bench_coding(folder, capsys):
-    """A row for each scene and quality, whose ways are those of the file."""
+    """One row per scene and quality, whose sizes equal the packed file's."""
     assert run("bench coding scene.ply -o out") == 0
     rows = load(folder / "out/coding.json")["rows"]
     assert [row["quality"] for row in rows] == ["compact", "faithful"]

@@ -1,4 +1,4 @@
-"""Notes on scene files and --axes on the command line: printed once by every command that reads."""
+"""Notes on scene files, and `--axes`: every command that opens a scene prints each note once."""
 
 import re
 import shutil
@@ -32,8 +32,8 @@ UNSTATED = "the SPZ file does not state its axes; read as RUB, as the format's s
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A scene as PLY, and as SPZ of the PLY's numbers without and with a record of axes; cameras
-    for each."""
+    """A folder with one scene as PLY and as SPZ without and with stated axes, and cameras for
+    each."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     scene = read_scene("scene.ply")
@@ -66,7 +66,7 @@ bench coding SCENE -o new --quality compact
 
 @pytest.mark.parametrize("command", COMMANDS.strip().splitlines())
 def test_printed_once(place, in_turn, capsys, command):
-    """By a command that reads a file twice, by one for each view, and by those of `bench`."""
+    """Also by a command that reads a file twice or once per view, and by `bench`."""
     words = command.replace("SCENE", "open.spz")
     takes = " ".join(command.split()[: 2 if command.startswith("bench") else 1])
     json = "" if takes in ("join", "bench work", "bench coding") else " --json a.json"
@@ -84,7 +84,7 @@ PACKS = [line for line in COMMANDS.strip().splitlines() if re.match("pack|cycles
 
 @pytest.mark.parametrize("command", [*PACKS, "error SCENE --size 32x24 --preset tiny"])
 def test_losses_of_packing_are_printed_once(place, in_turn, capsys, command):
-    """By every command that packs, for one view and for many; they are in `--json`, too."""
+    """By every command that packs, for one view and for many; `--json` has them, too."""
     scene = read_scene("scene.ply")
     scene.scale[3] = np.exp(44)
     write_ply("scene.ply", scene)
@@ -99,7 +99,7 @@ def test_losses_of_packing_are_printed_once(place, in_turn, capsys, command):
 
 @pytest.mark.parametrize("command", COMMANDS.strip().splitlines())
 def test_axes_of_every_command(place, in_turn, capsys, command):
-    """Each hands the option on: a wrong one is refused, and so is one for a file that states it."""
+    """Every command refuses unknown axes, and `--axes` for a file that states its own."""
     words = command.replace("SCENE", "stated.spz")
     check_refused(capsys, f"{words} --axes xyz", "--axes 'xyz': unknown")
     refused = "stated.spz: --axes RUB: the file states its axes, RDF"
@@ -112,14 +112,14 @@ def test_axes_of_every_command(place, in_turn, capsys, command):
 
 
 def test_printed_once_by_processes(place, capsys):
-    """A worker's notes come with its results; it prints none."""
+    """A worker returns its notes with its results and prints none itself."""
     words = "bench quality open.spz -o new --size 32x24 --cameras 4,7 --psnr 30 --preset tiny"
     assert run(words) == 0
     err = " ".join(capsys.readouterr().err.split())
     assert err.count("does not state its axes") == 1, err
 
 
-def test_nothing_new_without_oddities(place, capsys):
+def test_no_notes_without_a_cause(place, capsys):
     for name in ("scene.ply", "stated.spz"):
         capsys.readouterr()
         assert run(f"render {name} -o a.png --camera cameras.json --json a.json") == 0
@@ -136,7 +136,7 @@ def test_info_has_them_in_its_table(place, capsys):
 
 
 def test_info_has_a_line_for_each_note(place, capsys):
-    """Notes have commas of their own."""
+    """Notes may contain commas, so each has its own line."""
     Path("open.spz").write_bytes(Path("open.spz").read_bytes() + b"abc")
     assert run("info open.spz") == 0
     lines = [line.removeprefix("notes").strip() for line in capsys.readouterr().out.splitlines()]
@@ -144,7 +144,7 @@ def test_info_has_a_line_for_each_note(place, capsys):
 
 
 def test_axes_read_the_file_rightly(place, capsys):
-    """Read as RDF it shows the PLY's picture; the stated file does so by itself."""
+    """With `--axes rdf` the open file gives the same picture as the file that states RDF."""
     for name, options in (("scene.ply", ""), ("stated.spz", ""), ("open.spz", "--axes rdf")):
         assert run(f"render {name} -o {name}.png --camera cameras.json {options}") == 0
     assert "read as RDF, --axes" in capsys.readouterr().err
@@ -157,7 +157,7 @@ def test_axes_read_the_file_rightly(place, capsys):
 
 
 def test_a_camera_that_sees_too_little(place, capsys):
-    """Both counts and the option, in a line and in the JSON; none where the axes are right."""
+    """The note names both counts and the option; no note if the axes are right or stated."""
     scene = read_scene("stated.spz")
     moved = replace(scene, position=scene.position + np.array([0, 0, 8]))
     Path("open.spz").write_bytes(spz_of(moved))
@@ -174,7 +174,7 @@ def test_a_camera_that_sees_too_little(place, capsys):
 
 
 def test_many_cameras_that_see_too_little(place):
-    """One line, for the first of them, says how many others there are."""
+    """One note names the first camera and counts the others."""
     scene = read_scene("stated.spz")
     moved = replace(scene, position=scene.position + np.array([0, 0, 8]))
     Path("open.spz").write_bytes(spz_of(moved))
@@ -210,7 +210,7 @@ def test_every_command_with_a_scene_has_axes():
 
 
 def test_views_by_other_axes_have_other_names(place):
-    """Kept results of one reading are not taken for those of another."""
+    """Results are kept by name, so results of one reading are not reused for another."""
     names = {View("open.spz", reading=Reading(None, axes)).name for axes in (None, "rdf", "RUB")}
     assert names == {"open.spz", "open.spz --axes RDF", "open.spz --axes RUB"}
 
@@ -231,7 +231,7 @@ def test_the_viewer_s_page(place):
 
 
 def test_hush_ends_with_the_command(place, capsys):
-    """`info` says notes in its own way; the command after it prints them."""
+    """`info` prints notes in its table only; the next command prints them as usual."""
     write_ply("a.ply", read_scene("scene.ply"))
     assert run("info open.spz") == 0 and run("pack open.spz -o a.splatcore --quality compact") == 0
     assert capsys.readouterr().err.count("does not state") == 1

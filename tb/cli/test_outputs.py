@@ -1,4 +1,4 @@
-"""Outputs that are inputs or each other, or cannot be written: refused for all commands at once."""
+"""Outputs that overwrite an input, coincide, or cannot be written: refused by every command."""
 
 import os
 import shutil
@@ -16,14 +16,14 @@ from tb.helpers.command import check_refused, run, write_scene
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """All files and folders below a folder."""
+    """Content of all files below a folder, by path; folders are empty."""
     return {str(p): p.read_bytes() if p.is_file() else b"" for p in folder.rglob("*")}
 
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder to work in with a scene under three names, cameras and pictures; a test leaves it
-    as it was."""
+    """A working folder with a scene under three names, cameras and pictures; no test may change
+    it."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     os.link("scene.ply", "hard.ply")
@@ -84,7 +84,7 @@ CLASHES = {
     "programs --preset file --json file": "--json would overwrite file",
     "bench sort -o out --json out": "-o and --json are one file",
 }  # fmt: skip
-"""Arguments → what is said of them."""
+"""Arguments → part of the error message."""
 
 
 @pytest.mark.parametrize("arguments", CLASHES)
@@ -117,13 +117,13 @@ UNWRITABLE = {
 
 
 @pytest.mark.parametrize("arguments", UNWRITABLE)
-def test_what_cannot_be_written_is_refused(place, capsys, arguments):
+def test_unwritable_outputs_are_refused(place, capsys, arguments):
     check_refused(capsys, arguments, UNWRITABLE[arguments])
 
 
-def commands(of: typer.Typer):
-    """All commands of an application and of its groups."""
-    group = typer.main.get_command(of)
+def commands(application: typer.Typer):
+    """Yield all commands of an application and of its groups."""
+    group = typer.main.get_command(application)
     waiting = list(group.commands.values())
     while waiting:
         command = waiting.pop()
@@ -140,8 +140,8 @@ def test_every_command_is_checked():
 
 
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, InputError("no"), RuntimeError("no")])
-def test_a_new_folder_goes_if_nothing_came_into_it(tmp_path, monkeypatch, fault):
-    """A command that nobody has thought about is checked and cleaned up after, too."""
+def test_a_new_empty_folder_is_removed(tmp_path, monkeypatch, fault):
+    """The checks and the clean-up apply to any command, even one defined here."""
     from splatcore.sim.cli.options import FolderOption, JsonOption
 
     own = App()
@@ -178,12 +178,12 @@ SCENES = {
 
 @pytest.mark.parametrize("command", ["work", "sweep", "ablation", "quality", "rule", "scenes"])
 @pytest.mark.parametrize("scene", SCENES)
-def test_benchmarks_refuse_what_is_no_scene(place, capsys, command, scene):
+def test_benchmarks_refuse_bad_scenes(place, capsys, command, scene):
     check_refused(capsys, f"bench {command} one {scene} -o wk", SCENES[scene])
 
 
 def test_a_campaign_without_a_result_leaves_none(tmp_path, monkeypatch, capsys):
-    """A scene that is damaged further on: a line for it, one for all, and no file of nothing."""
+    """A scene cut off after its header: one line for it, one for the campaign, and no file."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     Path("cut.ply").write_bytes(Path("scene.ply").read_bytes()[:5000])

@@ -1,4 +1,4 @@
-"""All cameras of a file in `render`, `cycles` and `compare`: rows, pictures, videos, refusals."""
+"""`--cameras` of `render`, `cycles` and `compare`: rows, pictures, videos, refusals."""
 
 import json
 import shutil
@@ -25,7 +25,7 @@ from tb.helpers.command import check_documented, check_refused, load, run, write
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder to work in with a scene, its cameras 4 and 7, beside it, too, and other cameras."""
+    """A working folder with a scene, its cameras 4 and 7 in two files, and other camera files."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     shutil.copy("cameras.json", "scene.cameras.json")
@@ -50,7 +50,7 @@ def place(tmp_path, monkeypatch):
 
 @pytest.fixture
 def here(place, monkeypatch):
-    """That folder; tasks run in this process, the last one first."""
+    """That folder; campaign tasks run in this process, the last one first."""
     ran = [0]
 
     def in_turn(tasks):
@@ -64,7 +64,7 @@ def here(place, monkeypatch):
 
 
 def path(arguments: str) -> dict:
-    """What a command writes as JSON."""
+    """Run a command and return its JSON."""
     assert run(f"{arguments} --json path.json") == 0
     return load(Path("path.json"))
 
@@ -90,7 +90,7 @@ def test_cycles_of_each_camera(here, capsys):
 
 @pytest.mark.parametrize("way", ["cameras.json", "cameras.json:4,7", "4,7", "view_4, view_7"])
 def test_one_grammar(place, way):
-    """A file, some of its cameras, or those of the file beside the scene; as pack takes them."""
+    """A file, some of its cameras, or cameras of the scene's own file; `pack` takes the same."""
     views = open_path(way, "32x24", "scene.ply")
     assert [(view.name, view.width, view.fx) for view in views] == [("4", 32, 30), ("7", 32, 30)]
     words = "pack", "scene.ply", "-o", "m.splatcore", "--quality", "faithful", "--json", "p"
@@ -116,8 +116,8 @@ def test_a_scene_is_opened_and_packed_once(here, monkeypatch):
         assert row["packing"]["quality"] == "faithful"
 
 
-def test_what_packing_changes_is_said(here, capsys):
-    """Once, and in the JSON, of one camera and of all."""
+def test_packing_notes_are_printed_once(here, capsys):
+    """A packing note is printed once and is in the JSON, for one camera and for all."""
     scene = read_scene("scene.ply")
     scene.position[3] = 1e6
     write_ply("far.ply", scene)
@@ -134,7 +134,7 @@ def test_what_packing_changes_is_said(here, capsys):
 
 
 def test_few_views_choose_the_packing(monkeypatch):
-    """The first one and others, spread evenly over all."""
+    """The quality is chosen from at most four views: the first and others, evenly spread."""
     monkeypatch.setattr(choose, "quality_of", lambda source, config, views: views)
     for count, some in ((1, [0]), (4, [0, 1, 2, 3]), (9, [0, 3, 6]), (400, [0, 100, 200, 300])):
         assert quality_of(Source("scene"), DEFAULT, list(range(count))) == some
@@ -164,14 +164,14 @@ def test_a_picture_of_each_camera(here, capsys):
 
 
 def frames(name: str) -> list[np.ndarray]:
-    """Frames of a video."""
+    """Frames of a video, each [height, width, 3]."""
     with av.open(name) as file:
         return [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
 
 
 def test_video(here):
-    """Frames in the order of the cameras, sides even, nearly the pictures; beside them the error's,
-    and no file but these."""
+    """One frame per camera, in order, with even sides, close to the pictures, with the error
+    picture on the right; no other file is written."""
     before = {each.name for each in here.iterdir()}
     found = path(
         "render scene.ply --engine golden --cameras odd.json -o new --video v.mp4 --fps 5 "
@@ -185,7 +185,7 @@ def test_video(here):
     pictures = [read_png(f"new/{row['camera']}.png").astype(int) for row in found["views"]]
     error = [[abs(f[:31, :33] - p).mean() for p in pictures] for f in shown]
     assert max(error[0][0], error[1][1]) < 6 < min(error[0][1], error[1][0])
-    assert all(frame[:31, 36:66].mean() < 80 for frame in shown)  # dark: of few levels
+    assert all(frame[:31, 36:66].mean() < 80 for frame in shown)  # dark: errors of a few levels
     assert {each.name for each in here.iterdir()} - before == {"new", "v.mp4", "path.json"}
     assert [row["camera"] for row in found["views"]] == ["7", "4"]
     assert found["least"]["psnr_db_machine"] > 40
@@ -201,7 +201,7 @@ def test_a_video_without_pictures(here):
 
 
 def test_colours_of_a_video(tmp_path):
-    """Its matrix is the one that it says it has: whoever decodes it sees the colours."""
+    """The colour matrix used matches the one declared: a decoder recovers the colours."""
     colours = np.array([(200, 30, 30), (30, 200, 30), (30, 30, 200)], np.uint8)
     with video.video(tmp_path / "v.mp4", 30) as add:
         for colour in colours:
@@ -223,7 +223,7 @@ def test_a_failure_leaves_no_video(place, monkeypatch, capsys):
 
 
 def test_the_scale_of_errors():
-    """Brighter with the error, and the same whatever else is in the picture."""
+    """Colours get brighter with the error and do not depend on the rest of the picture."""
     image, truth = np.zeros((2, 8, 8, 3), np.uint8)
     image[0, :4, 1] = 0, 1, 4, 30
     drawn = error_picture(image, truth).astype(int).sum(axis=2)
@@ -295,17 +295,17 @@ def test_without_the_encoder(place, monkeypatch, capsys):
 
 
 def test_by_processes(place, monkeypatch, capsys):
-    """As in this process; what shows nothing is noted once, and progress is told."""
+    """Worker processes give the same rows; an empty view is noted once; progress is printed."""
     monkeypatch.setattr(output, "EVERY", 0.2)
     found = path("cycles scene.ply --cameras away.json --quality faithful")
-    told = capsys.readouterr().err
-    assert told.count("scene.ply: no Gaussian is visible from camera 7 at (") == 1
-    assert "views 0/2, " in told and [row["camera"] for row in found["views"]] == ["4", "7"]
+    printed = capsys.readouterr().err
+    assert printed.count("scene.ply: no Gaussian is visible from camera 7 at (") == 1
+    assert "views 0/2, " in printed and [row["camera"] for row in found["views"]] == ["4", "7"]
     alone = path("cycles scene.ply --camera away.json:4 --quality faithful")["scenes"]["scene.ply"]
     assert found["views"][0] == {"camera": "4"} | alone
 
 
-def test_processes_tell_no_progress(capfd):
+def test_processes_print_no_progress(capfd):
     with processes(1) as pool:
         assert pool.submit(say, "a word").result() is None
     assert "a word" not in capfd.readouterr().err

@@ -1,4 +1,4 @@
-"""The command `photographs`: a capture of a scene is what a reader of photographs expects."""
+"""The command `photographs`: the capture is read back with the same cameras, pixels, points."""
 
 import json
 import struct
@@ -30,7 +30,7 @@ QUICK = ["--views", "9", "--size", "64x40", "--points", "60"]
 
 @pytest.fixture(autouse=True)
 def here(monkeypatch):
-    """Tasks run in this process, the last one first."""
+    """Campaign tasks run in this process, the last one first."""
 
     def in_turn(tasks):
         for task in reversed(tasks):
@@ -41,7 +41,7 @@ def here(monkeypatch):
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with a garden and three cameras before it."""
+    """A folder with a garden and three cameras in front of it."""
     folder = tmp_path_factory.mktemp("scene")
     write_ply(folder / "small.ply", generate("garden", 800))
     eyes = [np.array([3 * np.sin(a), -1.2, 3 * np.cos(a)]) for a in (2.0, 3.0, 4.0)]
@@ -58,7 +58,7 @@ def taken(place: Path, folder: Path, *options: object) -> int:
 
 @pytest.fixture
 def cameras_used(monkeypatch):
-    """The cameras of the pictures that are taken, by name."""
+    """Record the camera of each photograph, by file name."""
     photograph, used = capture.photograph, {}
 
     def noted(source, view):
@@ -70,8 +70,8 @@ def cameras_used(monkeypatch):
 
 
 def test_a_capture(place, tmp_path, capsys, cameras_used):
-    """Its pictures are those of the cameras that are read from it, every bit; a third is all round,
-    the rest on the path; points are the scene's own."""
+    """Pictures equal renderings from the cameras read back, bit by bit; a third is from all
+    around, the rest on the path; points are Gaussians of the scene."""
     facts = tmp_path / "facts.json"
     options = ["--cameras", place / "given.json", "--path-share", 0.66, "--json", facts]
     assert taken(place, tmp_path / "a", *options) == 0
@@ -94,13 +94,13 @@ def test_a_capture(place, tmp_path, capsys, cameras_used):
     assert len(set(drawn)) == len(drawn) == 60 and drawn == sorted(drawn)
     wanted = np.clip(scene.sh[drawn, 0] * SH_C0 + 0.5, 0, 1) * 255
     assert np.abs(colour - wanted).max() <= 0.5 and len(set(map(tuple, colour))) > 20
-    said = load(facts)
-    assert (said["on_path"], said["around"], said["points"]) == (6, 3, 60)
-    check_documented("## `splatcore photographs`", said)
+    report = load(facts)
+    assert (report["on_path"], report["around"], report["points"]) == (6, 3, 60)
+    check_documented("## `splatcore photographs`", report)
 
 
 def observations(data: bytes) -> list[np.ndarray]:
-    """Each image's x, y and point of an images.bin."""
+    """Observations (x, y, point) of each image of an images.bin."""
     offset, found = 8, []
     for _ in range(*struct.unpack_from("<Q", data)):
         offset = data.index(b"\0", offset + 64) + 9
@@ -113,7 +113,7 @@ def observations(data: bytes) -> list[np.ndarray]:
 
 
 def tracks(data: bytes) -> list[list[tuple[int, int]]]:
-    """Each point's images and places in them of a points3D.bin."""
+    """Track of each point of a points3D.bin: pairs of image and observation number."""
     offset, found = 8, []
     for _ in range(*struct.unpack_from("<Q", data)):
         (count,) = struct.unpack_from("<Q", data, offset + 43)
@@ -125,8 +125,8 @@ def tracks(data: bytes) -> list[list[tuple[int, int]]]:
 
 
 def test_tracks(place, tmp_path):
-    """Points know the images that show them, and images their points, where they land: inside, and
-    a picture without the Gaussian is another one there."""
+    """Tracks of points match observations of images; each observation is where the point
+    projects to; without a Gaussian that is observed the picture changes."""
     assert taken(place, tmp_path / "a") == 0
     sparse, scene = tmp_path / "a" / "sparse" / "0", read_scene(place / "small.ply")
     seen = observations((sparse / "images.bin").read_bytes())
@@ -151,7 +151,7 @@ def test_tracks(place, tmp_path):
 
 
 def test_the_seed_decides(place, tmp_path):
-    """The same seed gives the same bytes; another one other views and other points."""
+    """The same seed gives the same bytes; another seed gives other views and points."""
     content = []
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         assert taken(place, tmp_path / name, "--seed", seed) == 0
@@ -164,8 +164,8 @@ def test_the_seed_decides(place, tmp_path):
 
 
 def test_points_are_drawn():
-    """At random by the seed, the more opaque Gaussians and those in more pictures more often; none
-    that is in one picture only."""
+    """Points are drawn by the seed, more often with more opacity or more pictures, and never
+    from a Gaussian seen in one picture only."""
     scene = generate("garden", 800)
     kind = np.arange(800) % 4
     scene = replace(scene, opacity=np.where(kind == 1, 0.1, 1.0))
@@ -188,7 +188,7 @@ def test_points_are_drawn():
 
 @pytest.mark.parametrize("fault", [InputError("no"), KeyboardInterrupt, OSError(28, "disk full")])
 def test_a_failure_leaves_nothing(place, tmp_path, monkeypatch, fault):
-    """In the midst of it: a new folder is gone, an empty one is empty."""
+    """A failure halfway removes a new folder and leaves an empty one empty."""
 
     def fail(*_):
         raise fault
@@ -202,7 +202,7 @@ def test_a_failure_leaves_nothing(place, tmp_path, monkeypatch, fault):
 
 
 def test_views_of_nothing(place, tmp_path, monkeypatch, capsys):
-    """No two of them show a Gaussian: there are no points, and no capture."""
+    """No Gaussian is in two photographs, so there are no points: refused, nothing written."""
     monkeypatch.chdir(tmp_path)
     camera = json.loads((place / "given.json").read_text())[0]
     away = [camera | {"id": k, "position": [k, -400, 0]} for k in range(2)]
@@ -237,7 +237,7 @@ def test_refused(place, monkeypatch, capsys, options):
 
 
 def test_names_go_on_in_their_order(monkeypatch):
-    """A file name's order is a view's order, so every n-th by name is every n-th view."""
+    """File names sort in the order of views, so every n-th name is every n-th view."""
     view = look_at(np.array([0.0, 0, -3]), np.zeros(3), *SIZE, 50.0)
     monkeypatch.setattr(views, "teacher_views", lambda _, count, *others: [view] * count)
     for count, last in ((30, "around-029"), (1200, "around-1199")):

@@ -1,4 +1,4 @@
-"""Bad input of all commands: one line of error, and nothing is written; and their help."""
+"""Bad input of every command: one line of error, and no file is written; help texts."""
 
 import re
 from dataclasses import replace
@@ -17,7 +17,7 @@ from tb.helpers.command import check_refused, run, write_scene
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with a small scene, two cameras, its packed model, and what is none of these."""
+    """A folder with a small scene, two cameras, its packed model, and broken files."""
     folder = tmp_path_factory.mktemp("refused")
     write_scene(folder)
     scene, model, cameras = map(folder.joinpath, ("scene.ply", "scene.splatcore", "cameras.json"))
@@ -40,7 +40,7 @@ def place(tmp_path_factory):
 
 @pytest.fixture
 def unchanged(place, monkeypatch):
-    """That folder to work in; a test leaves it as it was."""
+    """That folder as the working folder; no test may change it."""
     monkeypatch.chdir(place)
     before = {path: path.read_bytes() for path in place.iterdir()}
     yield
@@ -165,7 +165,7 @@ BAD = {
     "verilog -o none/rtl": "none/rtl",
     "example -o none/a": "none/a",
 }
-"""Arguments → a pattern of what is said of them."""
+"""Arguments → pattern of the error message."""
 
 
 @pytest.mark.parametrize("arguments", BAD)
@@ -195,16 +195,16 @@ HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
     "hard": [*HARD, "52 dB"],
     "report": ["make results", "--keep", "--section", "report.html", "needs no network", *SECTIONS],
 }  # fmt: skip
-"""Commands, and what their help tells."""
+"""Commands → words that their help contains."""
 
 
 @pytest.mark.parametrize("command", HELP)
 def test_help(command, capsys):
     assert run(*command.split(), "--help") == 0
-    told = capsys.readouterr().out
-    for line, following in pairwise(told.partition("╭")[0].splitlines()):
+    printed = capsys.readouterr().out
+    for line, following in pairwise(printed.partition("╭")[0].splitlines()):
         words = (*line.split(), *following.split()[:1])
         assert not line.strip() or not following.strip() or len(" ".join(words)) > 70, line
-    text = re.sub(r"\s|│", "", told)
+    text = re.sub(r"\s|│", "", printed)
     assert len(text) > 300 and "--no-run" not in text
     assert all("".join(words.split()) in text for words in HELP[command])

@@ -1,4 +1,4 @@
-"""`splatcore render --engine rtl` and `splatcore bench scenes`, on the small machine."""
+"""`splatcore render --engine rtl` and `bench scenes` on TINY, against the golden model."""
 
 import json
 from dataclasses import replace
@@ -27,7 +27,7 @@ MORE_KEYS = ["timing", "halves", "frames"]
 
 @pytest.fixture(scope="module")
 def golden():
-    """The needles' job and the golden model's frame."""
+    """A job of the scene `needles`, and its frame by the golden model."""
     model, _ = pack(generate("needles"), TINY)
     job = Job(model, generated_camera("needles").resized(64, 48))
     return job, render(TINY, *job)
@@ -39,7 +39,7 @@ def rendered(golden) -> Run:
 
 
 def changed(frame, **arrays):
-    """A frame with other arrays in what binning made."""
+    """Return a golden frame with some arrays of binning replaced."""
     return replace(frame, binned=replace(frame.binned, **arrays))
 
 
@@ -51,9 +51,9 @@ def test_render(tmp_path, capsys):
     result = load(file)
     assert list(result) == KEYS + MORE_KEYS and result["timing"] == "ideal"
     assert result["identical"] and result["psnr_db_machine"] > 45 and len(result["frames"]) == 3
-    drawn = [frame["finished"] - frame["ready"] for frame in result["frames"]]  # the slower half
+    drawn = [frame["finished"] - frame["ready"] for frame in result["frames"]]  # of the slower half
     assert drawn[0] == max(result["halves"].values())
-    # The last frame has no next one whose points are made meanwhile.
+    # The last frame is left out: no next frame is preprocessed during it.
     assert result["cycles"] == pytest.approx(np.mean(drawn[:-1]), rel=0.03)
     assert result["traffic_bytes"]["write_pixels"] >= 64 * 48 * 3
     pictures = [read_png(tmp_path / f"a-00{k}.png") for k in range(3)]
@@ -73,7 +73,7 @@ def test_compare(capsys):
 
 @pytest.mark.slow
 def test_the_stage_that_differs(rendered, golden):
-    """Faults of the golden model are taken for the machine's, each one for what it is."""
+    """Faults planted in the golden frame look like the machine's: each is found in its stage."""
     _, frame = golden
     assert all(diagnose(TINY, rendered, k, frame) is None for k in range(3))
     pixels = frame.raster.pixels.copy()
@@ -103,7 +103,7 @@ def test_the_stage_that_differs(rendered, golden):
 
 
 def test_splats_of_a_tile(golden):
-    """Those of the tile only, by depth."""
+    """Only splats of that tile, sorted by depth; all tiles together have every splat."""
     _, frame = golden
     found = tile_splats(TINY, frame, (1, 2))
     depth = frame.binned.entries["key"][[
@@ -117,7 +117,7 @@ def test_splats_of_a_tile(golden):
 
 
 def test_orbit():
-    """The target of the camera stays in the middle, at the same distance."""
+    """The camera's target stays at the picture's centre, at the same distance."""
     camera = look_at(np.array([1.0, -2, -5]), np.zeros(3), 64, 48, 60.0)
     points = np.random.default_rng(0).normal(0, 0.1, (501, 3))
     path = orbit(camera, points, 4)
@@ -134,7 +134,7 @@ def test_orbit():
 
 @pytest.mark.slow
 def test_bench_scenes(golden, tmp_path, monkeypatch, capsys):
-    """Results are files that stand until the machine is another one."""
+    """Kept results are reused until the machine changes."""
     arguments = ("bench", "scenes", "--out", tmp_path, "needles", *RTL[2:])
     assert run(*arguments) == 0
     files = sorted(tmp_path.glob("*.json"))

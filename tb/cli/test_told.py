@@ -1,4 +1,4 @@
-"""What commands say of usage errors, types of files, views that show nothing, and faults."""
+"""Messages for usage errors, file types and views that show nothing; progress lines."""
 
 import io
 import json
@@ -16,7 +16,7 @@ from tb.helpers.command import check_refused, load, run, write_scene
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder to work in with a scene, cameras and one that looks away from it."""
+    """A working folder with a scene, its cameras, and a camera that looks away from it."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     camera, *_ = json.loads(Path("cameras.json").read_text())
@@ -43,7 +43,7 @@ USAGE = {
 
 
 @pytest.mark.parametrize("arguments", USAGE)
-def test_usage_errors_are_a_line(place, capsys, arguments):
+def test_usage_errors_are_one_line(place, capsys, arguments):
     check_refused(capsys, arguments, USAGE[arguments])
 
 
@@ -102,9 +102,9 @@ def test_a_view_of_nothing_is_noted_once(place, capsys, command):
 
 def test_no_scratch_path_in_an_error(tmp_path):
     path = tmp_path / "a.ply"
-    with pytest.raises(InputError) as told, whole_file(path) as part:
+    with pytest.raises(InputError) as raised, whole_file(path) as part:
         raise InputError(f"{part}: cannot be written")
-    assert str(told.value) == f"{path}: cannot be written"
+    assert str(raised.value) == f"{path}: cannot be written"
 
 
 def test_a_bar_without_an_end_counts_nothing(monkeypatch):
@@ -119,13 +119,13 @@ def test_a_bar_without_an_end_counts_nothing(monkeypatch):
 
 
 def test_progress_without_a_terminal_is_lines(monkeypatch):
-    """They come by themselves, and end with the work."""
+    """Lines come while the work runs, and stop when it ends."""
     text = io.StringIO()
     monkeypatch.setattr(output, "messages", Console(file=text, width=30))
     monkeypatch.setattr(output, "EVERY", 0.01)
     with progress_bar("reading a scene of a long name.ply") as advance:
-        for said in ("reading a scene of a long name.ply, 0 s\n", "packing 3/7, 0 s\n"):
-            while said not in text.getvalue():  # for ever, if it never comes
+        for line in ("reading a scene of a long name.ply, 0 s\n", "packing 3/7, 0 s\n"):
+            while line not in text.getvalue():  # hangs if the line never comes
                 sleep(0.005)
             advance(3, 7, "packing")
     before = text.getvalue()
@@ -133,7 +133,7 @@ def test_progress_without_a_terminal_is_lines(monkeypatch):
     assert text.getvalue() == before and "\x1b" not in before
 
 
-def test_short_work_says_nothing(monkeypatch):
+def test_short_work_prints_nothing(monkeypatch):
     text = io.StringIO()
     monkeypatch.setattr(output, "messages", Console(file=text))
     with progress_bar("reading") as advance:
@@ -141,8 +141,8 @@ def test_short_work_says_nothing(monkeypatch):
     assert not text.getvalue()
 
 
-def test_engines_are_compared_behind_bars(place, monkeypatch):
-    """Reading, packing and both pictures: nothing that takes its time goes without a word."""
+def test_compare_shows_progress(place, monkeypatch):
+    """`compare` shows progress of every slow step: reading, packing and rendering."""
     text = io.StringIO()
     monkeypatch.setattr(output, "messages", Console(file=text, force_terminal=True, width=90))
     assert run("compare reference golden --scene scene.ply --camera cameras.json") == 0

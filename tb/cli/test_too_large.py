@@ -1,4 +1,4 @@
-"""Pictures beyond a machine's largest: refused by all commands that stand for it, before work."""
+"""Pictures larger than the machine allows: refused by every command that models the machine."""
 
 import json
 
@@ -52,5 +52,5 @@ def test_benchmarks(place, capsys, command):
 
 
 def test_the_reference_has_no_largest(place, capsys):
-    """A command that knows no machine takes any size up to that of all cameras."""
+    """The reference has no machine's limit: it takes any size that a camera may have."""
     check_refused(capsys, "compare reference none.png --scene scene.ply --size 2000x20", "none.png")

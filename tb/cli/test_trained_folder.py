@@ -1,4 +1,4 @@
-"""The folder that INRIA's training writes: a scene with its cameras."""
+"""The folder that INRIA's training writes is read as a scene with its cameras."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from tb.helpers.command import check_refused, load, run, write_scene
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """trained: a folder as INRIA's train.py leaves it, the last iteration the one of 200."""
+    """`trained`: a folder as INRIA's train.py writes it, 200 Gaussians in the last iteration."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     for iteration, count in ((7000, 50), (30000, 200), (900, 20)):
@@ -43,7 +43,7 @@ def test_it_is_a_scene_with_its_cameras(place):
     assert load(Path("p.json"))["views"] == 2
 
 
-def test_without_cameras_there_is_a_view(place):
+def test_without_cameras_a_default_view_is_used(place):
     assert run("render bare -o a.png --json a.json --size 32x24") == 0
     assert load(Path("a.json"))["counts"]["gaussians"] == 200
 

@@ -1,4 +1,4 @@
-"""Lines about what a camera does not show, and the option --near."""
+"""Notes on Gaussians that a camera does not show, and the option `--near`."""
 
 import re
 from dataclasses import replace
@@ -17,7 +17,7 @@ DEPTHS = [0.005, 0.011, 0.05, 0.199, 0.2, 0.201, 1.0, 5.0]
 
 
 def source(depths=DEPTHS) -> Source:
-    """Small opaque Gaussians on a camera's axis, and one far beside it."""
+    """A source of small opaque Gaussians on a camera's axis, and one far off the axis."""
     position = np.array([[0, 0, depth] for depth in depths] + [[9.0, 0, 0.1]])
     count = len(position)
     arrays = np.full((count, 3), 1e-3), np.tile([1.0, 0, 0, 0], (count, 1)), np.full(count, 0.9)
@@ -28,8 +28,8 @@ def camera(**changes) -> Camera:
     return replace(Camera(64, 48, 60.0, 60.0, 32, 24, np.eye(3), np.zeros(3), "7"), **changes)
 
 
-def test_gaussians_before_the_near_plane_are_counted():
-    """Those between 0.01 and the near plane that a smaller one shows; the rest is no concern."""
+def test_gaussians_in_front_of_the_near_plane_are_counted():
+    """Only Gaussians between depth 0.01 and the near plane that `--near 0.01` would show."""
     assert before_near(source(), camera()) == 4
     assert before_near(source(), camera(near=0.1)) == 2
     assert before_near(source(), camera(near=0.01)) == 0
@@ -55,6 +55,6 @@ def test_an_empty_picture_names_near_plane_camera_and_extent(capsys):
 
 
 @pytest.mark.parametrize("near", [0.0, -1.0, 1e-6, 1e6, np.nan, np.inf])
-def test_near_planes_that_cannot_be(near):
+def test_invalid_near_planes(near):
     with pytest.raises(ValueError, match=r"camera 7: near .* is not in 1e-05 … 100000"):
         camera(near=near)

@@ -1,4 +1,4 @@
-"""The command `view`: what it refuses, and that it serves a page until it is interrupted."""
+"""The command `view`: refusals, and a page that is served until an interrupt."""
 
 import signal
 import socket
@@ -55,8 +55,8 @@ def test_without_viser(place, capsys, monkeypatch):
     check_refused(capsys, "view scene.ply", r"pip install 'splatcore\[view\]'")
 
 
-def heard():
-    """An interrupt reaches this process, also where tests run in the background of a script."""
+def restore_interrupt():
+    """Restore SIGINT in the child: shells disable it for background jobs."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -66,7 +66,7 @@ def test_page(place):
     command = *command, "--no-antialiased"
     with subprocess.Popen(
         [sys.executable, "-m", "splatcore", *command], stdout=subprocess.PIPE, text=True,
-        preexec_fn=heard,
+        preexec_fn=restore_interrupt,
     ) as process:  # fmt: skip
         line = process.stdout.readline()
         address = line.split()[1]
