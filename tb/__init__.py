@@ -1,1 +1,1 @@
-"""Tests and testbenches, by the room they test."""
+"""Tests and testbenches, in folders named like the rooms they test."""

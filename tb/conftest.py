@@ -1,4 +1,4 @@
-"""The order of the tests' files: the longest first, so that all processes end at the same time."""
+"""Order of the test files: the slowest first, so that all processes finish together."""
 
 LONGEST = (
     "stages/test_stages", "test_demo", "test_walks", "cli/test_example_command", "sim/test_verilog",
@@ -11,10 +11,10 @@ LONGEST = (
     "hdl/test_axi", "hdl/test_scale", "model/test_surround", "golden/test_pipeline",
     "sim/test_silicon", "hdl/test_formal_cascade", "hdl/test_formal_list_writer",
 )  # fmt: skip
-"""Files of tests that take 20 seconds and more, the longest first."""
+"""Test files that take 20 seconds or more, the slowest first."""
 
 
 def pytest_collection_modifyitems(items: list) -> None:
-    """Move the tests of these files to the front; xdist needs `--no-loadscope-reorder` to obey."""
+    """Move the tests of these files to the front; xdist needs `--no-loadscope-reorder` for it."""
     order = {f"tb/{name}.py": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.nodeid.split("::")[0], len(order)))

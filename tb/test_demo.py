@@ -13,15 +13,15 @@ from tb.helpers.command import ROOT, make, run
 
 @pytest.mark.slow
 def test_demo():
-    """It ends well, and its picture from the hardware is the golden model's to the bit."""
+    """It succeeds, and the picture from RTL is bit-identical to the golden model's."""
     done = make("demo", BIN=str(Path(sys.executable).parent))
     assert done.returncode == 0, done.stderr
     assert json.loads((ROOT / "out/rtl.json").read_text())["identical"]
     assert read_png(ROOT / "out/rtl.png").shape == (360, 640, 3)
 
 
-def test_what_it_makes_is_ignored(tmp_path):
-    """Files of the register map in docs/ are no part of the repository."""
+def test_git_ignores_its_files(tmp_path):
+    """git ignores the register files that `make demo` writes into docs/."""
     assert run("registers", "-o", tmp_path) == 0
     patterns = (ROOT / ".gitignore").read_text().split()
     for path in tmp_path.iterdir():

@@ -1,4 +1,4 @@
-"""README and docs: the files, links, commands and options they name exist; so does the picture."""
+"""README and docs: files, links, commands, options and pictures that they name exist."""
 
 import re
 import shlex
@@ -25,7 +25,7 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
 def missing_files(text: str, page: Path) -> list[str]:
-    """Relative links of a page, and paths from the root in backticks, that lead nowhere."""
+    """Return the broken links of a page: relative links, and paths from the root in backticks."""
     links = re.findall(r"\]\((?!https?:)([^)#\s]+)", text)
     paths = re.findall(rf"`((?:{ROOMS})/[\w/.*-]*)`", text)
     wrong = [link for link in links if not (page.parent / link).exists()]
@@ -37,7 +37,7 @@ def missing_files(text: str, page: Path) -> list[str]:
 
 
 def commands(text: str) -> list[list[str]]:
-    """Words of each `splatcore …` line of the code blocks, and of those in backticks."""
+    """Words of each `splatcore …` command, in code blocks and in backticks."""
     blocks = "\n".join(re.findall(r"^```\w*\n(.*?)^```", text, re.M | re.S)).replace("\\\n", " ")
     lines = [line for line in blocks.splitlines() if line.startswith("splatcore ")]
     lines += re.findall(
@@ -69,7 +69,7 @@ def unknown_words(words: list[str]) -> list[str]:
 
 
 @each_page
-def test_files_are_there(page):
+def test_files_exist(page):
     assert missing_files(page.read_text(), page) == []
 
 
@@ -79,7 +79,7 @@ def test_commands_are_known(page):
         assert unknown_words(words) == [], " ".join(words)
 
 
-def test_what_is_missing_is_seen():
+def test_missing_names_are_found():
     text = (
         "[a](docs/none.md) `hdl/none.py` `spec/`\n```sh\nsplatcore render --none x  # --no\n```\n"
     )
@@ -101,8 +101,8 @@ def shown(text: str) -> list[tuple[str, str]]:
     ]
 
 
-def wrong_picture(path: Path, beside: str) -> str:
-    """What is wrong with a picture; empty if nothing is."""
+def wrong_picture(path: Path, caption: str) -> str:
+    """Return the fault of a picture, or an empty string."""
     if not path.exists():
         return "is not there"
     if path.stat().st_size > PICTURE_BYTES:
@@ -110,17 +110,17 @@ def wrong_picture(path: Path, beside: str) -> str:
     height, width = read_png(path).shape[:2]
     if not (400 <= width <= 1300 and 300 <= height <= 900):
         return f"is {width}×{height}: cannot be read, or is larger than a page"
-    return "" if re.search(r"`(make pictures|splatcore [a-z][^`]*)`", beside) else "no command"
+    return "" if re.search(r"`(make pictures|splatcore [a-z][^`]*)`", caption) else "no command"
 
 
 @each_page
 def test_pictures(page):
-    """Each is there, small, can be read, and its command stands beside it."""
-    for name, beside in shown(page.read_text()):
-        assert not wrong_picture(page.parent / name, beside), name
+    """Each picture exists, is small, can be read, and has its command in the text below."""
+    for name, caption in shown(page.read_text()):
+        assert not wrong_picture(page.parent / name, caption), name
 
 
-def test_a_wrong_picture_is_seen(tmp_path):
+def test_a_wrong_picture_is_found(tmp_path):
     text = "![a](a.png)\n\nNothing.\n\n![b](b.png) | ![c](c.png)\n\n*`make pictures`*\n\n`x`"
     assert [name for name, _ in shown(text)] == ["a.png", "b.png", "c.png"]
     found = dict(shown(text))
@@ -136,7 +136,7 @@ def test_a_wrong_picture_is_seen(tmp_path):
 
 
 def test_every_picture_is_made_and_shown():
-    """By `make pictures`, but for that of a page in a browser."""
+    """`make pictures` makes every picture except the browser's; pages show all of them."""
     files = {path.name for path in (ROOT / "docs/pictures").iterdir()}
     rule = make("-n", "pictures").stdout
     made = {*re.findall(r"docs/pictures/([\w-]+\.png)", rule), *(f"{key}.png" for key in PICTURES)}
@@ -158,7 +158,7 @@ def test_the_plots_are_those_of_the_kept_results(tmp_path):
 
 @pytest.mark.slow
 def test_the_picture_is_the_demo_s(tmp_path, monkeypatch):
-    """The committed picture is, to the bit, what `make demo` renders today."""
+    """The committed picture is bit-identical to the one that `make demo` renders now."""
     monkeypatch.chdir(tmp_path)
     assert run("scene", "garden", "-o", "garden.ply", "--cameras", "garden.json") == 0
     assert run("pack", "garden.ply", "-o", "garden.splatcore") == 0

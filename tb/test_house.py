@@ -1,4 +1,4 @@
-"""The rules of the house: who imports whom, how long files and functions are."""
+"""The rules of the house: which package imports which, and the length of files and functions."""
 
 import ast
 import sys
@@ -22,16 +22,16 @@ MAY_IMPORT = {
     "tb": set(ROOMS),
 }
 
-SPEC_MAY_USE = {"numpy"}  # libraries that `spec` may import besides the standard one
+SPEC_MAY_USE = {"numpy"}  # libraries that `spec` may import in addition to the standard one
 
 FILE_LINES = 320
 FUNCTION_LINES = 60
 FILE_BYTES = 1_000_000
 
-RESULTS = "splatcore.docs.results"  # what the report is made of, installed beside the rooms
+RESULTS = "splatcore.docs.results"  # kept results, installed with the rooms
 
 PACKAGES = sorted(path.parent for room in ROOMS[:-1] for path in (ROOT / room).rglob("__init__.py"))
-"""Folders of the installed package's rooms."""
+"""Folders of all installed packages, in all rooms but `tb`."""
 
 
 def sources(room: str) -> list[Path]:
@@ -44,7 +44,7 @@ def tree(path: Path) -> ast.Module:
 
 
 def modules(syntax: ast.AST) -> Iterator[str]:
-    """Modules, and names of modules, that a syntax tree imports, at any depth."""
+    """Yield the dotted names that a syntax tree imports, at any depth."""
     for node in ast.walk(syntax):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -55,7 +55,7 @@ def modules(syntax: ast.AST) -> Iterator[str]:
 
 @cache
 def within(name: str) -> str | None:
-    """The package of this repository that an imported name lies in: `hdl.lib`; None: another's."""
+    """Package of this repository that holds an imported name, as `hdl.lib`; None: not ours."""
     parts = name.removeprefix("splatcore.").split(".")
     if parts[0] not in ROOMS or (parts[0] != "tb") != name.startswith("splatcore."):
         return None
@@ -65,7 +65,7 @@ def within(name: str) -> str | None:
 
 
 def imported(syntax: ast.AST) -> set[str]:
-    """Packages of this repository that a syntax tree imports from."""
+    """Return the packages of this repository that a syntax tree imports from."""
     return {package for name in modules(syntax) if (package := within(name))}
 
 
@@ -78,7 +78,7 @@ def name_of(folder: Path) -> str:
 
 
 def declared(folder: Path) -> set[str]:
-    """Packages that a package's docstring says it may import."""
+    """Return the packages that a package's docstring allows it to import."""
     _, _, names = ast.get_docstring(tree(folder / "__init__.py")).partition("May import:")
     assert names, f"{folder}: `May import:` is missing"
     return {word.strip() for word in names.removesuffix(".").split(",")} - {"nothing"}
@@ -92,7 +92,7 @@ def test_rooms(room):
 
 
 def test_imports_say_splatcore():
-    """`import spec` would find a room in the repository's folder alone, a second time."""
+    """`import spec` works only in the repository's folder, and would load the room twice."""
     for path in (path for room in ROOMS for path in sources(room)):
         bare = {name.split(".")[0] for name in modules(tree(path))} & set(ROOMS) - {"tb"}
         assert not bare, f"{path.relative_to(ROOT)} imports {bare}"
@@ -100,7 +100,7 @@ def test_imports_say_splatcore():
 
 @pytest.mark.parametrize("folder", PACKAGES, ids=name_of)
 def test_packages_import_what_they_say(folder):
-    """Neither more nor less; of another room without its packages."""
+    """Packages import exactly what they declare; another room is declared as a whole."""
     own, used = name_of(folder), set()
     for path in folder.glob("*.py"):
         used |= imported(tree(path)) - {own}
@@ -113,7 +113,7 @@ def test_packages_import_what_they_say(folder):
 
 
 def test_packages_have_an_order():
-    """No package imports one that imports it, over whatever others."""
+    """There is no import cycle between packages, direct or indirect."""
     below = {name_of(folder): set() for folder in PACKAGES}
     for folder in PACKAGES:
         for path in folder.glob("*.py"):
@@ -125,7 +125,7 @@ def test_packages_have_an_order():
             del below[name]
 
 
-def test_the_rules_see_a_breach():
+def test_a_breach_is_found():
     syntax = ast.parse(
         "def f():\n    from splatcore.golden.reference import render\n"
         "    import splatcore.sim.common.output\nimport spec.config\nimport tb.helpers"

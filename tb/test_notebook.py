@@ -1,4 +1,4 @@
-"""The notebook on one's own scene runs, as it is and on a file of one's own."""
+"""The notebook docs/own_scene.ipynb runs on the generated garden and on a scene file."""
 
 from pathlib import Path
 
@@ -13,17 +13,17 @@ from tb.helpers.command import ROOT
 
 NOTEBOOK = ROOT / "docs" / "own_scene.ipynb"
 
-CELLS = 10  # of code
+CELLS = 10  # code cells
 
 CHOICE = 'SCENE = "garden"'
 
 KEPT = ["golden.png", "reference.png", "scene.splatcore", "speed.png"]
 
-SECONDS = 300  # for a cell; without a limit a kernel that hangs would hang the tests
+SECONDS = 300  # limit per cell, so that a hanging kernel does not hang the tests
 
 
 def executed(folder: Path, scene: str | None = None) -> nbformat.NotebookNode:
-    """The notebook after all its cells, of another scene if one is named."""
+    """Execute the notebook, with another scene if one is named, and return it."""
     notebook = nbformat.read(NOTEBOOK, 4)
     first = notebook.cells[2]
     assert first.source.count(CHOICE) == 1
@@ -34,7 +34,7 @@ def executed(folder: Path, scene: str | None = None) -> nbformat.NotebookNode:
 
 
 def printed(notebook: nbformat.NotebookNode) -> str:
-    """Text that the cells have printed; that of warnings, too."""
+    """Text that the cells printed, warnings included."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
     return "".join(output.text for output in outputs if output.output_type == "stream")
 
@@ -50,7 +50,7 @@ def test_committed_without_outputs():
 
 @pytest.mark.slow
 def test_garden(tmp_path):
-    """Four drawings, the numbers of this scene, and the files that it keeps."""
+    """The notebook draws four figures, prints this scene's numbers and writes its files."""
     found = executed(tmp_path)
     text = printed(found)
     assert "20,000 Gaussians, harmonics of degree 1, 1 cameras" in text
@@ -67,7 +67,7 @@ def test_garden(tmp_path):
 
 @pytest.mark.slow
 def test_own_file(tmp_path):
-    """A scene file without cameras, of degree 3."""
+    """A scene file of degree 3 without cameras also runs."""
     splatcore.write(tmp_path / "mine.ply", cloud(1, 200, 3))
     text = printed(executed(tmp_path, "mine.ply"))
     assert "200 Gaussians, harmonics of degree 3, 1 cameras" in text

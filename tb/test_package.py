@@ -14,7 +14,7 @@ from tb.helpers.command import ROOT
 
 ROOMS = ("spec", "model", "golden", "hdl", "sim")
 
-RESULTS = "docs/results"  # without Python, of which the report is made
+RESULTS = "docs/results"  # kept results for the report, no Python
 
 
 def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess:
@@ -25,7 +25,7 @@ def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
-    """The wheel, built from a copy, as building leaves files beside the sources."""
+    """The wheel, built from a copy, because building leaves files among the sources."""
     folder = tmp_path_factory.mktemp("wheel")
     for room in (*ROOMS, "splatcore", RESULTS):
         shutil.copytree(ROOT / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
@@ -40,13 +40,13 @@ def wheel(tmp_path_factory) -> Path:
 
 
 def environment(folder: Path) -> Path:
-    """A new environment's Python."""
+    """Create an environment; return its Python."""
     venv.create(folder / "venv", with_pip=True, symlinks=True)
     return folder / "venv" / "bin" / "python"
 
 
 def check_command(folder: Path):
-    """The command makes a picture, in a folder of its own, and no other name is taken."""
+    """Check that the command renders and reports, and that only `splatcore` can be imported."""
     commands, work = folder / "venv" / "bin", folder / "work"
     work.mkdir()
     assert "render" in run(commands / "splatcore", "--help", folder=work).stdout
@@ -71,7 +71,7 @@ def check_command(folder: Path):
 
 @pytest.mark.slow
 def test_wheel(wheel, tmp_path):
-    """With the libraries of this environment, in which the package itself cannot be seen."""
+    """The wheel works in an environment with this one's libraries but not its Splatcore."""
     python = environment(tmp_path)
     done = run(python, "-m", "pip", "install", "--no-deps", wheel, folder=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -81,7 +81,7 @@ def test_wheel(wheel, tmp_path):
 
 
 def test_wheel_has_every_file(wheel):
-    """Templates, style sheets, C++, waivers and kept results as well as Python."""
+    """The wheel has Python, templates, style sheets, C++, waivers, kept results, nothing else."""
     files = {
         path.relative_to(ROOT) for room in (*ROOMS, RESULTS) for path in (ROOT / room).rglob("*.*")
     }
@@ -92,7 +92,7 @@ def test_wheel_has_every_file(wheel):
 
 @pytest.mark.verify
 def test_wheel_brings_its_libraries(wheel, tmp_path):
-    """Nothing but the wheel's own dependencies; from the package registry."""
+    """The wheel works with only its declared dependencies, from the package registry."""
     done = run(environment(tmp_path), "-m", "pip", "install", wheel, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     check_command(tmp_path)

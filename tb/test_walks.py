@@ -1,4 +1,4 @@
-"""The walk-throughs in docs/: their commands run one after the other and print what is shown."""
+"""The walk-throughs in docs/: their commands run in order and print the text shown there."""
 
 import os
 import re
@@ -14,21 +14,21 @@ from tb.helpers.command import ROOT
 WALKS = sorted((ROOT / "docs").glob("walk_*.md"))
 
 RULES = ELLIPSIS | NORMALIZE_WHITESPACE
-COLUMNS = "200"  # of the terminal that tables are set for
+COLUMNS = "200"  # width of the terminal in columns, for tables
 
 REFUSED = 2
-"""Exit status of commands that print one line of error; of all others it is 0."""
+"""Exit status of a command that prints one line of error; all others exit with 0."""
 
 
 def steps(text: str) -> list[tuple[str, str]]:
-    """Commands and what they print, of the blocks `console` of a page."""
+    """Commands of a page's `console` blocks, each with its expected output."""
     blocks = "".join(re.findall(r"^```console\n(.*?)^```", text, re.M | re.S))
     found = re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", blocks, re.M)
     return [(command, printed) for command, printed in found]
 
 
 def check(folder: Path, command: str, expected: str):
-    """A command prints what is expected and ends as it should; progress is left out."""
+    """Run a command; check its output and exit status, without progress lines."""
     inside = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     variables = os.environ | {"PATH": inside, "COLUMNS": COLUMNS, "LC_ALL": "C.UTF-8"}
     done = subprocess.run(
@@ -37,7 +37,7 @@ def check(folder: Path, command: str, expected: str):
     failed = expected.startswith("error: ")
     assert done.returncode == (REFUSED if failed else 0), f"{command}\n{done.stdout}{done.stderr}"
     printed = done.stderr.splitlines()[-1] + "\n" if failed else done.stdout
-    pattern = expected.replace("…", "...")  # what `doctest` calls an ellipsis
+    pattern = expected.replace("…", "...")  # doctest's ellipsis
     assert OutputChecker().check_output(pattern, printed, RULES), f"{command}\n{printed}"
 
 
@@ -50,7 +50,7 @@ def test_walk(page, tmp_path):
         check(tmp_path, command, expected)
 
 
-def test_what_differs_is_seen(tmp_path):
+def test_differences_are_found(tmp_path):
     text = "```console\n$ echo one two\none …\n$ echo three\nfour\n$ false\n```\n"
     one, three, false = steps(text)
     check(tmp_path, *one)

@@ -1,1 +1,1 @@
-"""Tests of `sim/view`: the page, its pictures, its camera."""
+"""Tests of the viewer, `sim/view`: its page, pictures and camera."""

@@ -1,4 +1,4 @@
-"""The page in Chromium without a screen: what it draws is the golden model's picture."""
+"""The viewer's page in headless Chromium shows the golden model's picture."""
 
 import numpy as np
 import pytest
@@ -12,15 +12,15 @@ from splatcore.spec.config import TINY
 from tb.helpers.browser import CHROMIUM, opened, until
 from tb.helpers.command import write_scene
 
-PAGE = 900, 480  # its right part holds the switches
+PAGE = 900, 480  # pixels; the controls are on the right
 
 LEVELS = 3.0
-"""Mean error of the screen's picture: the browser stretches 64×48 pixels sevenfold, as the test
-does, but with its own rounding at every edge. Of a picture that is mirrored it is 40 and
-more."""
+"""Largest mean error of the screen's picture, in levels of 8 bits. The browser scales 64×48
+pixels up sevenfold, as this test does, but rounds differently at edges. A mirrored picture has
+an error of 40 or more."""
 
 NOTE = "document.querySelectorAll('[class*=Notification] button')"
-"""Buttons that close what viser says of drawing without a GPU, which covers a part of the page."""
+"""Buttons that close viser's notice about drawing without a GPU, which covers the page."""
 
 pytestmark = [
     pytest.mark.slow,
@@ -29,7 +29,7 @@ pytestmark = [
 
 
 def canvas(tab) -> tuple[int, int]:
-    """Width and height of what the page draws the scene on, left of the switches."""
+    """Width and height of the canvas, left of the controls."""
     return tuple(
         round(tab.value(f"document.querySelector('canvas').getBoundingClientRect().{side}"))
         for side in ("width", "height")
@@ -37,7 +37,7 @@ def canvas(tab) -> tuple[int, int]:
 
 
 def seen(tab) -> np.ndarray:
-    """The picture on the screen [48, 64, 3], without its borders: means of the screen's pixels."""
+    """The picture on the screen without its borders [48, 64, 3]: one screen pixel per pixel."""
     wide, high = canvas(tab)
     scale = min(wide / 64, high / 48)
     screen = tab.screenshot()[:high, :wide].astype(float)
@@ -47,9 +47,9 @@ def seen(tab) -> np.ndarray:
     return screen[rows][:, columns]
 
 
-def test_what_is_on_the_screen(tmp_path, monkeypatch):
-    """The golden model's picture of the camera that the page begins with; of another one that it
-    is sent to; of where the mouse then moves it."""
+def test_the_screen_shows_the_golden_picture(tmp_path, monkeypatch):
+    """The screen shows the golden picture of the first camera, then of a chosen camera, then of
+    the view after a drag of the mouse."""
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     source = open_source("scene.ply")
@@ -61,7 +61,7 @@ def test_what_is_on_the_screen(tmp_path, monkeypatch):
         return render(TINY, model, page.asked).pixels.astype(float)
 
     def check():
-        """The picture comes and is right; no other one before is."""
+        """Wait for the right picture, and check that it differs from all earlier ones."""
         until(lambda: page.asked and np.abs(seen(tab) - golden()).mean() < LEVELS)
         checked.append(golden())
         far = [np.abs(one - checked[-1]).mean() for one in checked[:-1]]

@@ -1,4 +1,4 @@
-"""Cameras of the page and of the project: there and back."""
+"""Conversion between the page's cameras and Splatcore's, in both directions; sizes and borders."""
 
 import numpy as np
 import pytest
@@ -40,8 +40,8 @@ def test_there_and_back(page):
 
 
 def test_the_page_s_upper_edge():
-    """A point on the page's upper edge, by its field of view, lies on the picture's, or above it by
-    what the page is higher."""
+    """A point at the page's upper edge projects to the picture's upper edge, or above it if the
+    page is higher than the picture."""
     camera = look_at((0.0, 0, 0), (0.0, 0, 1), 640, 360, 400.0)
     for page, row in ((640, 360), 0), ((1280, 720), 0), ((900, 360), 0), ((640, 720), -180):
         pose = pose_of(camera, page)
@@ -59,8 +59,8 @@ def test_another_size():
         assert getattr(found, name) == pytest.approx(3 * getattr(camera, name))
 
 
-def test_a_page_that_knows_where_it_looks_and_an_up():
-    """The page's camera, made of what it is sent, is the camera: its tilt, too."""
+def test_the_page_s_camera_from_look_at_and_up():
+    """From position, look-at and up direction the page gets the camera's rotation and tilt."""
     for seed in range(20):
         camera, up = some(seed), np.array([0.0, -1, 0])
         page = PageCamera(64, 48)
@@ -71,7 +71,7 @@ def test_a_page_that_knows_where_it_looks_and_an_up():
 
 
 def test_up():
-    """Photographers hold cameras level: up is across all their rows, and against their columns."""
+    """Cameras are held level: `up_of` is perpendicular to all image rows and points upwards."""
     turn = Rotation.from_euler("xyz", (0.4, -1, 2)).as_matrix()
     cameras = []
     for angle in np.arange(5.0):
@@ -101,7 +101,7 @@ def test_within():
 
 
 def test_fitting():
-    """Portrait as well as landscape; the largest of a shape that is too large."""
+    """Sizes that fit stay, portrait or landscape; larger ones shrink to the largest that fits."""
     for size in ((1920, 1080), (1080, 1920), (64, 2047), (1, 1)):
         assert fitting(DEFAULT, size) == size
     width, height = fitting(DEFAULT, (3840, 2160))

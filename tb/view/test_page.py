@@ -1,4 +1,4 @@
-"""The page without a browser: what it shows as the camera moves and rests, and as one chooses."""
+"""The page without a browser: its picture and text as the camera moves and controls change."""
 
 import time
 from dataclasses import replace
@@ -25,7 +25,7 @@ STEP = np.array([0.1, 0, 0])
 
 
 class Desk:
-    """A worker that does nothing, and knows what was asked of it."""
+    """A stand-in for a worker: it records requests and does nothing."""
 
     def __init__(self):
         self.requests, self.receive, self.cancelled = [], None, 0
@@ -53,7 +53,7 @@ def setting(file):
 
 @pytest.fixture
 def opened(setting):
-    """A page of 120×100 pixels, its client, its worker and its simulator."""
+    """A page of 120×100 pixels, its client, and stand-ins for its worker and simulator."""
     client, desk, other = PageClient(120, 100), Desk(), Desk()
     shown = Page(client, setting, desk, lambda: other)
     client.camera.told()  # as the browser does where it has been placed
@@ -76,7 +76,7 @@ def test_the_first_view_is_the_camera_s(opened, setting):
 
 
 def test_rest_and_movement(opened):
-    """One picture instead of the other; not before the camera rests, and not an old one."""
+    """The page shows a picture only when the camera rests, and ignores pictures of old requests."""
     _, client, desk, _ = opened
     assert client.splats.visible and client.background is None
     desk.receive(Progress("at work", 0.5))
@@ -109,7 +109,7 @@ def test_a_camera_that_stays_is_no_movement(opened):
 
 
 def test_another_size_of_the_page(opened):
-    """The picture shows what it showed."""
+    """A narrower page requests the same camera, and its own field of view grows."""
     _, client, desk, _ = opened
     client.camera.image_width = 60
     client.camera.told()
@@ -134,7 +134,7 @@ def test_switches(opened):
 
 
 def test_another_camera(opened, setting):
-    """Chosen from a list: the page goes there."""
+    """A camera chosen from the list moves the page there and starts a new request."""
     _, client, desk, _ = opened
     client.camera.step(STEP)
     until(lambda: len(desk.requests) == 2)
@@ -153,7 +153,7 @@ def test_failure(opened):
 
 
 def test_simulation_goes_on_while_the_camera_moves(opened):
-    """Its picture is shown where the camera has stayed, and what came of it in any case."""
+    """Its picture is shown only if the camera has not moved; its result is always shown."""
     _, client, desk, other = opened
     for step in (False, True):
         client.widgets["Simulate in RTL"].change()
@@ -193,25 +193,25 @@ def test_splats(setting):
 
 
 def test_a_marked_scene(setting):
-    """The page says that the browser's picture is without compensation, and why it matters."""
+    """For a marked scene the page notes that the browser draws without opacity compensation."""
     for antialiased in (True, False):
         gaussians = replace(setting.gaussians, antialiased=antialiased)
         client = PageClient(120, 100)
         marked = replace(setting, gaussians=gaussians, mark="SPZ flag")
         Page(client, marked, Desk(), Desk).close()
-        said = [widget.content for widget in client.widgets.values() if hasattr(widget, "content")]
+        texts = [widget.content for widget in client.widgets.values() if hasattr(widget, "content")]
         line = "Antialiased (SPZ flag): the browser's own picture is drawn without opacity "
-        assert any(text.startswith(line) for text in said) == antialiased
+        assert any(text.startswith(line) for text in texts) == antialiased
 
 
 @pytest.mark.slow
 def test_with_a_worker(setting, file, tmp_path, monkeypatch):
-    """The picture, a kept camera's, is what `render` makes of its file; the newest request wins."""
+    """The newest request wins; a saved camera gives the same picture by `render`."""
     monkeypatch.chdir(tmp_path)
     client, worker = PageClient(60, 44), Worker(file)
     shown = Page(client, setting, worker, lambda: worker)
     try:
-        for _ in range(4):  # each while the one before is at work
+        for _ in range(4):  # each while the previous request is running
             client.camera.step(STEP)
             time.sleep(1.5 * page.REST)
         until(lambda: client.widgets["text 0"].content == "done")

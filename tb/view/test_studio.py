@@ -1,4 +1,4 @@
-"""Pictures by requests: each is what another part of the project makes of the same camera."""
+"""The viewer's pictures and numbers, against golden model, reference and cycle model."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from splatcore.spec.config import TINY
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
 
-SIZE = 60, 44  # part of a tile, and of a group, at either edge
+SIZE = 60, 44  # ends within a tile, and within a group, on both axes
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +49,14 @@ def studio(scene):
 
 
 def last(studio, *request, **more) -> Shown:
-    """What comes at the end of a request."""
+    """Run a request; return its last answer."""
     *_, shown = studio.steps(Request(*request, **more), lambda text, share: None)
     assert shown.done
     return shown
 
 
 def lengths(frame, config) -> np.ndarray:
-    """Splats of each tile, entry by entry."""
+    """Number of splats per tile [rows, columns], counted entry by entry."""
     height, width = frame.pixels.shape[:2]
     rows, columns = -(-height // TILE), -(-width // TILE)
     across = -(-columns // config.group)
@@ -89,13 +89,13 @@ def test_each_layer(studio, scene, model, frame, camera):
 
 
 def test_the_picture_comes_first(studio, camera):
-    """Before any reference is asked for."""
-    told = []
+    """The machine's picture is sent before any reference is rendered."""
+    calls = []
     moved = replace(camera, translation=camera.translation + 0.01)
-    shown = next(studio.steps(Request(moved, TINY), lambda *what: told.append(what)))
+    shown = next(studio.steps(Request(moved, TINY), lambda *call: calls.append(call)))
     assert shown.pixels is not None and not shown.done and "cycles" in shown.facts
-    assert not [what for what, _ in told if "reference" in what]
-    assert [share for what, share in told if "golden" in what] == [0, 0.25, 0.5, 0.75]
+    assert not [text for text, _ in calls if "reference" in text]
+    assert [share for text, share in calls if "golden" in text] == [0, 0.25, 0.5, 0.75]
 
 
 def test_numbers(studio, scene, model, frame, camera):
@@ -125,7 +125,7 @@ def test_cycles_of_groups(frame):
 
 
 def test_a_packed_model(model, frame, camera):
-    """There is no other scene than it."""
+    """A packed model is its own scene: both references are the same."""
     studio = Studio(Source("packed", model=model))
     one, other = (last(studio, camera, TINY, None, layer) for layer in (layers.MODEL, layers.SCENE))
     np.testing.assert_array_equal(one.pixels, other.pixels)
@@ -139,7 +139,7 @@ def test_too_large(studio, camera):
 
 @pytest.mark.parametrize("at", [0, 3, 6])
 def test_a_newer_request_ends_the_work(scene, camera, at):
-    """Whatever is being done, no more is sent."""
+    """Once a newer request exists, nothing more is sent, at whatever stage the work is."""
     newest, sent = SimpleNamespace(value=1), []
 
     def send(answer):
@@ -151,7 +151,7 @@ def test_a_newer_request_ends_the_work(scene, camera, at):
     assert len(sent) == at + 1 and all(number == 1 for number, _ in sent)
 
 
-def test_what_fails_is_told(studio, camera):
+def test_failures_are_reported(studio, camera):
     sent = []
     request = Request(camera.resized(640, 360), TINY)
     serve(studio, 1, request, lambda answer: sent.append(answer[1]), SimpleNamespace(value=1))
