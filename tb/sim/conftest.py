@@ -1,4 +1,4 @@
-"""The small library of cells, as a file and read."""
+"""Fixtures of the small cell library: its file, and the library read from it."""
 
 import pytest
 

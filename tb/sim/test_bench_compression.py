@@ -1,4 +1,4 @@
-"""`splatcore bench compression`: steps by hand, resuming, failures, bad input."""
+"""`splatcore bench compression`: steps against values computed here, resuming, failures."""
 
 import json
 import re
@@ -47,7 +47,7 @@ def fake(tmp_path, monkeypatch):
 
 
 def test_steps(fake, tmp_path, capsys):
-    """Sizes, ratios, quality, changes and work of every step, by hand."""
+    """Sizes, ratios, quality, changes and work of the steps equal values computed here."""
     assert bench("a.ply", "--part", "steps,budget", "--steps", "5") == 0
     facts = load(tmp_path / "out" / "compression.json")
     scene = facts["scenes"]["a.ply"]
@@ -87,7 +87,7 @@ def test_steps(fake, tmp_path, capsys):
 
 
 def test_beside(fake, tmp_path, capsys):
-    """The loss beside the path is measured where the held-out cameras are moved to."""
+    """The off-path PSNR is measured at the held-out cameras, moved by each offset."""
     assert bench("a.ply", "--part", "steps", "--steps", "5") == 0
     first, *_, last = scenes()["a.ply"]["steps"]["rows"]
     assert first["psnr_db_beside_mean"] is None and set(first["psnr_db_beside"].values()) == {None}
@@ -110,8 +110,8 @@ def test_beside(fake, tmp_path, capsys):
     assert "psnr_db_beside" not in scenes()["b.ply"]["steps"]["rows"][-1]
 
 
-def test_what_is_there_is_not_made_again(fake, tmp_path, monkeypatch):
-    """A second call measures and compresses nothing, and writes the same."""
+def test_existing_results_are_reused(fake, tmp_path, monkeypatch):
+    """A second call compresses and measures nothing, and writes the same files."""
     arguments = ("a.ply", "--steps", "5", "--ratios", "12", "--schedule-scene", "a.ply")
     assert bench(*arguments) == 0
     names = ("compression.json", "steps.csv", "schedule.csv", "curve.csv", "budget.csv")
@@ -140,7 +140,7 @@ def test_goes_on_after_an_interrupt(fake, tmp_path):
 
 
 def test_options_and_sources_decide(fake, tmp_path, monkeypatch):
-    """Other options are another compression, beside the first; other sources are measured anew."""
+    """Other options start another compression and keep the first; other sources remeasure."""
     for steps in ("5", "6", "5"):
         assert bench("a.ply", "--part", "budget", "--steps", steps) == 0
     called = [call for call in fake.calls if call.startswith("compress")]
@@ -158,8 +158,8 @@ def test_options_and_sources_decide(fake, tmp_path, monkeypatch):
     assert (tmp_path / "out" / "compression.json").read_text() == first
 
 
-def test_what_is_learned_from_decides(fake, tmp_path):
-    """Other views, and other cameras beside the scene, are another compression."""
+def test_other_views_are_another_compression(fake, tmp_path):
+    """Other views, or other cameras in the scene's camera file, start another compression."""
     for views in ("5", "6", "5"):
         assert bench("a.ply", "--part", "budget", "--views", views) == 0
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 4
@@ -188,8 +188,8 @@ def test_failure_of_one_scene_leaves_the_others(fake, second, tmp_path, capsys):
     assert "missing: b.ply: budget: FloatingPointError: the loss is NaN at step 7" in error
 
 
-def test_failure_takes_an_old_result_away(fake, tmp_path):
-    """A part that could not be measured again is not left there as if it had been."""
+def test_a_failure_removes_the_old_result(fake, tmp_path):
+    """If a part fails when measured again, its old result is removed."""
     assert bench("a.ply", "--part", "budget,curve", "--ratios", "12") == 0
     fake.breaks_at = COUNT
     assert bench("a.ply", "--part", "budget", "--steps", "5") == 1
@@ -215,8 +215,8 @@ def test_mean():
 
 
 def test_degree(fake, second, tmp_path):
-    """Packing alone and what is left have it; results of another one do not stay beside them, and
-    a scene that has less is left out."""
+    """`--degree` applies to every model; results of another degree are removed, and a scene of
+    lower degree fails."""
     write_ply("b.ply", small(300).with_sh_degree(1))
     assert bench("a.ply", "--part", "budget") == 0
     arguments = ("a.ply", "b.ply", "--degree", "2", "--ratios", "9", "--part", "steps,curve")

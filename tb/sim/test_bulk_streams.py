@@ -1,4 +1,4 @@
-"""`sim.rtl.streams`: all rows pass in order under all stalls, and what is wrong is named."""
+"""`sim.rtl.streams`: all rows pass in order under all stalls; faults are found and named."""
 
 import numpy as np
 import pytest
@@ -17,15 +17,18 @@ pytestmark = pytest.mark.slow
 COUNT = 300
 STALLS = (0.0, 0.3, 0.6, 0.9)
 BITS = 5
-LOST = 100  # payload of a faulty component, and the item with which it goes wrong
+LOST = 100  # number of the item at which a faulty component fails
 
 
 class Faulty(wiring.Component):
-    """A wire from `i` to `o` that does one thing wrong; `noise` sums payloads that are not valid.
+    """A wire from `i` to `o` with one fault; `noise` sums the payloads that are not valid.
 
-    "lost": item `LOST` is swallowed. "twice": it is given twice. "stuck": it is never taken.
-    "falls", "changes": valid, payload are not held in a cycle after one without ready.
-    "asserts": an assertion fails when it comes.
+    lost: item `LOST` is dropped
+    twice: item `LOST` is emitted twice
+    stuck: item `LOST` is never accepted
+    falls: valid is not held after a cycle without ready
+    changes: the payload is not held after a cycle without ready
+    asserts: an assertion fails at item `LOST`
     """
 
     def __init__(self, fault: str):
@@ -68,7 +71,7 @@ class Faulty(wiring.Component):
 
 
 class Join(wiring.Component):
-    """`o` is an item of each of `a` and `b` beside each other, xor `key`; without a clock."""
+    """`o` is an item of `a` and an item of `b`, concatenated, xor `key`; purely combinational."""
 
     def __init__(self):
         inputs = {"a": In(stream.Signature(8)), "b": In(stream.Signature(92))}
@@ -100,8 +103,8 @@ FAULTS = ("lost", "twice", "stuck", "falls", "changes", "asserts")
 
 
 @pytest.fixture(scope="module")
-def beside() -> Simulation:
-    """All components in one simulation, each used by itself: nothing joins them."""
+def parts() -> Simulation:
+    """One simulation that holds all components, unconnected."""
     parts = PARTS | {fault: Faulty(fault) for fault in FAULTS}
     return Simulation(Beside(parts), samples=("queue_64__level", "queue_64__i__ready"))
 
@@ -119,7 +122,7 @@ def random_rows(width: int, count: int, seed: int = 0) -> np.ndarray:
 
 
 def run(simulation: Simulation, inputs: dict, expected: dict | None = None, **options):
-    """Run some parts of many: the other in streams get no rows."""
+    """Run some of the components: the other in streams get no rows."""
     widths = simulation.ports.sources.items()
     silent = {name: np.zeros((0, -(-width // 8)), np.uint8) for name, width in widths}
     return simulation.run(silent | inputs, expected=expected, **options)
@@ -131,14 +134,14 @@ def run_fault(simulation: Simulation, fault: str, **options):
 
 
 @pytest.mark.parametrize("stall", STALLS)
-def test_all_rows_pass_in_order(beside, stall):
+def test_all_rows_pass_in_order(parts, stall):
     inputs, outputs = {}, {}
     for name in PARTS:
-        rows = random_rows(beside.ports.sources[f"{name}__i"], COUNT, seed=len(name))
+        rows = random_rows(parts.ports.sources[f"{name}__i"], COUNT, seed=len(name))
         inputs[f"{name}__i"] = rows
-        outputs |= {sink: rows for sink in beside.ports.sinks if sink.startswith(f"{name}__")}
+        outputs |= {sink: rows for sink in parts.ports.sinks if sink.startswith(f"{name}__")}
     assert len(outputs) == len(PARTS) + 2
-    result = run(beside, inputs, dict.fromkeys(outputs, COUNT), stall=stall, seed=7)
+    result = run(parts, inputs, dict.fromkeys(outputs, COUNT), stall=stall, seed=7)
     assert result.finished, result.stopped
     for name, rows in outputs.items():
         np.testing.assert_array_equal(result.outputs[name], rows, err_msg=name)
@@ -148,10 +151,10 @@ def test_all_rows_pass_in_order(beside, stall):
     assert result.cycles <= COUNT + 4 or stall  # no queue here has a latency above 2
 
 
-def test_queues_fill_and_idle(beside):
-    """Stalls come to both sides: the queue is full at times and empty at times."""
+def test_queues_fill_and_idle(parts):
+    """Stalls occur on both sides, so the queue is sometimes full and sometimes empty."""
     inputs = {"queue_64__i": random_rows(64, 5000)}
-    result = run(beside, inputs, {"queue_64__o": 5000}, stall=0.5)
+    result = run(parts, inputs, {"queue_64__o": 5000}, stall=0.5)
     level, ready = result.samples["queue_64__level"], result.samples["queue_64__i__ready"]
     assert result.finished and len(level) == len(ready) > result.cycles
     np.testing.assert_array_equal(level != 5, ready)
@@ -160,64 +163,64 @@ def test_queues_fill_and_idle(beside):
     assert 2.0 < result.cycles / 5000 < 3.0
 
 
-def test_a_seed_repeats_itself(beside):
+def test_a_seed_repeats_itself(parts):
     inputs = {"queue_64__i": random_rows(64, COUNT)}
     expected = {"queue_64__o": COUNT}
-    runs = [run(beside, inputs, expected, stall=0.5, seed=seed) for seed in (1, 1, 2)]
+    runs = [run(parts, inputs, expected, stall=0.5, seed=seed) for seed in (1, 1, 2)]
     levels = [found.samples["queue_64__level"] for found in runs]
     np.testing.assert_array_equal(levels[0], levels[1])
     assert not np.array_equal(levels[0], levels[2])
 
 
 @pytest.mark.parametrize("expected", [None, {}, {"queue_64__o": 0}])
-def test_nothing_to_do(beside, expected):
-    result = run(beside, {}, expected, idle_max=200)
+def test_nothing_to_do(parts, expected):
+    result = run(parts, {}, expected, idle_max=200)
     assert result.finished and result.cycles == 0
     assert not any(len(rows) for rows in result.outputs.values())
 
 
-def test_without_expectations(beside):
-    """Then the run ends when nothing moves any more."""
+def test_without_expectations(parts):
+    """Without expected counts a run ends once no stream moves."""
     rows = random_rows(300, COUNT)
-    result = run(beside, {"queue_300__i": rows}, stall=0.3)
+    result = run(parts, {"queue_300__i": rows}, stall=0.3)
     assert result.finished and result.stopped.startswith("nothing moved for 20000 cycles")
     np.testing.assert_array_equal(result.outputs["queue_300__o"], rows)
-    assert not run(beside, {"stuck__i": random_rows(BITS, COUNT)}).finished
+    assert not run(parts, {"stuck__i": random_rows(BITS, COUNT)}).finished
 
 
-def test_all_inputs_are_awaited(beside):
-    """A component that should give nothing is to be seen giving nothing for all of its inputs."""
-    result = run(beside, {"queue_300__i": random_rows(300, COUNT)}, {"lost__o": 0}, stall=0.3)
+def test_all_inputs_are_awaited(parts):
+    """A run that expects no output still waits until all input rows are taken."""
+    result = run(parts, {"queue_300__i": random_rows(300, COUNT)}, {"lost__o": 0}, stall=0.3)
     assert result.finished and result.taken["queue_300__i"] == COUNT
     assert len(result.outputs["queue_300__o"]) == COUNT
 
 
-def test_streams_that_come_first(beside):
+def test_streams_listed_as_first(parts):
     inputs = {"queue_64__i": random_rows(64, COUNT), "queue_300__i": random_rows(300, COUNT)}
     for first, second in (((), COUNT), (["queue_64__i"], 0)):
-        result = run(beside, inputs, cycles_max=COUNT, first=first)
+        result = run(parts, inputs, cycles_max=COUNT, first=first)
         assert [result.taken[name] for name in inputs] == [COUNT, second]
 
 
-def test_noise_while_not_valid(beside):
-    result, _ = run_fault(beside, "changes")
+def test_noise_while_not_valid(parts):
+    result, _ = run_fault(parts, "changes")
     noise, cycles = result.ports["changes__noise"], TAIL  # not valid in these cycles
     assert 0.25 < noise / cycles / (1 << BITS) < 0.75
 
 
 @pytest.mark.parametrize("stall", STALLS)
-def test_an_item_lost_twice_or_stuck(beside, stall):
-    """The row too many comes within the 64 cycles after the last: all inputs are awaited."""
-    result, rows = run_fault(beside, "lost", stall=stall)
+def test_an_item_lost_twice_or_stuck(parts, stall):
+    """A lost, doubled or stuck item is found; the extra row comes within the last 64 cycles."""
+    result, rows = run_fault(parts, "lost", stall=stall)
     assert not result.finished
     assert f"lost__o gave {COUNT - 1} of {COUNT} rows" in result.stopped
     assert "nothing moved" in result.stopped
     np.testing.assert_array_equal(result.outputs["lost__o"], np.delete(rows, LOST, 0))
-    result, rows = run_fault(beside, "twice", stall=stall)
+    result, rows = run_fault(parts, "twice", stall=stall)
     assert result.finished
     twice = np.insert(rows, LOST, rows[LOST], 0)
     np.testing.assert_array_equal(result.outputs["twice__o"], twice)
-    result, _ = run_fault(beside, "stuck", stall=stall)
+    result, _ = run_fault(parts, "stuck", stall=stall)
     assert not result.finished
     assert f"stuck__i took {LOST} of {COUNT}" in result.stopped
 
@@ -227,29 +230,29 @@ def test_an_item_lost_twice_or_stuck(beside, stall):
     [("falls", "falls__o: valid fell"), ("changes", "changes__o: the payload changed")],
 )
 @pytest.mark.parametrize("stall", STALLS)
-def test_the_stream_rule(beside, fault, message, stall):
+def test_the_stream_rule(parts, fault, message, stall):
     if stall == 0:  # ready never waits, so nothing can be taken back
-        assert run_fault(beside, fault)[0].finished
+        assert run_fault(parts, fault)[0].finished
         return
     with pytest.raises(StreamRuleError, match=rf"{message}.* in cycle \d+") as raised:
-        run_fault(beside, fault, stall=stall)
+        run_fault(parts, fault, stall=stall)
     assert len(raised.value.result.outputs[f"{fault}__o"]) < COUNT
 
 
-def test_a_failed_assertion(beside):
+def test_a_failed_assertion(parts):
     with pytest.raises(SimulationError, match="item came"):
-        run_fault(beside, "asserts")
+        run_fault(parts, "asserts")
 
 
-def test_the_limit(beside):
-    result, _ = run_fault(beside, "lost", cycles_max=50)
+def test_the_limit(parts):
+    result, _ = run_fault(parts, "lost", cycles_max=50)
     assert not result.finished and result.cycles == 50
     assert result.stopped.startswith("the limit of 50 cycles was reached: ")
 
 
 @pytest.mark.parametrize("stall", STALLS)
 def test_two_inputs_and_a_wide_constant(join, stall):
-    """Also: a component without a clock, and an input that is given cycle by cycle."""
+    """Two streams and a 100-bit constant, without a clock; `mask` has one value per cycle."""
     inputs = {"a": random_rows(8, COUNT, 1), "b": random_rows(92, COUNT, 2)}
     key, mask = (1 << 100) - 12345, np.arange(COUNT) % 256
     constants = {"key": key, "mask": mask}
@@ -272,7 +275,7 @@ def test_two_inputs_and_a_wide_constant(join, stall):
     assert result.ports["keys"] == (1 << 100) - 1
 
 
-def test_what_cannot_be_run(join):
+def test_invalid_arguments(join):
     rows = {"a": random_rows(8, 2), "b": random_rows(92, 2)}
     constants = {"key": 0, "mask": 0}
     for wrong, message in (

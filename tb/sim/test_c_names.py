@@ -1,4 +1,4 @@
-"""Names of registers in C and C++, where generators use them bare; the driver in a C++ host."""
+"""Register names are usable as C and C++ identifiers; the C driver links into a C++ host."""
 
 import re
 import shutil
@@ -20,7 +20,7 @@ LANGUAGE = [pytest.param("c"), pytest.param("c++", marks=needs_cpp)]
 
 
 def names(config) -> set[str]:
-    """Registers, their fields and codes of errors."""
+    """Names of registers, of their fields and of error codes."""
     registers = register_map(config).values()
     inside = {field.name for register in registers for field in fields(register)}
     return {register.name for register in registers} | inside | {code.name for code in ErrorCode}
@@ -29,7 +29,7 @@ def names(config) -> set[str]:
 @pytest.mark.parametrize("language", LANGUAGE)
 @pytest.mark.parametrize("config", MAPS, ids=lambda config: config.name)
 def test_names_are_no_macros(language, config):
-    """Not of the standard headers: a struct of registers, as PeakRDL makes it, has these names."""
+    """No standard header defines a macro of that name: PeakRDL uses them as struct members."""
     include = "".join(f"#include <{name}.h>\n" for name in HEADERS.split())
     command = [*LANGUAGES[language], "-x", language, "-E", "-dM", "-"]
     done = subprocess.run(command, input=include, capture_output=True, text=True, check=True)
@@ -41,7 +41,7 @@ def test_names_are_no_macros(language, config):
 @pytest.mark.parametrize("language", LANGUAGE)
 @pytest.mark.parametrize("config", MAPS, ids=lambda config: config.name)
 def test_names_are_no_keywords(language, config):
-    """In lower case neither, as generators may have them."""
+    """Nor in lower case, which generators may use."""
     known = names(config)
     found = sorted(known | {name.lower() for name in known})
     check = [*LANGUAGES[language], "-x", language, "-fsyntax-only", "-"]

@@ -1,4 +1,4 @@
-"""Kept results come back; another origin makes them anew."""
+"""The result cache: its keys, failures that keep nothing, and the command `splatcore cache`."""
 
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -47,7 +47,7 @@ def test_the_folder(monkeypatch, root):
 
 
 def test_the_command(root, capsys):
-    """It counts and removes what is kept, and nothing that anybody else has put there."""
+    """`cache` counts its own entries, and `cache --empty` removes them and no other file."""
     kept_json("synth", "a", lambda: "x" * 1000)
     kept_folder("streams", "a", lambda folder: (folder / "program").write_bytes(bytes(1 << 20)))
     (root / f"streams/library-{digest(1)}").mkdir()
@@ -87,7 +87,7 @@ def test_json_is_computed_once(root):
     asked = []
 
     def compute() -> dict:
-        sleep(0.05)  # others ask meanwhile
+        sleep(0.05)  # the other threads ask meanwhile
         return {"n": len(asked), "asked": asked.append(1)}
 
     with ThreadPoolExecutor(4) as pool:

@@ -1,4 +1,4 @@
-"""Campaigns: results are kept, failures named, lost workers lose nothing; sweep, ablation, work."""
+"""Campaigns: results are kept, failures named, other tasks survive; sweep, ablation, work."""
 
 import signal
 from dataclasses import replace
@@ -48,7 +48,7 @@ def run(tasks: list[Task], folder, scheduler=None) -> dict:
 
 @pytest.mark.slow
 def test_results_are_kept(tmp_path):
-    """Only what is missing or of another key is measured again."""
+    """Only tasks with a missing, broken or outdated result run again."""
     log = tmp_path / "log"
     tasks = [task(number, log) for number in range(3)]
     first = run(tasks, tmp_path / "parts")
@@ -69,7 +69,7 @@ def test_results_are_kept(tmp_path):
     ids=["processes", "cluster"],
 )
 def test_failures_are_named_and_lose_nothing(tmp_path, cluster):
-    """A task that fails, and one that takes its process with it; all others have their results."""
+    """One task raises and one kills its process; all other tasks return their results."""
     tasks = [task(n, tmp_path / "log") for n in (0, 1, -1, 2)]
     tasks.insert(3, task(9, tmp_path / "log", die))
     if cluster:  # workers of a Dask scheduler
@@ -88,7 +88,7 @@ def test_failures_are_named_and_lose_nothing(tmp_path, cluster):
 
 @pytest.mark.slow
 def test_signals_are_named(tmp_path):
-    """Only SIGKILL, by which the kernel frees memory, is said to be of memory."""
+    """Only SIGKILL, which the kernel sends to free memory, is reported as out of memory."""
     signals = {signal.SIGSEGV: "", signal.SIGKILL: ", as without memory", signal.SIGTERM: ""}
     for number, why in signals.items():
         found = run([task(number, tmp_path / "log", crash)], tmp_path / "parts")
@@ -102,7 +102,7 @@ def test_the_lost_process_is_named_among_terminated_ones():
 
 
 def test_speed_changes_no_picture():
-    """Machines that differ in `SPEED` alone share picture and counts, not cycles."""
+    """Machines that differ only in `SPEED` fields share picture and counts, but not cycles."""
     model, camera = pack(generate("garden", 2000), DEFAULT)[0], generated_camera("garden", 200, 150)
     fast = replace(DEFAULT, rasterizers=8, pe_arrays=2, sub_sorters=4, skip_zeros=False)
     assert picture_of(fast) == picture_of(DEFAULT)
@@ -114,7 +114,7 @@ def test_speed_changes_no_picture():
 
 
 def test_points_are_different():
-    """No two points are the same machine but for its name, and each tells what it changes."""
+    """All points are different machines with different names, and list the fields they change."""
     found = list(points())
     assert len({replace(point.config, name="") for point in found}) == len(found)
     assert len({point.name for point in found}) == len(found)
@@ -122,7 +122,7 @@ def test_points_are_different():
 
 
 def test_front():
-    """A point is not on it if another one is as good in everything and better in something."""
+    """The front excludes a point if another is at least as good in all and better in one value."""
     values = {"a": (10, 5, 5, 60), "b": (10, 5, 6, 60), "c": (9, 5, 7, 60), "d": (11, 5, 4, 50)}
     values |= {"e": values["a"], "f": (10, 4, 6, 60)}
     names = ("frame_cycles_max", "frame_cycles_mean", "nand2", "psnr_db_machine_mean")
@@ -160,7 +160,7 @@ def test_summary_of_a_point():
 
 @pytest.mark.slow
 def test_ablation(tmp_path):
-    """Each step is a machine without what comes later; the last one is DEFAULT, and the fastest."""
+    """Each step adds one technique; the last step is DEFAULT, and frames never get slower."""
     steps = list(ablation_machines(DEFAULT).values())
     assert replace(steps[-1], name="DEFAULT") == DEFAULT
     assert steps[0].culling == "none" and not steps[0].skip_zeros and not steps[0].early_termination
@@ -178,7 +178,7 @@ def test_ablation(tmp_path):
 
 
 def test_ablation_of_a_quality():
-    """Scenes are packed as the option says."""
+    """The view's quality decides how its scene is packed."""
     found = {
         name: measure(View("garden", "", "64x48", quality=name), {"TINY": TINY})["rows"][0]
         for name in ("compact", "faithful")
@@ -187,7 +187,7 @@ def test_ablation_of_a_quality():
 
 
 def test_work():
-    """Rates are those of the counts, and densities sum up to the pairs."""
+    """Rates follow from the counts, and tile densities sum to the pairs."""
     found = view_work(TINY, View("garden", "", "64x48"))
     row, density = found["row"], np.array(found["density"])
     assert density.shape == (48 // TILE, 64 // TILE)
@@ -199,7 +199,7 @@ def test_work():
 
 
 def test_tile_density_counts_each_tile():
-    """The densest tile is where most entries' masks say it is."""
+    """`tile_density` equals a count over the masks of all entries."""
     config = replace(DEFAULT, group=2)
     model, camera = pack(generate("garden", 500), config)[0], generated_camera("garden", 70, 50)
     frame = render(config, model, camera)
@@ -231,7 +231,7 @@ def test_no_scheduler(tmp_path, monkeypatch, capsys):
     "identical, why",
     [(True, None), (False, "the picture is not the golden model's"), (None, "the machine hangs")],
 )
-def test_confirmation_that_fails_is_told(identical, why, monkeypatch, tmp_path):
+def test_failed_confirmation_is_reported(identical, why, monkeypatch, tmp_path):
     view = {"scene": "garden", "camera": "0", "size": SIZE, "identical": identical}
 
     def row(*_):
@@ -247,8 +247,8 @@ def test_confirmation_that_fails_is_told(identical, why, monkeypatch, tmp_path):
     assert [failure["why"] for failure in failed] == ([why] if why else [])
 
 
-def test_a_row_stands_until_what_packs_is_another(monkeypatch, tmp_path):
-    """Without another word of Verilog: other code that packs is another model."""
+def test_a_row_is_kept_until_packing_changes(monkeypatch, tmp_path):
+    """A kept row is measured again if the packing code changes, even with the same Verilog."""
     monkeypatch.setattr(scenes, "machine_source", lambda config: "verilog")
     monkeypatch.setattr(scenes, "build", lambda config, source: None)
     monkeypatch.setattr(scenes, "expect", lambda config, view: None)
@@ -261,8 +261,8 @@ def test_a_row_stands_until_what_packs_is_another(monkeypatch, tmp_path):
         assert len(done) == times
 
 
-def test_pictures_that_packing_made_are_not_made_again(monkeypatch):
-    """Both truths of a scene come from packing; another view or background has its own."""
+def test_pictures_of_packing_are_reused(monkeypatch):
+    """Reference pictures from packing are reused; another view or background renders its own."""
     source, camera = View("garden", "", "64x48").open()
     model = packed_model(source, DEFAULT, camera, "faithful")
     blue = replace(SPLATCORE, background=(0, 0, 1))

@@ -1,4 +1,4 @@
-"""Energies of cells: a few that can be added up by hand; parts of the machine."""
+"""Energies of cells: a few cells against sums computed here; totals per part of the machine."""
 
 from types import SimpleNamespace
 
@@ -29,7 +29,7 @@ from tb.helpers.liberty import (
 ENERGY = Energy(supply=1.8, gate_leakage=5.0)
 
 CELLS = [("DFF_1", "a", [9, 5, 2]), ("NAND2_1", "n", [2, 2, 4]), ("INV_1", "i", [4, 5])]
-"""A flip-flop, its NAND2 with both inputs at it, an inverter back to it."""
+"""A flip-flop, a NAND2 whose inputs it both drives, and an inverter back to its input."""
 
 
 def timed(library, pieces) -> Timing:
@@ -37,8 +37,8 @@ def timed(library, pieces) -> Timing:
     return Timing(netlist, Assumed.of(library))
 
 
-def test_by_hand(library):
-    """Tables by slew and load, nets' capacitance, the clock of a value that stays, leakage."""
+def test_energies_of_three_cells(library):
+    """Table energy by slew and load, net capacitance, clock energy of an idle register, leakage."""
     timing = timed(library, {"": Mapped(CELLS, [], [("clk", "input", [9])], {})})
     found = CellEnergy.of(timing)
     loads = 2 * 1.2 * INPUT, INPUT, DATA
@@ -56,7 +56,7 @@ def test_by_hand(library):
 
 
 def test_parts_of_the_machine(library):
-    """Each cell counts for the part that its piece is in; energies scale, leakage does not."""
+    """Each cell counts for the part of its block; energies scale with the process, leakage not."""
     cull = "preprocess.points.cull"
     part = Mapped([CELLS[1]], [], [("i", "input", [2]), ("o", "output", [4])], {})
     blocks = [("cull", cull, [[2], [4]])]
@@ -86,7 +86,7 @@ FORCED = {"clear": "!R", "preset": "S", "variable": "IQ"}
     ],
 )  # fmt: skip
 def test_states_of_a_flip_flop_that_stays(library, state, rests):
-    """With both outputs, a clear and a preset, as a truth table of all pins says."""
+    """Whether a state keeps a flip-flop's value, with both outputs, a clear and a preset."""
     kind = type(library.flip_flop)
     cell = SimpleNamespace(
         inputs=dict.fromkeys("CDRS"), functions={"Q": "IQ", "N": "IQN"}, state=FORCED, data="D"

@@ -1,4 +1,4 @@
-"""`splatcore bench compression`: photographs, curve, schedules, budget."""
+"""`splatcore bench compression`: its parts curve, schedule and budget, and photographs."""
 
 import csv
 import sys
@@ -34,7 +34,7 @@ def fake(tmp_path, monkeypatch):
 
 
 def photographs() -> tuple[Target, ...]:
-    """Stand-ins: pictures of the scene, which a worse baseline is judged by."""
+    """Stand-ins for photographs: renderings of the scene from nine cameras."""
     cameras = [
         replace(camera, cx=camera.cx + k, name=str(k))
         for k, camera in enumerate([held_out()[0]] * 9)
@@ -44,7 +44,7 @@ def photographs() -> tuple[Target, ...]:
 
 
 def test_photographs(fake, tmp_path, monkeypatch, capsys):
-    """A baseline is trained once, and every change is against its quality on held-out pictures."""
+    """A baseline is trained once; changes are relative to its quality on held-out photographs."""
     found = SimpleNamespace(targets=photographs(), notes=("2 photographs are missing",))
     asked = []
     for name, function in {
@@ -76,7 +76,7 @@ def test_photographs(fake, tmp_path, monkeypatch, capsys):
 
 
 def test_curve(fake, tmp_path, capsys):
-    """Ratios below packing alone and ratios that cannot be reached are said."""
+    """Ratios below packing alone, and unreachable ratios, have a note instead of a result."""
     assert bench("a.ply", "--part", "curve", "--ratios", "2,9,10.5,14,500") == 0
     points = scenes()["a.ply"]["curve"]["points"]
     model = pack(read_scene("a.ply"), DEFAULT)[0]
@@ -98,7 +98,7 @@ def test_curve(fake, tmp_path, capsys):
     assert "reached" in capsys.readouterr().out
 
 
-def test_ratio_that_is_missed_is_said(fake, tmp_path, monkeypatch):
+def test_missed_ratio_is_noted(fake, tmp_path, monkeypatch):
     compress = fake.compress
 
     def short(*arguments):
@@ -111,7 +111,7 @@ def test_ratio_that_is_missed_is_said(fake, tmp_path, monkeypatch):
     assert point["note"] == f"only {point['ratio']:.1f}× was reached" and point["ratio"] < 12.5
 
 
-def test_schedules_leave_what_they_say():
+def test_share_left_by_schedules():
     assert left(SCHEDULES[0]) == pytest.approx(0.1728)
     for schedule in (SCHEDULES[1], SCHEDULES[-1]):
         assert left(schedule) == pytest.approx(0.1728, abs=1e-5)
@@ -138,8 +138,8 @@ def test_schedule(fake, tmp_path, capsys):
 
 
 def test_curve_of_both_kinds(tmp_path, monkeypatch):
-    """A row each for photographs and originals, and in each PSNR along ratio, bytes and speed,
-    from ratio to ratio though another format is slower; without points nothing is drawn."""
+    """One row of plots for photographs and one for originals: PSNR over ratio, bytes and speed,
+    points joined in the order of ratios; without points nothing is drawn."""
 
     def scene(against: str) -> dict:
         points = [
@@ -170,8 +170,8 @@ def test_curve_of_both_kinds(tmp_path, monkeypatch):
     assert changes == [[0, -1, -2]] * 3
 
 
-def test_budget_tells_model_from_machine(fake, tmp_path):
-    """The machine's error does not depend on the truth, and both together are at least as large."""
+def test_budget_separates_model_and_machine(fake, tmp_path):
+    """The budget separates the model's error from the machine's, which is far smaller."""
     assert bench("a.ply", "--part", "budget") == 0
     found = scenes()["a.ply"]["budget"]
     model, machine, both = (found[name]["psnr_db"] for name in ("model", "machine", "both"))

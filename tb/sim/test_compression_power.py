@@ -1,4 +1,4 @@
-"""`splatcore bench compression --part power`: what the machine takes after each step."""
+"""`splatcore bench compression --part power`: the machine's power after each step."""
 
 from dataclasses import replace
 
@@ -25,12 +25,12 @@ def fake(tmp_path, monkeypatch):
 
 
 def gates(config, library, process, advance):
-    """In place of synthesis."""
+    """Replaces synthesis: gates of a fixed machine."""
     return GATES if library else gates_of(SIZES, config.energy)
 
 
 def test_power(fake, tmp_path, monkeypatch, liberty_path, capsys):
-    """Of every step the machine's power, of the model that it reads; in cells as well."""
+    """Each step's power equals the estimate for the model of that step, by gates and in cells."""
     seen = []
 
     def counts(config, job, sample, label):

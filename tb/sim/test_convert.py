@@ -1,4 +1,4 @@
-"""Verilog of components: the same values in every kind of simulator, from time 0 on."""
+"""Converted Verilog has the right values from time 0 on, as Verilog and as SystemVerilog."""
 
 import gc
 import subprocess
@@ -22,7 +22,7 @@ endmodule
 
 
 class Still(wiring.Component):
-    """Logic behind a register that keeps its initial value, and a signal that is set in parts."""
+    """Logic behind a register that keeps its initial value, and a signal assigned in slices."""
 
     turn: In(1)
     chosen: Out(8)
@@ -30,7 +30,7 @@ class Still(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        at_time_0 = Signal(init=1)  # as the converted text names a register of its own
+        at_time_0 = Signal(init=1)  # the converted text also names a register so
         m.d.sync += at_time_0.eq(at_time_0 ^ self.turn)
         m.d.comb += self.chosen.eq(0x0F)
         with m.If(at_time_0):
@@ -42,18 +42,18 @@ class Still(wiring.Component):
 @needs_icarus
 @pytest.mark.parametrize("standard", ["-g2005", "-g2012"])
 def test_every_block_runs_before_the_first_edge(standard, tmp_path):
-    """Though nothing of what it reads ever changes. As SystemVerilog, initial values are there
-    before any block begins to wait."""
+    """Every block runs once, although its inputs never change: in SystemVerilog initial values
+    are set before blocks start to wait, so no event would trigger them."""
     (tmp_path / "bench.v").write_text(converted(Still()) + BENCH)
     subprocess.run(["iverilog", standard, "-s", "bench", "-o", "bench", "bench.v"],
                    cwd=tmp_path, check=True)  # fmt: skip
-    told = subprocess.run(
+    done = subprocess.run(
         ["vvp", "bench"], cwd=tmp_path, check=True, capture_output=True, text=True
     )
-    assert told.stdout.split() == ["01011010", "11101000"]
+    assert done.stdout.split() == ["01011010", "11101000"]
 
 
-def test_garbage_is_collected_as_before():
+def test_garbage_collection_is_restored():
     before = gc.get_threshold()
     converted(Still())
     assert gc.get_threshold() == before

@@ -1,4 +1,4 @@
-"""Coverage: what a simulation reached of a part, by lines of hdl/, and what it did not."""
+"""Coverage: which branches of hdl/ a simulation took, by line, and which it missed."""
 
 import re
 from collections import Counter
@@ -20,12 +20,12 @@ LINE = 1 + next(
     for number, text in enumerate((ROOT / "hdl/lib/stream.py").read_text().splitlines())
     if re.search(r"m.If\(~self.o.valid \| self.o.ready\)", text)
 )
-"""Of the condition that an item behind another one has to wait for."""
+"""Line of the condition that is false while an item waits at the output."""
 
 
 @pytest.fixture
 def counting(tmp_path, monkeypatch):
-    """A folder in which simulations count."""
+    """A folder into which simulations write their counts."""
     folder = tmp_path / "counts"
     folder.mkdir()
     monkeypatch.setenv(FOLDER, str(folder))
@@ -33,13 +33,13 @@ def counting(tmp_path, monkeypatch):
 
 
 def reached(folder, items: int, stall: float) -> Counter[Arm]:
-    """What a register's simulation takes, beyond what was counted before."""
+    """Simulate a register; return the counts of all arms so far."""
     rows = np.arange(items, dtype=np.uint8)[:, None]
     Simulation(Register(8)).run({"i": rows}, expected={"o": items}, stall=stall)
     return arms(folder)
 
 
-def test_arms_are_those_that_were_taken(counting, tmp_path, capsys):
+def test_taken_arms(counting, tmp_path, capsys):
     few = reached(counting, 0, 0.0)
     assert {arm.place.file for arm in few} == {"hdl/lib/stream.py"}
     stall = [arm for arm in few if arm.place.line == LINE and arm.arm.endswith("not taken")]

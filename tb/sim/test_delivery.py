@@ -1,4 +1,4 @@
-"""The folder of `splatcore verilog` as a flow takes it: names, two machines at once, FuseSoC."""
+"""Delivered Verilog in other tools: readable names, two machines in one design, FuseSoC."""
 
 import os
 import re
@@ -72,13 +72,13 @@ endmodule
 
 
 def test_each_kind_of_name():
-    """Names from a line, a part, what a register takes next; keywords and names that are taken."""
+    """Names from a source line, a slice, a register's next value; keywords and used names."""
     assert readable(GENERATED) == NAMED
     assert "(*" not in without_source(NAMED) and without_source(NAMED).count("\n") == 17
 
 
 def test_names_of_a_stage():
-    """Plain, one for each net; most say the line of Python that they come from."""
+    """Names are plain and unique; most contain the Python line that made the net."""
     text = stage_source("place", Place(TINY), TINY, names=Names("mine"))
     assert "\\" not in text and "splatcore_" not in text and "module mine_place(" in text
     for module in text.split("\nendmodule"):
@@ -95,35 +95,35 @@ def test_names_of_a_stage():
 
 @pytest.mark.verify
 def test_two_machines_in_one_design(tmp_path):
-    """No module of the one is one of the other; the ports' widths differ."""
+    """Two machines with different prefixes and port widths share no module name; lint passes."""
     sources = []
     for config, names in ((TINY, Names("left")), (WIDE, Names("right", source_lines=False))):
         folder = tmp_path / names.prefix
         write_top(config, folder, names)
         sources += [folder / name for name in names.sources]
     (tmp_path / "pair.v").write_text(PAIR)
-    told = lint("pair", tmp_path / "pair.v", *sources)
-    assert all("PINMISSING" in line for line in told if line.startswith("%Warning")), told
-    assert all("warning(s)" in line for line in told if line.startswith("%Error")), told
+    lines = lint("pair", tmp_path / "pair.v", *sources)
+    assert all("PINMISSING" in line for line in lines if line.startswith("%Warning")), lines
+    assert all("warning(s)" in line for line in lines if line.startswith("%Error")), lines
     modules = re.findall(r"^module (\w+)", "".join(path.read_text() for path in sources), re.M)
     assert len(set(modules)) == len(modules)
 
 
-def test_prefixes_are_names(capsys):
+def test_prefixes_must_be_identifiers(capsys):
     for name in ("2x", "a-b", "é", ""):
         check_refused(capsys, f"verilog -o none --prefix={name}", "is no name of Verilog")
 
 
 @pytest.fixture(scope="module")
 def delivered(tmp_path_factory) -> Path:
-    """A folder with `rtl/`, which the command wrote."""
+    """A folder with `rtl/`, written by `splatcore verilog`."""
     folder = tmp_path_factory.mktemp("flow")
     assert run("verilog", "--preset", "TINY", "-o", folder / "rtl") == 0
     return folder
 
 
 def flow(folder: Path, target: str) -> subprocess.CompletedProcess:
-    """The commands of docs/integration.md, for a target."""
+    """Run the commands of docs/integration.md for a FuseSoC target."""
     text = (ROOT / "docs" / "integration.md").read_text()
     (block,) = re.findall(r"^```sh\n(root=.*?)^```", text, re.M | re.S)
     variables = {k: v for k, v in os.environ.items() if k != "VERILATOR_ROOT"}
@@ -145,7 +145,7 @@ def test_fusesoc_lint(delivered):
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", [False, True])
 def test_fusesoc_sim(delivered, tmp_path, fault):
-    """In Icarus; a machine whose ID is another one does not pass."""
+    """The testbench passes in Icarus, and fails if it expects another ID."""
     folder = Path(shutil.copytree(delivered / "rtl", tmp_path / "rtl")).parent
     if fault:
         bench = folder / "rtl" / "splatcore_testbench.v"
@@ -159,7 +159,7 @@ def test_fusesoc_sim(delivered, tmp_path, fault):
 
 @pytest.mark.slow
 def test_fusesoc_targets(delivered):
-    """All that the core file names is there."""
+    """All files that the core file names exist, for every target."""
     for target in ("default --tool icarus", "synth"):
         words = ["fusesoc", "--cores-root", "rtl", "run", "--setup", "--target"]
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

@@ -1,4 +1,4 @@
-"""The example driver in C, on a register file of its own, against `spec.registers`."""
+"""The example driver in C on a simulated register file, against `spec.registers`."""
 
 import re
 import subprocess
@@ -79,13 +79,13 @@ int main(void)
 
 @pytest.fixture(params=MAPS, ids=lambda config: config.name)
 def files(request, tmp_path):
-    """A machine, and the folder of its files."""
+    """A machine, and the folder with its generated files."""
     write_register_files(request.param, tmp_path)
     return request.param, tmp_path
 
 
 def run(folder: Path, name: str, main: str) -> list[tuple[int, ...]]:
-    """Lines of whole numbers that a C program with the driver prints."""
+    """Compile and run a C program with the driver; return its lines of integers."""
     (folder / f"{name}.c").write_text(main)
     sources = [folder / f for f in (f"{name}.c", "splatcore_driver.c", "splatcore_camera.c")]
     if "splatcore_open" not in main:
@@ -96,7 +96,7 @@ def run(folder: Path, name: str, main: str) -> list[tuple[int, ...]]:
 
 
 def camera(seed: int) -> Camera:
-    """Somewhere, turned somehow."""
+    """A random camera."""
     random = np.random.default_rng(seed)
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     focal, centre = random.uniform(40, 2000, 2), random.uniform(10, 60, 2)
@@ -105,9 +105,9 @@ def camera(seed: int) -> Camera:
 
 
 def example(config, view: Camera, exponents: tuple[int, int] = (-8, 0), **machine: int) -> str:
-    """A host with the driver, which prints what is written to registers, and the result.
+    """Return a C host that prints each register write, then the driver's result.
 
-    machine: fields of the stand-in for the machine that are not as in a frame that succeeds.
+    machine: changed fields of the simulated machine; without them the frame succeeds
     """
     values = {"position_exponent": exponents[0], "factor_exponent": exponents[1]}
     codes = {
@@ -128,9 +128,10 @@ def example(config, view: Camera, exponents: tuple[int, int] = (-8, 0), **machin
 
 
 def places(config) -> dict[str, int]:
-    """Addresses of model, work areas, scratch memory and image, each in a window of its own.
+    """Addresses of model, work areas, scratch memory and image, each in its own window.
 
-    Where addresses have 64 bits the work areas lie before and behind the end of a window."""
+    With 64-bit addresses the work areas straddle the end of a window.
+    """
     places = dict(zip(PLACES, range(0x1000000, 0x5000000, 0x1000000), strict=True))
     if config.address_bits == 32:
         return places
@@ -140,7 +141,7 @@ def places(config) -> dict[str, int]:
 
 
 def test_driver_writes_what_the_spec_says(files):
-    """All registers of a frame, START after them, and the camera's numbers to the last bit."""
+    """The driver writes all registers of a frame, then START; camera values are bit-exact."""
     config, folder = files
     frame = [at for at, register in register_map(config).items() if register.access == "frame"]
     names = {at: register.name for at, register in register_map(config).items()}
@@ -170,7 +171,7 @@ def test_driver_writes_what_the_spec_says(files):
 
 
 @pytest.mark.parametrize(("need", "pages", "failed"), [(12, [7, 12], 0), (21, [7], 8)])
-def test_driver_takes_as_many_pages_as_are_needed(tmp_path, need, pages, failed):
+def test_driver_retries_with_the_needed_pages(tmp_path, need, pages, failed):
     write_register_files(TINY, tmp_path)
     *lines, (result,) = run(tmp_path, "pages", example(TINY, camera(0), need=need))
     at = addresses(TINY)["LISTS_PAGES"]
@@ -185,11 +186,11 @@ WRONG = {
     "never_a_frame": ({"frame_after": 6}, TIMEOUT, True),
     "an_error": ({"error": 0x2060A}, 0x2060A, False),
 }
-"""What the machine does, what the driver returns then, and whether it gives up frames by ABORT."""
+"""Changed machine fields, the driver's result, and whether it writes ABORT."""
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_goes_wrong_is_told(name, tmp_path):
+def test_failures_are_returned(name, tmp_path):
     machine, expected, abort = WRONG[name]
     write_register_files(TINY, tmp_path)
     *lines, (failed,) = run(tmp_path, name, example(TINY, camera(0), **machine))
@@ -213,7 +214,7 @@ def test_an_image_that_is_too_large_is_refused(side, tmp_path):
 
 
 def test_the_kernel_part_stands_alone(files):
-    """Without a C library, and without floating point."""
+    """The kernel part compiles without a C library and uses no floating point."""
     _, folder = files
     kernel = [
         *COMPILE,
@@ -231,14 +232,14 @@ def test_the_kernel_part_stands_alone(files):
 
 
 def include() -> str:
-    """The compiler's own headers, which a freestanding program has."""
+    """Folder of the compiler's own headers, which freestanding programs may use."""
     command = ["gcc", "-print-file-name=include"]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 @pytest.mark.parametrize("config", (DEFAULT, PAPER), ids=lambda config: config.name)
 def test_numbers(config, tmp_path):
-    """Ties, ends and what is too small or too large."""
+    """`splatcore_number` rounds like the format: ties, limits, underflow and overflow."""
     write_register_files(config, tmp_path)
     format, random = config.arithmetic, np.random.default_rng(0)
     codes = random.integers(1, 1 << format.width - 1, 300)

@@ -1,4 +1,4 @@
-"""`splatcore error`: it finds planted faults, survives what is not finite, and says what it did."""
+"""`splatcore error`: planted faults show in their field, values that are not finite are counted."""
 
 import json
 from dataclasses import replace
@@ -30,7 +30,7 @@ FIELDS = "depth_stage_0 u v depth conic_a shear conic_c half_width half_height c
 
 @pytest.fixture(scope="module")
 def exact() -> Reference:
-    """A small model with harmonics and its reference."""
+    """The reference of a small model with harmonics."""
     return Reference(pack(random_scene(100, 1))[0], CAMERA)
 
 
@@ -42,7 +42,7 @@ def good(exact) -> dict:
 
 @pytest.fixture
 def fault(monkeypatch):
-    """A function that disturbs a value of the projection: name, which Gaussians, how."""
+    """A function that changes one projected value: its name, which Gaussians, the change."""
 
     def plant(name: str, which, change):
         def disturbed(*arguments):
@@ -67,7 +67,7 @@ FAULTS = {
     "half_height": (-0.5, {"half_height"}),
     "green": (0.5, {"colour"}),
 }
-"""Disturbed value → by how much, and which fields show it."""
+"""Changed value → the amount, and the fields that must show it."""
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -102,7 +102,7 @@ def test_stage_0_has_its_own_depth(exact, monkeypatch):
 
 @pytest.mark.parametrize("value", [np.inf, np.nan])
 def test_not_finite(exact, good, fault, value):
-    """Counted, left out of the errors, not in the picture."""
+    """Values that are not finite are counted, and left out of errors and picture."""
     fault("across", slice(0, 3), lambda _: value)
     bad = measure(WIDE, exact, exact)
     assert (bad["not_finite"], bad["not_positive"]) == (3, 0)
@@ -116,7 +116,7 @@ def test_not_finite(exact, good, fault, value):
 
 
 def test_overflow():
-    """FP16 overflows before the camera: nothing fails, and it is counted."""
+    """FP16 overflows at a long focal length: the splats are counted, and nothing fails."""
     model = pack(random_scene(20, 1))[0]
     near = replace(CAMERA, fx=6e4, fy=6e4)
     exact = Reference(model, near)
@@ -132,7 +132,7 @@ def test_not_positive_definite(exact, good, fault, name, value):
 
 
 def test_lost_and_gained(exact, monkeypatch):
-    """A machine that drops half of the Gaussians, a reference that sees a third of them."""
+    """Lost splats if the machine drops half of them, gained ones if the reference sees a third."""
 
     def half(*arguments):
         points = project_points(*arguments)
@@ -154,8 +154,8 @@ def test_lost_and_gained(exact, monkeypatch):
 
 
 def test_more_bits_are_better(exact):
-    """Each field by about as many bits as the width has more, in any unit of the screen; colours
-    are made beside the array in numbers of their own."""
+    """Errors shrink with the added bits, in fields of any unit; colours do not change, as they
+    are computed outside the array in their own format."""
     results = [measure(with_width(text), exact, exact) for text in ("5/10", "7/10", "7/16")]
     colours = [result["fields"].pop("colour")["rms"] for result in results]
     assert max(colours) < 2.0**-12 and max(colours) < 1.1 * min(colours)
@@ -167,7 +167,7 @@ def test_more_bits_are_better(exact):
 
 def test_needles_stay_positive_definite():
     machines = (PAPER, with_width("7/10"), DEFAULT)
-    facts = measure_view(View("needles"), machines, lambda what: None)
+    facts = measure_view(View("needles"), machines, lambda text: None)
     assert facts["axis_ratio"] == pytest.approx(1e5, rel=0.02)
     names = [config.name for config in machines]
     assert facts["screen_ratio"] > 50 and list(facts["machines"]) == names
@@ -178,7 +178,7 @@ def test_needles_stay_positive_definite():
     assert paper["psnr_db_machine"] != paper["psnr_db_default_model"]
 
 
-def test_a_ratio_without_end():
+def test_an_infinite_axis_ratio():
     scene = random_scene(20, 0)
     scene.scale[3, 1] = 0
     assert Reference(pack(scene)[0], CAMERA).axis_ratio is None
@@ -250,7 +250,7 @@ def test_command(folder, capsys):
 
 @pytest.mark.slow
 def test_processes(folder, capsys):
-    """Several scenes, each in a process; what fails there ends as one line."""
+    """Several scenes, one process per scene; a failure there prints one line."""
     assert run("error", "one", "scene.ply", "one_pixel", "one", "--width", "7/16",
                "--json", "e.json", "-o", "plot.png") == 0  # fmt: skip
     result = load(folder / "e.json")

@@ -1,4 +1,4 @@
-"""`splatcore error --stage all`: a fault in one part shows in that part's line and in no other."""
+"""`splatcore error --stage all`: a fault planted in one part shows in that part's line only."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -26,7 +26,7 @@ MACHINE = ["arithmetic", "depth keys", "too faint", "raster", "8 bits"]
 
 
 def decibels(found: dict) -> dict[tuple[str, str], float]:
-    """dB of each line by what it belongs to and its part."""
+    """PSNR of each row, by the row's group and part."""
     return {(row["of"], row["part"]): row["psnr_db"] or np.inf for row in found["parts"]}
 
 
@@ -73,7 +73,7 @@ def test_parts_and_sums(good):
 
 
 def shifted(name: str, amount: float):
-    """Packed Gaussians of which one array is a little off."""
+    """Return a function that scales one array of packed Gaussians."""
 
     def change(gaussians):
         array = getattr(gaussians, name)
@@ -87,7 +87,7 @@ def shifted(name: str, amount: float):
     [("position", "positions"), ("factor", "shape"), ("opacity", "opacity"), ("sh", "colour")],
 )
 def test_a_fault_of_packing(good, monkeypatch, name, part):
-    """Shows in its part (harmonics in each degree), in all of packing and in everything."""
+    """A fault of packing shows in its part and in the whole of packing, in no other part."""
     of_model, change = choose.PackedModel.gaussians, shifted(name, 0.01)
     monkeypatch.setattr(choose.PackedModel, "gaussians", lambda model: change(of_model(model)))
     bad, before = decibels(budget(DEFAULT, VIEW)), decibels(good)
@@ -101,13 +101,13 @@ def test_a_fault_of_packing(good, monkeypatch, name, part):
 
 
 def squares(exact: Reference, points: Points, config: Config = DEFAULT) -> dict[str, float]:
-    """Squared errors of the machine's parts."""
+    """Mean squared error of each part of the machine."""
     parts = budgets.machine_parts(config, exact, points)
     return {name: float(np.mean((image - exact.image) ** 2)) for name, image in parts}
 
 
 def test_a_fault_of_the_machine(exact, monkeypatch):
-    """Numbers, keys and stage 3 disturbed in turn."""
+    """Faults in the arithmetic, the depth keys, the faintness rule and stage 3, in turn."""
     points = project_points(DEFAULT, exact.model, exact.camera)
     before = squares(exact, points)
 
@@ -116,7 +116,7 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
     assert [name for name in MACHINE if u[name] != before[name]] == ["arithmetic"]
     assert u["arithmetic"] > 100 * before["arithmetic"]
 
-    # depths that are wrong are the keys' error alone: the numbers are blended in exact order
+    # wrong depths count as the keys' error alone: arithmetic is judged in exact order
     z = points.projected["z"][::-1].copy()
     wrong = squares(exact, replace(points, projected=points.projected | {"z": z}))
     assert [name for name in MACHINE if wrong[name] != before[name]] == ["depth keys"]
@@ -138,8 +138,8 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
     assert raster["raster"] > 5 * before["raster"]
 
 
-def test_what_is_too_faint_is_a_part_of_its_own(exact):
-    """Another rule shows in its line alone, and without one it is empty."""
+def test_faint_splats_are_a_part_of_their_own(exact):
+    """Another faintness rule shows in its line alone; without a rule its error is 0."""
     points = project_points(DEFAULT, exact.model, exact.camera)
     fine, coarse, off = (
         squares(exact, points, replace(DEFAULT, faint=faint))
@@ -150,8 +150,8 @@ def test_what_is_too_faint_is_a_part_of_its_own(exact):
 
 
 def test_keys_are_golden_s(exact):
-    """The exact splats come in the order in which golden's frame blends its own; one that golden
-    lacks comes between its neighbours."""
+    """Exact splats get the sort keys of the golden frame; a splat that the frame lacks gets a
+    key between its neighbours'."""
     frame = render(DEFAULT, exact.model, exact.camera)
     keys = np.full(len(exact.model), -1.0)
     drawn = frame.points.index[frame.binned.kept[frame.binned.entries["splat"].astype(int)]]

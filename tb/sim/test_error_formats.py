@@ -1,4 +1,4 @@
-"""`splatcore error --stage sort`: windows of keys, what changes places, and the pictures; and
+"""`splatcore error --stage sort`: key windows, changed places and pictures of each key format;
 `--stage raster`: the sweep of stage 3's formats."""
 
 from dataclasses import replace
@@ -18,14 +18,14 @@ from tb.helpers.command import ROOT, load, run
 
 
 def splats_at(depth: list[float], index: list[int]) -> Splats:
-    """Splats at depths; nothing else of them matters."""
+    """Splats with these depths and indices; all other values are 0."""
     centre, covariance, conic = (np.zeros((len(depth), columns)) for columns in (2, 3, 3))
     none = np.zeros(len(depth))
     return Splats(np.array(index), centre, np.array(depth), covariance, conic, none, none, conic)
 
 
 def test_window():
-    """Each part from its least code on, and shifted as far as it needs."""
+    """Codes relative to the lowest of their part, shifted right until the bits suffice."""
     codes = np.array([100, 103, 101, 5000, 5016, 5007, 7])
     part = np.array([0, 0, 0, 2, 2, 2, 3])
     assert list(window(codes, part, 2)) == [0, 3, 1, 0, 2, 0, 0]  # the largest step is 16: >> 3
@@ -43,7 +43,7 @@ def test_depth_codes_rise(fraction):
 
 
 def test_reordered():
-    """Neighbours of one group count; equal keys stay in the order of their Gaussians."""
+    """The share counts swapped neighbours of a group; equal keys keep the order of Gaussians."""
     splats = splats_at([1.0, 2.0, 3.0, 4.0], [7, 5, 6, 4])
     entries = Entries(np.array([0, 3, 3, 5]), np.array([0, 1, 3, 2, 3]), np.arange(1, 6))
     same, share = reordered(WAYS[EXACT_ORDER], splats, entries)
@@ -82,7 +82,7 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert all(f"`{key}`" in text.partition("--stage sort")[2] for key in exact)
 
 
-def test_no_machines_of_ones_own(capsys):
+def test_no_other_machines(capsys):
     for option in ("--width 7/10", "--preset TINY"):
         assert run("error", "garden", "--stage", "sort", *option.split()) == 2
         assert "--stage sort: has formats of its own" in capsys.readouterr().err

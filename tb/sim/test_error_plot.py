@@ -1,4 +1,4 @@
-"""The plot of errors by field: every point is seen, none says what it does not mean."""
+"""The plot of errors by field: every point is visible, and points are not joined by lines."""
 
 import itertools
 
@@ -15,7 +15,7 @@ RMS = {"u": 1e-3, "v": 2e-3, "depth": 1e-17, "colour": 1e-4, "opacity": 0.0, "a"
 
 @pytest.fixture
 def axes():
-    """Two kinds of scenes; errors of a field are the same, so that points could hide each other."""
+    """Axes for two kinds of scenes with equal errors per field, so that points could overlap."""
     largest = {
         kind: {c.name: {f: {"rms": rms} for f, rms in RMS.items()} for c in MACHINES}
         for kind in ("scenes", "hard")
@@ -36,10 +36,10 @@ def test_fields_are_not_joined(axes):
 
 def test_no_point_hides_another(axes):
     found = points(axes)
-    assert len(found) == 2 * len(MACHINES) * 4  # no point for no error, and for none measured
+    assert len(found) == 2 * len(MACHINES) * 4  # errors of 0 and unmeasured errors have no point
     for one, other in itertools.combinations(found, 2):
         assert abs(one[0] - other[0]) > 0.05
-    assert (abs(found[:, 0] - found[:, 0].round()) < 0.45).all()  # nearer to its own field's name
+    assert (abs(found[:, 0] - found[:, 0].round()) < 0.45).all()  # nearest to its own field's name
 
 
 def test_a_tiny_error_does_not_squeeze_the_others(axes):

@@ -1,4 +1,4 @@
-"""`splatcore fit`: what it chooses is fast enough and good enough, and what is smaller is not."""
+"""`splatcore fit`: its machine reaches both targets, and every smaller machine misses one."""
 
 import functools
 import json
@@ -35,7 +35,7 @@ FPS, PSNR = 22_000, 46.0
 FPS_CONFIRMED = 6000
 
 PRICES = dict.fromkeys(SHARES, 100.0) | {"arithmetic": 1000.0, "sort_digits": 2000.0}
-"""NAND2 of a bit, as if they had been synthesised."""
+"""NAND2 per bit of a field, in place of synthesis."""
 
 
 def model():
@@ -44,7 +44,7 @@ def model():
 
 @functools.cache
 def views() -> tuple[View, ...]:
-    """The garden from within, which is less work, and as it is."""
+    """Two views of the garden: from within, which is less work, and from its own camera."""
     camera = generated_camera("garden", *SIZE)
     near = replace(camera, name="near", translation=camera.translation - np.array([0, 0, 5]))
     return View("near", model(), near), View("garden", model(), camera)
@@ -57,7 +57,7 @@ def start() -> Config:
 
 @pytest.fixture
 def prices(monkeypatch):
-    """No part is synthesised."""
+    """Fixed gate counts replace synthesis."""
     monkeypatch.setattr(fit_formats, "bit_gates", lambda config, field: PRICES[field])
     monkeypatch.setattr(fit_speed, "sort_gates", sort_price)
 
@@ -82,7 +82,7 @@ def image_psnr(config: Config, view: View) -> float:
 
 
 @pytest.mark.slow
-def test_the_machine_reaches_what_was_asked_for(fitted):
+def test_the_machine_reaches_its_targets(fitted):
     found = fitted(FPS, PSNR)
     assert found.config != replace(start(), name="fitted")
     for view in views():
@@ -93,7 +93,7 @@ def test_the_machine_reaches_what_was_asked_for(fitted):
 
 
 @pytest.mark.slow
-def test_what_is_smaller_is_too_slow(fitted):
+def test_smaller_machines_are_too_slow(fitted):
     found, tried = fitted(FPS, PSNR), set()
     for name, half in SIZES.items():
         if less := smaller(found.config, name):
@@ -146,14 +146,14 @@ def test_a_scene_without_harmonics_has_no_program_for_them():
         (100, 90.0, r"--psnr 90: (garden|near) has \d\d\.\d\d dB with the widest formats"),
     ],
 )  # fmt: skip
-def test_what_is_impossible_is_told(prices, fps, decibels, error):
+def test_impossible_targets_are_reported(prices, fps, decibels, error):
     with pytest.raises(Impossible, match=error):
         fit(start(), list(views()), fps, decibels, lambda text: None)
 
 
 @pytest.mark.slow
 def test_wider_formats_than_defaults_are_tried(prices):
-    """A picture that DEFAULT's formats just miss."""
+    """A PSNR that DEFAULT's formats just miss is reached by a wider format."""
     most = [min(image_psnr(c, view) for view in views()) for c in (start(), wider(start()))]
     assert most[0] < most[1]
     found = fit(start(), list(views()), 100, sum(most) / 2, lambda text: None)
@@ -181,7 +181,7 @@ def test_cameras(tmp_path):
 
 @pytest.fixture
 def scene(tmp_path) -> str:
-    """A file of few Gaussians."""
+    """Path of a scene file with 300 Gaussians."""
     path = tmp_path / "few.ply"
     assert run("scene", "garden", "-o", path, "--count", 300) == 0
     return str(path)
@@ -201,7 +201,9 @@ def test_the_command(tmp_path, capsys, prices, scene):
     assert run("cycles", scene, *again) == 0
     (view,) = json.loads(facts.read_text())["scenes"].values()
     assert view["frame"] == fitted["frame"]
-    rounded = view["psnr_db_machine"]  # cycles has both pictures in 8 bits, fit the machine's
+    rounded = view[
+        "psnr_db_machine"
+    ]  # cycles rounds both pictures to 8 bits, fit only the machine's
     assert abs(rounded - fitted["psnr_db_machine"]) < 0.5
 
 
@@ -213,9 +215,9 @@ def test_nothing_is_written_if_it_is_impossible(tmp_path, capsys, prices, scene)
 
 
 @pytest.mark.verify
-def test_a_bit_takes_what_synthesis_says():
-    """The linear model against a lane that is synthesised whole, within a third: over four bits, as
-    single ones take from half to twice as much, which multiples of colours take two at a time."""
+def test_gates_per_bit_match_synthesis():
+    """The linear model against a synthesised lane, within a third. Over four bits, because one
+    bit takes between half and twice the mean: multiples of colours take bits in pairs."""
     for field in ("weight", "transmittance"):
         bits = bits_of(DEFAULT, field)
         lanes = [lane_gates(with_bits(DEFAULT, field, b)) for b in (bits, bits - 4)]
@@ -231,7 +233,7 @@ def test_a_bit_of_every_format_takes_gates(field):
 
 @pytest.mark.verify
 def test_confirmed_by_the_hardware(monkeypatch, tmp_path, capsys, scene):
-    """In RTL it is as fast as was asked for, and its picture is the golden model's."""
+    """In RTL the machine reaches the target FPS, with the golden model's picture."""
     monkeypatch.setattr(fit_formats, "bit_gates", lambda config, field: PRICES[field])
     path, facts = tmp_path / "small.toml", tmp_path / "facts.json"
     options = ("--size", "64x48", "--fps", FPS_CONFIRMED, "--psnr", 42, "--confirm", "-o", path)

@@ -1,4 +1,4 @@
-"""`splatcore bench formats`: other formats by a tool from outside, beside our models."""
+"""`splatcore bench formats`: other file formats by an external tool, compared with our models."""
 
 import os
 from pathlib import Path
@@ -32,7 +32,7 @@ Path(out).write_bytes(Path(KEPT, "garden" + out.partition(".")[2]).read_bytes())
 
 @pytest.fixture
 def tool(tmp_path, monkeypatch):
-    """A program that gives out files which were there before: PLY and SPZ, and SOG as a PLY."""
+    """A stand-in for splat-transform that copies prepared files, all of them PLY inside."""
     monkeypatch.chdir(tmp_path)
     kept = Path("kept")
     kept.mkdir()
@@ -48,7 +48,7 @@ def tool(tmp_path, monkeypatch):
 
 
 def test_formats(tool, monkeypatch, capsys):
-    """A row for each format and model; dB are those of pictures, bytes those of files."""
+    """One row per format and model, with file sizes and PSNR."""
     monkeypatch.setattr(formats, "open_source", lambda path: PlyOf(path))
     assert run("bench formats garden.ply -o out --size 96x54 --tool ./tool") == 0
     assert "times smaller" in capsys.readouterr().out
@@ -61,14 +61,14 @@ def test_formats(tool, monkeypatch, capsys):
     assert rows["SPZ"]["bytes"] is None and rows["SOG"]["gaussians"] == 300
     for row in rows.values():
         assert row["ratio"] == ply_bytes(400, tool.sh_degree) / row["file_bytes"]
-    assert rows["SPZ"]["psnr_db"] is None or rows["SPZ"]["psnr_db"] > 80  # the scene as it is
+    assert rows["SPZ"]["psnr_db"] is None or rows["SPZ"]["psnr_db"] > 80  # the unchanged scene
     assert rows["SOG"]["psnr_db"] < 80 and rows["compact"]["psnr_db"] < 80
     assert rows["faithful"]["bytes"] > rows["faithful"]["file_bytes"]
     assert not list(Path("out").glob("*.formats.ply"))
 
 
 class PlyOf:
-    """What a file of the stand-in's holds: it is a PLY, whatever its name says."""
+    """Reader of the stand-in's files, which are PLY whatever their name says."""
 
     def __init__(self, path: str):
         plain = Path(path).with_suffix(".copy.ply")
@@ -76,7 +76,7 @@ class PlyOf:
         self.unpacked = read_scene(str(plain))
 
 
-def test_a_compressed_model_beside_them(tool, monkeypatch):
+def test_with_a_compressed_model(tool, monkeypatch):
     monkeypatch.setattr(formats, "open_source", lambda path: PlyOf(path))
     assert run("pack garden.ply -o small.splatcore --quality compact --size 96x54") == 0
     options = "-o out --size 96x54 --tool ./tool --model small.splatcore"
@@ -86,7 +86,7 @@ def test_a_compressed_model_beside_them(tool, monkeypatch):
     assert run(f"bench formats garden.ply garden {options}") == 2
 
 
-def test_a_tool_that_fails_or_is_not_there(tool, capsys, monkeypatch):
+def test_a_tool_that_fails_or_is_missing(tool, capsys, monkeypatch):
     assert run("bench formats garden.ply -o out --size 96x54 --tool ./BROKEN") == 2
     assert "BROKEN: failed with status 1: cannot be" in " ".join(capsys.readouterr().err.split())
     assert run("bench formats garden.ply -o out --tool ./none") == 2
@@ -94,7 +94,7 @@ def test_a_tool_that_fails_or_is_not_there(tool, capsys, monkeypatch):
     assert "./none: there is no such program; npm install -g @playcanvas/splat-transform" in told
 
 
-def test_decibels_are_those_of_pictures(tool, monkeypatch):
+def test_psnr_of_pictures(tool, monkeypatch):
     monkeypatch.setattr(formats, "open_source", lambda path: PlyOf(path))
     assert run("bench formats garden.ply -o out --size 96x54 --tool ./tool") == 0
     rows = {row["format"]: row for row in load(Path("out/formats.json"))["rows"]}

@@ -1,4 +1,4 @@
-"""Parts on an FPGA: what the reports and logs of the tools say, what does not fit, the wrapper."""
+"""Parts on an FPGA: reading nextpnr's reports and logs, parts that do not fit, the wrapper."""
 
 import json
 import re
@@ -29,7 +29,7 @@ from splatcore.spec.config import TINY
 from splatcore.spec.raster import block_count
 from tb.helpers.command import run
 
-BITS = 30  # of a queue's items
+BITS = 30  # width of a queue's items
 
 LOG = """\
 Info: Packing constants..
@@ -75,7 +75,7 @@ REPORT = {
 
 
 class Small(wiring.Component):
-    """Adds up a stream's nibbles, with arrays and streams at its ports."""
+    """Adds up a stream's nibbles; its ports include arrays and a stream."""
 
     def __init__(self):
         inputs = {"i": In(stream.Signature(4)), "pair": In(data.ArrayLayout(3, 2))}
@@ -110,7 +110,7 @@ def test_report():
 
 
 def shifted(word: int) -> tuple[list[int], list[int]]:
-    """The part's inputs when a word has been shifted in, and what comes out from then on."""
+    """Shift a word in; return the part's inputs, and the bits that come out afterwards."""
     wrap, inputs, q = Wrap(Small()), [], []
 
     async def bench(ctx):
@@ -131,7 +131,7 @@ def shifted(word: int) -> tuple[list[int], list[int]]:
 
 
 def test_wrapper():
-    """All inputs come from the pin; what they change at the outputs shows at the other one."""
+    """All inputs come from pin `d`, and a change of any input bit shows at pin `q`."""
     word = 0b101_011_1_1001
     inputs, q = shifted(word)
     assert sorted(inputs) == sorted([0b1001, 1, 0b101_011])
@@ -140,7 +140,7 @@ def test_wrapper():
 
 
 def test_lanes():
-    """Four lanes have a quarter of the alphas and of the pixels of 16."""
+    """Four lanes have a quarter of the output bits of 16 lanes; the port names are checked."""
     four, all = (Lanes(TINY, pixels) for pixels in (4, 16))
     assert 4 * len(four.o.as_value()) == len(all.o.as_value())
     assert four.blend.blocks == block_count(TINY)
@@ -148,8 +148,8 @@ def test_lanes():
     assert names < set(four.signature.members) and "log2_alphas" not in four.signature.members
 
 
-def test_failure_is_told(monkeypatch, tmp_path, capsys):
-    """A part that does not fit is named; the others stand; both are kept."""
+def test_failure_is_reported(monkeypatch, tmp_path, capsys):
+    """A part that does not fit is named and the others are placed; both results are kept."""
     asked = []
 
     def place(text, device, speed, seed, folder, tell):
@@ -184,12 +184,12 @@ Path("{asked}").open("a").write(seed)
 print("Info: Routing 279624 arcs.\\nInfo:    IterCnt |  w/ripup | remaining|")
 print("Info:      61000 |    12318      48681 |  119   881 |    245263|       1.39      90.72|")
 """
-"""A program in nextpnr's place, with lines of its log."""
+"""A stand-in for nextpnr that writes a report and prints lines of its log."""
 
 
 @pytest.fixture
 def nextpnr(monkeypatch, tmp_path):
-    """That program, and yosys without a netlist; returns where it notes its seeds."""
+    """Install that stand-in, and one for yosys; return the file to which it adds its seeds."""
     program, asked = tmp_path / "nextpnr", tmp_path / "asked"
     program.write_text(
         NEXTPNR.format(
@@ -205,7 +205,7 @@ def nextpnr(monkeypatch, tmp_path):
 
 
 def test_whole(monkeypatch, nextpnr, tmp_path, capsys):
-    """From three seeds, of which the fastest counts; all are kept."""
+    """`--whole` places with three seeds and reports the fastest; all results are kept."""
     monkeypatch.setattr(sizes, "Top", lambda config: Register(3))
     out = tmp_path / "f.json"
     for _ in range(2):
@@ -219,7 +219,7 @@ def test_whole(monkeypatch, nextpnr, tmp_path, capsys):
 
 
 def test_progress(nextpnr):
-    """A netlist is made once; how much is left to be routed is told."""
+    """Synthesis runs once for two seeds; progress shows the arcs left to route."""
     told = []
     assert len(list(placed(Register(3), "25k", seeds=2, tell=told.append))) == 2
     routing = ["placing", "routing, 245,263 arcs left"]
@@ -227,14 +227,14 @@ def test_progress(nextpnr):
 
 
 def test_plain_names():
-    """Names of arrays' elements have no bracket; bits of wires are as they were."""
+    """Brackets are removed from names of array elements, and kept for bits of wires."""
     text = "  wire width 3 \\part.slots[1][23]\n  connect \\a [2:0] \\part.slots[1][23] [1]\n"
     expected = "  wire width 3 \\part.slots.1.23\n  connect \\a [2:0] \\part.slots.1.23 [1]\n"
     assert plain(text) == expected
 
 
 class Elements(wiring.Component):
-    """Registers whose names end like the bits of a wire, beside a wire of that name."""
+    """Registers whose names look like bits of a wire, and a wire of that name."""
 
     def __init__(self):
         super().__init__({"i": In(3), "o": Out(2)})
@@ -252,7 +252,7 @@ class Elements(wiring.Component):
 
 @pytest.mark.slow
 def test_names_of_elements(monkeypatch, tmp_path):
-    """Unless they are plain, yosys takes them for bits of that wire: a register is lost."""
+    """All registers survive: with brackets yosys would merge one with a bit of the wire."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     (found,) = placed(Elements(), "25k")
     assert found.flip_flops == 7
@@ -260,7 +260,7 @@ def test_names_of_elements(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_small_part(monkeypatch, tmp_path):
-    """A multiplier's numbers are those that stand in the log."""
+    """A multiplier's numbers equal the ones in nextpnr's log; a second run uses the cache."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     part = fpga.PARTS["multiply"](TINY)
     (found,) = placed(part, "25k")
@@ -270,8 +270,8 @@ def test_small_part(monkeypatch, tmp_path):
     assert found.multipliers == cells["MULT18X18D"][0] == 1
     assert found.flip_flops + wrap.flip_flops == cells["TRELLIS_FF"][0]
     assert found.luts + wrap.luts == cells["TRELLIS_COMB"][0]
-    told = re.findall(r"Max frequency for clock .*: ([\d.]+) MHz", log)[-1]
-    assert found.fmax_mhz == float(told)
+    fmax = re.findall(r"Max frequency for clock .*: ([\d.]+) MHz", log)[-1]
+    assert found.fmax_mhz == float(fmax)
     again = fpga.PARTS["multiply"](TINY)
     monkeypatch.setattr(fpga, "place", None)
     assert list(placed(again, "25k")) == [found]
@@ -280,8 +280,8 @@ def test_small_part(monkeypatch, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("rows", "block_rams"), [(8, 0), (64, 1)])
 def test_memories(rows, block_rams, monkeypatch, tmp_path):
-    """Small ones are distributed RAM. Nothing is built for rows that are read while they are
-    written: what keeps a word for that case is no part of it."""
+    """A small queue becomes distributed RAM, a larger one block RAM, without registers for a
+    row that is read while it is written."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     (found,) = placed(Queue(BITS, rows, memory=True), "25k")
     assert found.block_rams == block_rams

@@ -1,4 +1,4 @@
-"""What reads a register or a memory's word before it has a value is found out."""
+"""Registers and memory words without a value are random in simulation, so early reads show."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ CONTENTS = [7, 0, 5, 9]
 
 
 class Reads(wiring.Component):
-    """Values that nothing was written to, and some that have one."""
+    """Reads a register and a memory without a value, and a register and a table with one."""
 
     at: In(range(WORDS))
     written: In(1)
@@ -46,8 +46,8 @@ def samples(seed: int) -> dict[str, np.ndarray]:
     return Simulation(Reads(), names).run({}, constants=given, seed=seed, cycles_max=WORDS).samples
 
 
-def test_what_has_no_value_is_random():
-    """By the run's seed; what has a reset, or contents, has these."""
+def test_missing_values_are_random():
+    """Values without a reset are random by the seed; reset values and table contents are kept."""
     first, again, other = (samples(seed) for seed in (1, 1, 2))
     for name in ("kept", "word"):
         assert np.array_equal(first[name], again[name])
@@ -56,7 +56,7 @@ def test_what_has_no_value_is_random():
     assert other["known"].tolist() == CONTENTS
 
 
-def test_only_simulations_leave_values_out():
+def test_only_simulations_drop_initial_values():
     source = converted(Reads())
     left = without_initial(source)
     assert "reg [63:0] kept = " in source and "memory[0] = " in source

@@ -1,4 +1,4 @@
-"""Standard-cell libraries: what is read of their files, and what is refused."""
+"""Standard-cell libraries: reading liberty files in several dialects; refusals."""
 
 import gzip
 
@@ -24,7 +24,7 @@ from tb.helpers.liberty import (
 )
 
 
-def test_what_is_read(library):
+def test_contents(library):
     assert library.name == "small" and len(library.cells) == 13
     assert library.corner == "process 1, voltage 0.9 V, temperature 125 °C"
     names = library.nand2, library.inverter, library.driver, library.flip_flop
@@ -38,7 +38,7 @@ def test_what_is_read(library):
 
 @pytest.mark.parametrize("changes", [{"time": "1ps"}, {"swapped": True}])
 def test_units_and_axes(library, tmp_path, changes):
-    """The same library in other units, with tables of the other order, and compressed."""
+    """The same library in other units or with swapped axes, gzipped, reads the same."""
     file = tmp_path / "other.lib.gz"
     file.write_bytes(gzip.compress(small_library(**changes).encode()))
     other = read_liberty(file)
@@ -49,7 +49,7 @@ def test_units_and_axes(library, tmp_path, changes):
 
 
 def tables(cell) -> list:
-    """All of a cell."""
+    """All tables of a cell."""
     times = [table for arc in cell.arcs for table in arc.delays + arc.slews]
     return times + [table for inside in cell.inside for table in inside.energies]
 
@@ -61,7 +61,7 @@ def test_fo4_is_an_inverter_with_four_as_load(library):
 
 @pytest.mark.parametrize("function", ["!(A B)", "(A*B)'", "!A | !B", "(!A)+(!B)"])
 def test_functions(liberty_path, tmp_path, function):
-    """A NAND2 as other libraries write it."""
+    """A NAND2 is recognised however its function is written."""
     file = tmp_path / "a.lib"
     file.write_text(liberty_path.read_text().replace("!(A*B)", function))
     assert read_liberty(file).nand2.name == "NAND2_1"
@@ -95,7 +95,7 @@ def test_refused(tmp_path, monkeypatch, capsys, file):
 @pytest.mark.verify
 @pytest.mark.parametrize("file", liberty_files(), ids=lambda file: file.name)
 def test_users_libraries(file):
-    """FO4 of a process, and an adder in it."""
+    """A user's library has a plausible FO4, and an adder can be mapped and timed."""
     library = read_liberty(file)
     assert 0.003 < fo4(library) < 0.2
     found = mapped(Netlist.of(Add(TINY.arithmetic, TINY.add_latency)), library)

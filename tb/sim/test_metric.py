@@ -1,4 +1,4 @@
-"""Metrics against their definitions, and pictures that can be opened."""
+"""Metrics against their definitions; PNG files; error and heat maps."""
 
 import sys
 from types import ModuleType, SimpleNamespace
@@ -16,7 +16,7 @@ def noise(seed: int, height: int = 40, width: int = 50) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
-def test_psnr_and_maximum_by_hand():
+def test_psnr_and_maximum():
     a = np.zeros((20, 30, 3), np.uint8)
     b = a.copy()
     b[3, 4, 1] = 51  # one channel of one pixel is off by 0.2
@@ -34,7 +34,7 @@ def test_identical():
 
 
 def plain_ssim(a: np.ndarray, b: np.ndarray) -> float:
-    """Wang et al. 2004, equation 13, one channel in 0 … 255, window positions inside the image."""
+    """SSIM by Wang et al. 2004, equation 13: one channel in 0 … 255, windows inside the image."""
     k = np.exp(-(np.arange(-5, 6) ** 2) / (2 * 1.5**2))
     window = np.outer(k, k) / k.sum() ** 2
     c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
@@ -92,7 +92,7 @@ def test_truncated_png(tmp_path):
 
 @pytest.mark.compress
 def test_flip():
-    """The package's own mean; 0 for equal images, more for what is further off."""
+    """FLIP equals the package's mean, is 0 for equal images and grows with the difference."""
     package = pytest.importorskip("flip_evaluator")
     a = noise(1)
     near, far = (np.clip(a.astype(int) + d, 0, 255).astype(np.uint8) for d in (4, 40))
@@ -116,7 +116,7 @@ def test_without_flip(monkeypatch):
 
 @pytest.mark.parametrize("weights", [True, False])
 def test_lpips_only_with_weights_on_disk(tmp_path, monkeypatch, weights):
-    """Without the file of weights the network, which would download it, is never made."""
+    """Without weights on disk the network is never created, because it would download them."""
     torch, torchvision, models, package = (
         ModuleType(name) for name in ("torch", "torchvision", "torchvision.models", "lpips")
     )
@@ -145,24 +145,24 @@ def test_without_lpips(monkeypatch):
 
 
 def bright_columns(path, is_bright) -> np.ndarray:
-    """Columns, as parts of the width, of bright pixels in the upper 85 % (no colour bar there)."""
+    """Columns, as fractions of the width, of bright pixels in the upper 85 % (no colour bar)."""
     picture = read_png(path).astype(int)
     picture = picture[: int(0.85 * len(picture))]
     return np.flatnonzero(is_bright(picture).any(axis=0)) / picture.shape[1]
 
 
 def inferno(picture: np.ndarray) -> np.ndarray:
-    """Pixels in the upper third of the error map's colours; neither white nor black."""
+    """Mask of pixels in the upper third of the error map's colours; neither white nor black."""
     return (picture[..., 0] > 240) & (picture[..., 2] < 200)
 
 
 def viridis(picture: np.ndarray) -> np.ndarray:
-    """Pixels in the upper tenth of the heat map's colours."""
+    """Mask of pixels in the upper tenth of the heat map's colours."""
     return (picture[..., 0] > 220) & (picture[..., 2] < 100)
 
 
-def test_maps_show_what_they_map(tmp_path):
-    """A wrong spot and a full tile shine where they are, and nothing else does."""
+def test_maps_show_errors_and_counts(tmp_path):
+    """A wrong spot and a full tile are bright at their place, and nothing else is."""
     a = np.zeros((64, 96, 3), np.uint8)
     b = a.copy()
     b[30:36, 80:84, 2] = 200

@@ -1,4 +1,4 @@
-"""`import splatcore`: documented names, arrays as promised, the commands' own results."""
+"""`import splatcore`: documented names, array types and shapes, results as by the commands."""
 
 import inspect
 import subprocess
@@ -21,7 +21,7 @@ SIZE = 64, 48
 
 
 def arrays(count: int = 40) -> dict[str, np.ndarray]:
-    """A scene's arrays, of float32 as a training has them."""
+    """A scene's arrays as float32, as training code has them."""
     scene = cloud(3, count)
     names = ("position", "scale", "quaternion", "opacity", "sh")
     return {name: getattr(scene, name).astype(np.float32) for name in names}
@@ -38,7 +38,7 @@ def model(camera):
 
 
 def row(name: str) -> str:
-    """A name's line in the page's table: how it is called, and the first line of its docstring."""
+    """A name's row in the page's table: its signature, and the first line of its docstring."""
     found = getattr(splatcore, name)
     call = ""
     if inspect.isfunction(found):
@@ -49,13 +49,13 @@ def row(name: str) -> str:
 
 
 def test_page_lists_all_names():
-    """Every public name has a docstring, whose first line the page has."""
+    """docs/python.md lists every public name with its signature and its docstring's first line."""
     lines = [line for line in PAGE.read_text().splitlines() if line.startswith("| `")]
     assert lines == [row(name) for name in splatcore.__all__]
 
 
 def test_documented():
-    """Each function says more than a line, and what it raises; no name is that of a room."""
+    """Each function's docstring has several lines and names its errors; no name hides a room."""
     assert not ROOMS & set(splatcore.__all__)
     for name in splatcore.__all__:
         text = inspect.getdoc(getattr(splatcore, name))
@@ -67,7 +67,7 @@ def test_documented():
 
 
 def test_import_loads_nothing():
-    """`import splatcore` leaves numpy alone; help of the commands leaves the golden model alone."""
+    """`import splatcore` does not import numpy; importing the commands does not import numba."""
     for code, absent in (
         ("import splatcore", ("numpy", "splatcore.spec", "splatcore.sim")),
         ("import splatcore.sim.cli.main", ("numba", "amaranth", "splatcore.golden")),
@@ -91,7 +91,7 @@ def test_shapes(model, camera):
 
 
 def test_one_gaussian():
-    """Colour, place and size of a picture are as the arrays say."""
+    """One Gaussian has the colour, place and extent that its arrays state."""
     turned = [np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)]  # x axis to y axis
     scene = splatcore.make_scene(
         [[0, 0, 0]], [[0.5, 0.05, 0.05]], [turned], [1], colour=[[0.3, 0.4, 0.5]]
@@ -120,7 +120,7 @@ def test_arrays_are_copied(camera):
 
 
 def test_no_hidden_state(model, camera):
-    """Calls between do not change what a call returns."""
+    """A call returns the same, whatever calls come in between."""
     first = splatcore.render_golden(model, camera), splatcore.cycles(model, camera)
     slower = splatcore.cycles(model, camera, splatcore.preset(rasterizers=1))
     splatcore.render_golden(model, camera, background=(1, 1, 1))
@@ -198,7 +198,7 @@ def test_other_bad_input(model, camera, tmp_path):
 
 
 def test_antialiased(model, tmp_path):
-    """Kept by files and models; an argument overrides what a file says."""
+    """Files and models keep the mark; the argument `antialiased` overrides a file's mark."""
     marked = splatcore.make_scene(**arrays(), antialiased=True)
     assert marked.antialiased and not splatcore.make_scene(**arrays()).antialiased
     assert splatcore.pack(marked, "faithful")[0].antialiased and not model.antialiased
@@ -233,7 +233,7 @@ def test_preset():
 
 
 def test_files(model, camera, tmp_path):
-    """What is written is read back; a file is not replaced by what comes from it."""
+    """Written files read back the same; `write` refuses to overwrite a scene's own file."""
     scene = splatcore.make_scene(**arrays())
     splatcore.write(tmp_path / "s.ply", scene)
     splatcore.write(tmp_path / "m.splatcore", model)
@@ -259,7 +259,7 @@ def test_files(model, camera, tmp_path):
 
 
 def test_cameras(tmp_path):
-    """Those beside a file, a generated scene's own, or a sensible view."""
+    """`open_cameras`: a scene's camera file, a generated scene's camera, or a default view."""
     scene = splatcore.make_scene(**arrays())
     splatcore.write(tmp_path / "scene.ply", scene)
     for given in (scene, tmp_path / "scene.ply", str(tmp_path / "scene.ply")):
@@ -267,16 +267,16 @@ def test_cameras(tmp_path):
         assert (view.width, view.height) == (1920, 1080)
     assert run("scene", "garden", "--count", 100, "-o", tmp_path / "g.ply",
                "--cameras", tmp_path / "g.cameras.json") == 0  # fmt: skip
-    [beside] = splatcore.open_cameras(tmp_path / "g.ply", 32, 18)
+    [own] = splatcore.open_cameras(tmp_path / "g.ply", 32, 18)
     [named] = splatcore.open_cameras("garden", 32, 18)
     [of_file] = splatcore.open_cameras(tmp_path / "g.cameras.json", 32, 18)
     for other in (named, of_file):
-        assert (beside.width, beside.height) == (other.width, other.height) == (32, 18)
-        np.testing.assert_allclose(beside.position, other.position, atol=1e-6)
+        assert (own.width, own.height) == (other.width, other.height) == (32, 18)
+        np.testing.assert_allclose(own.position, other.position, atol=1e-6)
 
 
-def test_as_the_commands(tmp_path):
-    """The picture of `render --engine golden`, the keys and cycles of `cycles --json`."""
+def test_same_as_the_commands(tmp_path):
+    """Picture and cycles equal the ones of `render --engine golden` and `cycles --json`."""
     scene = splatcore.open_scene("needles")
     [camera] = splatcore.open_cameras("needles", 128, 72)
     model, _ = splatcore.pack(scene, cameras=[camera])
@@ -286,10 +286,10 @@ def test_as_the_commands(tmp_path):
     assert np.array_equal(read_png(tmp_path / "a.png"), picture)
     file = tmp_path / "a.json"
     assert run("cycles", "needles", "--size", "128x72", "--json", file) == 0
-    told = load(file)["scenes"]["needles"]
+    expected = load(file)["scenes"]["needles"]
     found = splatcore.cycles(model, camera)
-    assert found == {key: told[key] for key in found}
-    assert told["packing"]["bytes_per_gaussian"] == model.bytes_per_gaussian
+    assert found == {key: expected[key] for key in found}
+    assert expected["packing"]["bytes_per_gaussian"] == model.bytes_per_gaussian
     exact = splatcore.render_reference(scene, camera)
     against = splatcore.compare(splatcore.render_golden(model, camera), exact)
-    assert against.psnr_db == pytest.approx(told["psnr_db_scene"])
+    assert against.psnr_db == pytest.approx(expected["psnr_db_scene"])

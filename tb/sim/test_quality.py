@@ -1,4 +1,4 @@
-"""Packing to a wanted error, and the campaign that measures it, on a scene of degree 3."""
+"""Packing by quality and by target PSNR, and `bench quality`, on a scene of degree 3."""
 
 import warnings
 from dataclasses import replace
@@ -40,7 +40,7 @@ def scene() -> Scene:
 
 
 def test_the_smallest_that_is_good_enough(scene):
-    """Of the qualities in turn; dB are those of the pictures."""
+    """The first quality that reaches the target is chosen; PSNR equals the rendered pictures'."""
     found = {least: choose.choose(scene, DEFAULT, [CAMERA], least=least) for least in (10, 40, 50)}
     assert [packed.quality for packed in found.values()] == ["compact", "balanced", "faithful"]
     for packed in found.values():
@@ -52,7 +52,7 @@ def test_the_smallest_that_is_good_enough(scene):
 
 
 def test_the_scene_is_rendered_once(scene, monkeypatch):
-    """For the model that is chosen, for one of some dB, and for the parts' errors."""
+    """Choosing a quality, a target PSNR and the parts' errors share one rendering of the scene."""
     seen, drawn = choose.Views.of(scene, [CAMERA]), choose.picture
     assert choose.Views.of(scene, seen) is seen
     rendered = []
@@ -71,11 +71,11 @@ def test_the_scene_is_rendered_once(scene, monkeypatch):
     psnr_by_part(scene, packed.model, seen)
     assert len(rendered) > 7 and not any(array is scene.position for array in rendered)
     choose.Views.of(scene, [CAMERA])
-    assert rendered[-1] is scene.position  # it would show
+    assert rendered[-1] is scene.position  # the counter works
 
 
 def test_chunk_by_chunk(scene):
-    """More dB, more bytes; chunks without harmonics get none; what cannot be is the best."""
+    """More dB take more bytes; an unreachable target gives the best model."""
     targets = (42.0, 48.0, 90.0)
     found = [choose.smallest(scene, DEFAULT, [CAMERA], db) for db in targets]
     sizes = [len(packed.model.image) for packed in found]
@@ -96,7 +96,7 @@ def test_a_source_is_packed_once(scene):
 
 
 def test_budget(scene):
-    """Parts' bytes are all bytes; a part that is packed alone loses less than all together."""
+    """Bytes of the parts sum to the whole; each part alone loses less than all together."""
     packed = choose.choose(scene, DEFAULT, [CAMERA], "faithful")
     sizes = bytes_by_part(packed.model)
     assert sum(sizes.values()) == pytest.approx(packed.model.bytes_per_gaussian)
@@ -118,7 +118,7 @@ def test_budget(scene):
         "degree 2",
         "degree 3",
     ]
-    assert all(db > packed.psnr_db for db in losses.values())  # None would be: nothing is lost
+    assert all(db > packed.psnr_db for db in losses.values())  # none is None, a part without loss
     compact = choose.choose(scene, DEFAULT, [CAMERA], "compact")
     assert psnr_by_part(scene, compact.model, [CAMERA])["degree 3"] < compact.psnr_db + 3
     assert bytes_by_part(compact.model)["codebooks"] > 0
@@ -128,7 +128,7 @@ def test_budget(scene):
 
 
 def test_a_gaussian_at_the_camera(scene):
-    """It has no direction, and keeps no chunk from its harmonics."""
+    """A Gaussian at the camera has no direction; chunks still get their harmonics, no warnings."""
     place = scene.position.copy()
     place[np.argmax(scene.opacity)] = CAMERA.position
     there = replace(scene, position=place)
@@ -139,7 +139,7 @@ def test_a_gaussian_at_the_camera(scene):
 
 
 def test_lost_coefficients(scene, tmp_path, monkeypatch, capsys):
-    """One that no step can hold is told in a line on standard error."""
+    """A coefficient out of range is reported by one line on standard error and in JSON."""
     monkeypatch.chdir(tmp_path)
     sh = scene.sh.copy()
     sh[:, 3, 1] = np.where(np.arange(len(sh)) == 9, 1000, sh[:, 3, 1])
@@ -154,8 +154,8 @@ def test_lost_coefficients(scene, tmp_path, monkeypatch, capsys):
 
 
 def test_no_step_too_many(scene):
-    """Steps in the order of their gain, a chunk's first before its second; without the last one
-    the model is not good enough; where nothing is seen there is nothing to gain."""
+    """Steps are ordered by gain, a chunk's first before its second; one step fewer misses the
+    target; a camera that sees nothing has no steps."""
     steps = choose.upgrades(scene, DEFAULT, [CAMERA], str)
     place = {step: n for n, step in enumerate(steps)}
     assert all(place[chunk, COARSE] < n for (chunk, kind), n in place.items() if kind == FINE)
@@ -180,8 +180,8 @@ def test_no_step_too_many(scene):
 
 
 def test_second_steps_come_after_the_first(scene, monkeypatch):
-    """Even if they gain more; a chunk that gains nothing by its first gets neither."""
-    errors = [10, 10, 3, 1], [9, 5, 5, 1], [0, 4, 0, 0]  # of four chunks; the others have none
+    """A chunk's second step follows its first even if it gains more; no gain, no steps."""
+    errors = [10, 10, 3, 1], [9, 5, 5, 1], [0, 4, 0, 0]  # per chunk, of four; the others are 0
     rest = len(scene) - 4 * CHUNK
     found = iter([np.pad(np.repeat(error, CHUNK), (0, rest)) for error in errors])
     monkeypatch.setattr(choose, "seen_error", lambda *_: next(found))
@@ -190,7 +190,7 @@ def test_second_steps_come_after_the_first(scene, monkeypatch):
 
 
 def test_bisection(scene, monkeypatch):
-    """The least of 20 steps that suffices, for every target; as if each took a dB."""
+    """With one dB per step, `smallest` finds the minimum number of 20 steps for every target."""
     steps = [(chunk, kind) for kind in (1, 2) for chunk in range(10)]
 
     def made(*_, quality):

@@ -19,7 +19,7 @@ READ, WRITTEN = ("read", "write", "frame", "clear"), ("write", "frame", "clear",
 
 
 class Strict(MessagePrinter):
-    """Warnings are errors."""
+    """Raise on warnings, too."""
 
     def print_message(self, severity, text, source):
         raise AssertionError(f"{severity.name}: {text}")
@@ -33,13 +33,13 @@ def compiled(path: Path) -> AddrmapNode:
 
 @pytest.fixture(params=MAPS, ids=lambda config: config.name)
 def machine(request, tmp_path):
-    """A machine, and what the compiler has read of it."""
+    """A machine, and its register map as the compiler reads it."""
     write_register_files(request.param, tmp_path)
     return request.param, compiled(tmp_path / "splatcore.rdl")
 
 
 def test_registers(machine):
-    """Each one's name, address, width, access, and value after reset."""
+    """Each register has the right name, address, width, access and reset value."""
     config, top = machine
     given, found = register_map(config), {node.absolute_address: node for node in top.registers()}
     assert list(found) == list(given)
@@ -65,7 +65,7 @@ def test_registers(machine):
 
 
 def test_fields(machine):
-    """Bits have the names that header and page have; codes of errors are listed."""
+    """Fields have the names used by header and page; error codes are listed."""
     config, top = machine
     for register in register_map(config).values():
         inside = list(top.get_child_by_name(register.name).fields())
@@ -80,7 +80,7 @@ def test_fields(machine):
 
 
 def test_ip_xact(tmp_path):
-    """What PeakRDL makes of it has all registers, at their addresses."""
+    """PeakRDL's IP-XACT export has all registers at their addresses."""
     write_register_files(TINY, tmp_path)
     IPXACTExporter().export(compiled(tmp_path / "splatcore.rdl"), str(tmp_path / "splatcore.xml"))
     tree = ElementTree.parse(tmp_path / "splatcore.xml")

@@ -1,4 +1,4 @@
-"""The registers' page and C header, against `spec.registers`."""
+"""The register page and C header, against `spec.registers`; two machines in one C program."""
 
 import re
 import subprocess
@@ -16,14 +16,14 @@ from tb.helpers.ports import MAPS, wide_addresses
 
 @pytest.fixture(params=MAPS, ids=lambda config: config.name)
 def files(request, tmp_path):
-    """A machine, and the folder of its files."""
+    """A machine, and the folder with its generated files."""
     paths = write_register_files(request.param, tmp_path)
     assert [path.name for path in paths] == [*FILES, *DRIVER]
     return request.param, tmp_path
 
 
 def defines(folder: Path) -> dict[str, int]:
-    """Whole numbers of the header by name, as the preprocessor has them."""
+    """Integer macros of the header by name, from the C preprocessor."""
     text = subprocess.run(
         ["gcc", "-E", "-dM", folder / "splatcore.h"], capture_output=True, text=True, check=True
     ).stdout
@@ -89,7 +89,7 @@ int main(void)
 
 
 def test_headers_and_drivers_of_two_machines(tmp_path):
-    """One file includes both, one program has both; nothing keeps the name without a prefix."""
+    """One C program includes and links both; every name has its machine's prefix."""
     machines = {"left": TINY, "RIGHT": wide_addresses(DEFAULT)}
     paths = [
         path

@@ -1,4 +1,4 @@
-"""`splatcore report`: a page that stands alone, with the numbers of its results."""
+"""`splatcore report`: a self-contained page whose tables have the numbers of its results."""
 
 import csv
 import os
@@ -20,14 +20,14 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Report:
-    """The report of all samples."""
+    """The report made from samples of all results."""
     folder = tmp_path_factory.mktemp("report")
     everything(folder / "results")
     words = ["report", "-o", str(folder / "out"), "--results", str(folder / "results")]
     return Report(folder / "out", run(*words), "")
 
 
-def test_the_page_stands_alone(whole):
+def test_the_page_is_self_contained(whole):
     assert whole.status == 0
     page = Page(whole.text)
     assert list(page.sections) == [*SECTIONS, "missing"]
@@ -72,7 +72,7 @@ def test_tables_are_the_same_everywhere(whole):
 
 
 def test_numbers(whole):
-    """By hand, from the samples."""
+    """Cells of the tables equal values computed here from the samples."""
     frame = VIEWS["vase.ply", "0"]
     first = next(row for row in whole.table("scenes", "scenes") if row["scene"] == "vase.ply")
     assert first["frame, M cycles"] == frame / 1e6 and first["FPS, at 800 MHz"] == 160
@@ -105,7 +105,7 @@ def test_numbers(whole):
 
 
 def test_the_page_on_the_paper():
-    """Arithmetic and verdicts of docs/paper.md."""
+    """Arithmetic and verdicts in the tables of docs/paper.md are right."""
     text = (ROOT / "docs" / "paper.md").read_text().replace("×", "*").replace("−", "-")
     rows = re.findall(r"^\| .* \| `(.*)` \| ([\d.]+) .*\| ([\d.]+) .*\| (.*) \|$", text, re.M)
     assert len(rows) == 20
@@ -137,10 +137,10 @@ def test_plots_can_be_read_in_print():
 
 @pytest.mark.slow
 def test_in_a_browser(whole):
-    """A browser, if there is one, draws the page, and nothing in it is wider than the window."""
+    """If a browser is installed it draws the page, and nothing is wider than the window."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
-        return  # the parser has checked what it can
+        return  # the other tests parse the page
     picture = whole.folder / "page.png"
     subprocess.run(
         [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
@@ -153,6 +153,6 @@ def test_in_a_browser(whole):
 
 
 def test_templates_are_in_the_package():
-    """pyproject.toml names the page's sources, else an installed package lacks them."""
+    """pyproject.toml lists the page's sources; without it an installed package lacks them."""
     text = (ROOT / "pyproject.toml").read_text()
     assert "*.jinja" in text and "*.css" in text and "jinja2" in text

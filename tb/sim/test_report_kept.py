@@ -1,4 +1,4 @@
-"""Results kept as tables: the page made of them alone, and what is refused of them."""
+"""Kept results, stored as tables: the report made from them alone, and broken tables refused."""
 
 import json
 import re
@@ -22,12 +22,12 @@ from tb.helpers.report_samples import VERSION, everything, write
 
 PAGES = [(ROOT / name).read_text() for name in ("README.md", "docs/performance.md")]
 
-KEPT_BYTES = 300_000  # of a kept file, at most
+KEPT_BYTES = 300_000  # maximum size of a kept file
 
 
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory) -> Path:
-    """A folder with all sample results, and what is kept of them."""
+    """A folder with samples of all results, their report, and their kept tables."""
     folder = tmp_path_factory.mktemp("kept")
     everything(folder / "results")
     words = ["-o", str(folder / "measured"), "--results", str(folder / "results")]
@@ -37,7 +37,7 @@ def samples(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def kept(samples, tmp_path, monkeypatch) -> Path:
-    """A copy of what is kept, which the command takes for the repository's."""
+    """A copy of the kept tables, used by the command in place of the repository's."""
     place = tmp_path / "kept"
     shutil.copytree(samples / "kept", place)
     monkeypatch.setattr("splatcore.sim.report.kept.FOLDER", place)
@@ -45,13 +45,13 @@ def kept(samples, tmp_path, monkeypatch) -> Path:
 
 
 def page(folder: Path, capsys, *words: str) -> Report:
-    """The report of kept results."""
+    """Run `splatcore report` on kept results; return the report."""
     status = run("report", "-o", str(folder / "out"), *words)
     return Report(folder / "out", status, capsys.readouterr().err)
 
 
 def content(sections: dict) -> dict:
-    """Tables and figures of a report without the commands, which name other folders."""
+    """Tables and figures of a report, without their commands, which contain folder names."""
     return {
         name: {
             key: {k: v for k, v in item.items() if k not in ("commands", "versions")}
@@ -59,11 +59,11 @@ def content(sections: dict) -> dict:
             for key, item in section[kind].items()
         }
         for name, section in sections.items()
-        if name != "fit"  # is kept by its user
+        if name != "fit"  # its results stay with the user
     }
 
 
-def test_the_same_page_from_what_is_kept(samples, kept, tmp_path, capsys):
+def test_the_same_page_from_kept_results(samples, kept, tmp_path, capsys):
     found = page(tmp_path, capsys)
     assert found.status == 0, found.said
     measured = Report(samples / "measured", 0, "")
@@ -74,7 +74,7 @@ def test_the_same_page_from_what_is_kept(samples, kept, tmp_path, capsys):
 
 
 def test_the_repository_s_own_page(tmp_path):
-    """In a clone, without any scene and without running anything: nothing is refused."""
+    """In a clone without scenes the report is made from the repository's kept tables."""
     done = subprocess.run(
         [sys.executable, "-m", "splatcore", "report", "-o", str(tmp_path / "out")],
         cwd=tmp_path, env={"PATH": "", "SPLATCORE_SCENES": str(tmp_path / "nowhere")},
@@ -96,7 +96,7 @@ def test_the_repository_s_own_page(tmp_path):
 
 @pytest.mark.parametrize("name", TABLES)
 def test_the_repository_s_tables(name):
-    """What is kept is whole, small, and without a folder of anybody's."""
+    """The repository's kept tables are complete, small, and without absolute paths."""
     present = [path for path in files(name, FOLDER) if path.exists()]
     if not present:
         return
@@ -120,7 +120,7 @@ def test_command_and_version_are_shown(kept, tmp_path, capsys):
 
 
 def test_no_folder_is_kept(samples, tmp_path):
-    """A view that was named by its files is kept by their names alone."""
+    """Kept results name scene and camera files without their folders."""
     facts = json.loads((samples / "results" / "power.json").read_text())
     write(tmp_path / "power.json", facts | {"scene": "/a/b/c.ply", "camera": "/a/b/c.json:2"})
     words = ["--section", "power", "--results", str(tmp_path), "--keep", str(tmp_path / "kept")]
@@ -130,8 +130,8 @@ def test_no_folder_is_kept(samples, tmp_path):
     assert found["command"] == "make SCENES=c.ply SIZE=64x48 out/report/results/power.json"
 
 
-def test_the_command_that_is_kept_makes_the_result(tmp_path):
-    """Scene files by their names are those of the folder of scenes."""
+def test_the_kept_command_makes_the_result(tmp_path):
+    """The kept command works: make finds its scene files in SPLATCORE_SCENES."""
     (tmp_path / "vase.ply").write_text("")
     words = ["SCENES=vase.ply garden", "SIZE=64x48", f"{tmp_path}/quality/quality.json"]
     made = make("-n", *words, RESULTS=str(tmp_path), SPLATCORE_SCENES=str(tmp_path))
@@ -153,13 +153,13 @@ def test_views_that_were_not_simulated_are_named(kept, tmp_path, capsys):
 
 
 def test_make_report_measures_nothing():
-    """But shows what is in its folder of results, and with RESULTS nothing besides."""
+    """`make report` runs no measurement; with RESULTS it shows that folder alone."""
     for words, more in (((), ""), (("RESULTS=there",), " --results there")):
         made = make("-n", "report", *words, SPLATCORE="splatcore")
         assert made.stdout.splitlines()[-1].strip() == f"splatcore report -o out/report{more}"
 
 
-def test_a_new_result_stands_for_the_kept_one(samples, kept, tmp_path, capsys):
+def test_a_new_result_replaces_the_kept_one(samples, kept, tmp_path, capsys):
     facts = json.loads((samples / "results" / "memories.json").read_text())
     write(tmp_path / "out/results/memories.json", facts | {"kilobytes": 7.0, "version": "new"})
     found = page(tmp_path, capsys, "--section", "paper")
@@ -175,7 +175,7 @@ def renamed(text: str) -> str:
 
 
 def dropped(text: str) -> str:
-    """Without the last column."""
+    """Return a table without its last column."""
     return "\n".join(
         line if line.startswith("#") else line.rpartition(",")[0] for line in text.splitlines()
     )
@@ -194,31 +194,31 @@ BROKEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("how, named", BROKEN.values(), ids=list(BROKEN))
-def test_what_is_changed_is_refused(kept, tmp_path, capsys, how, named):
+@pytest.mark.parametrize("edit, named", BROKEN.values(), ids=list(BROKEN))
+def test_broken_tables_are_refused(kept, tmp_path, capsys, edit, named):
     path = kept / "quality.csv"
-    path.write_text(how(path.read_text()))
+    path.write_text(edit(path.read_text()))
     found = page(tmp_path, capsys, "--section", "quality", "--section", "work")
     assert found.status == 1 and f"quality: {path}: {named}" in found.said.replace("\n", " ")
     assert found.said.count("\n") == 1 and named in unescape(found.text)
     assert found.table("work", "work") and not found.sections["quality"]["tables"]
 
 
-def test_without_what_is_kept(tmp_path, monkeypatch, capsys):
-    """An installed package that lacks it says so, and nothing is written."""
+def test_without_kept_results(tmp_path, monkeypatch, capsys):
+    """Without kept results the command fails with one line and writes nothing."""
     monkeypatch.setattr("splatcore.sim.report.kept.FOLDER", tmp_path / "nowhere")
     assert run("report", "-o", str(tmp_path / "out")) == 2
     assert "nowhere: the kept results are not there" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_results_say_their_version(tmp_path, monkeypatch):
-    """In a checkout with the commit, elsewhere the package's; what says it already keeps it."""
+def test_results_state_their_version(tmp_path, monkeypatch):
+    """Version and commit in a checkout, elsewhere the version alone; a stated version is kept."""
     found = version.version()
     assert re.fullmatch(r"[\d.]+(, commit [0-9a-f]{10,}(-dirty)?)?", found), found
-    for value, said in (({}, found), ({"version": "old"}, "old")):
+    for value, expected in (({}, found), ({"version": "old"}, "old")):
         write_json(tmp_path / "a.json", value)
-        assert json.loads((tmp_path / "a.json").read_text()) == {"version": said}
+        assert json.loads((tmp_path / "a.json").read_text()) == {"version": expected}
         assert "version" not in value or value["version"] == "old"
     monkeypatch.setattr(version, "CHECKOUT", tmp_path)
     version.version.cache_clear()
@@ -226,8 +226,8 @@ def test_results_say_their_version(tmp_path, monkeypatch):
     version.version.cache_clear()
 
 
-def test_sources_are_said():
-    """Of each published machine, and what stands in the paper's own comparison is its."""
+def test_published_machines_have_sources():
+    """Every published machine names its source, and the paper's row has the paper's figures."""
     from splatcore.sim.common.paper import FPS, GATES_ALL, MEMORIES, POWER
     from splatcore.sim.common.published import PUBLISHED
 

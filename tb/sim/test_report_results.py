@@ -1,4 +1,4 @@
-"""`splatcore report` names what is missing; `make report` measures that and nothing else."""
+"""`splatcore report` names missing results; `make results` measures these and no others."""
 
 import json
 import shlex
@@ -15,7 +15,7 @@ from tb.helpers.report_samples import SIZE, VIEWS, everything, write
 
 @pytest.fixture
 def results(tmp_path):
-    """A folder with all results."""
+    """A folder with samples of all results."""
     everything(tmp_path / "results")
     return tmp_path
 
@@ -31,18 +31,18 @@ def test_equal_results_make_equal_pages(results, capsys):
     ]  # fmt: skip
 
 
-def broken(path: Path, what: str):
-    """Spoil a result."""
+def broken(path: Path, fault: str):
+    """Break a result file."""
     texts = {"no JSON": "{", "NaN": '{"parts": NaN}', "no object": "[1]"}
-    if what == "missing":
+    if fault == "missing":
         path.unlink()
-    elif what in texts:
-        path.write_text(texts[what])
+    elif fault in texts:
+        path.write_text(texts[fault])
     else:
         value = json.loads(path.read_text())
-        if what == "no key":
+        if fault == "no key":
             del value["parts"]["array"]["luts"]
-        elif what == "odd":
+        elif fault == "odd":
             value["parts"]["array"] = 3
         else:
             value["failed"] = {"sub_sorter": "does not fit"}
@@ -50,7 +50,7 @@ def broken(path: Path, what: str):
 
 
 @pytest.mark.parametrize(
-    "what, named",
+    "fault, named",
     {
         "missing": "fpga.json: is not there; made by: make RESULTS=",
         "no JSON": "fpga.json: is not JSON",
@@ -61,8 +61,8 @@ def broken(path: Path, what: str):
         "failed": "fpga.json: sub_sorter is not placed: does not fit",
     }.items(),
 )
-def test_what_is_missing_is_named(results, capsys, what, named):
-    broken(results / "results" / "fpga.json", what)
+def test_broken_results_are_named(results, capsys, fault, named):
+    broken(results / "results" / "fpga.json", fault)
     found = report(results, capsys, "--section", "fpga", "--section", "power")
     assert found.status == 1
     page = Page(found.text)
@@ -70,7 +70,7 @@ def test_what_is_missing_is_named(results, capsys, what, named):
         assert named in text
     assert found.said.count("\n") == 1 and found.said.startswith("fpga: ")
     assert found.table("power", "power") and not found.sections["power"]["problems"]
-    if what != "odd":
+    if fault != "odd":
         rows = found.table("fpga", "fpga")
         assert [row["part"] for row in rows if row["machine"] == "FPGA"] == [
             "whole, seed 1", "whole, seed 2",
@@ -144,14 +144,14 @@ COMMANDS = {
 
 
 def commands(*words: str, **variables: str) -> list[list[str]]:
-    """Arguments of the commands that make would run."""
+    """Arguments of the `splatcore` commands that make would run."""
     made = make("-n", *words, SPLATCORE="splatcore", **variables)
     assert made.returncode == 0, made.stderr
     lines = [line.partition("&& splatcore ") for line in made.stdout.splitlines()]
     return [after.split() for _, found, after in lines if found]
 
 
-def test_the_command_that_is_named_makes_the_result(tmp_path):
+def test_the_named_command_makes_the_result(tmp_path):
     found = Results(tmp_path, Options(("x.ply", "y.ply"), "32x16", "TINY"))
     variables = {"SCENES": "x.ply y.ply", "SIZE": "--size 32x16", "PRESET": "--preset TINY"}
     assert set(COMMANDS) == set(SOURCES)
@@ -163,8 +163,8 @@ def test_the_command_that_is_named_makes_the_result(tmp_path):
         assert commands(*words) == [command.replace("DIR", str(tmp_path)).split()], name
 
 
-def test_what_is_measured_by_default(tmp_path):
-    """All scenes of the folder, without it a generated one."""
+def test_default_scenes(tmp_path):
+    """By default make measures all scenes of SPLATCORE_SCENES, or a generated one without it."""
     asked = {"RESULTS": str(tmp_path), "SPLATCORE_SCENES": str(tmp_path / "nowhere")}
     work, power = (f"{tmp_path}/{file}" for file in ("work/work.json", "power.json"))
     words = ["bench", "work", "--out", f"{tmp_path}/work"]
@@ -179,7 +179,7 @@ def test_what_is_measured_by_default(tmp_path):
     assert commands(power, **asked) == [["power", "--json", power, *one]]
 
 
-def test_only_what_is_missing_is_measured(results):
+def test_only_missing_results_are_measured(results):
     place = results / "results"
     (place / "memories.json").unlink()
     (place / "hard" / "hard.json").unlink()
@@ -192,7 +192,7 @@ def test_only_what_is_missing_is_measured(results):
 
 
 def test_a_measurement_that_fails(results):
-    """The others are made, the report is written, and a file that is left is a result."""
+    """The others are measured, the report is written, and a file left by a failure counts."""
     place, program, log = results / "results", results / "program", results / "log"
     for file in ("fpga.json", "hard/hard.json", "synth.json"):
         (place / file).unlink()
@@ -216,7 +216,7 @@ def test_a_measurement_that_fails(results):
 
 @pytest.mark.slow
 def test_make_report(tmp_path):
-    """Truly: a command that works, and one whose message is passed on and result is missing."""
+    """With the real program: one result is measured, one fails and its message is passed on."""
     everything(tmp_path / "results")
     for name in ("programs.json", "power.json"):
         (tmp_path / "results" / name).unlink()
@@ -236,12 +236,12 @@ def test_make_report(tmp_path):
     assert found.table("paper", "gates") and not found.sections["power"]["tables"]
 
 
-def test_the_command_is_that_of_the_result(results):
-    """The command below a figure makes that figure, not what would be measured now."""
+def test_the_command_has_the_result_s_options(results):
+    """The command below a figure has the options its result was measured with."""
     place = results / "results"
     found = Results(place)
     start, path = f"make RESULTS={place} ", place / "work" / "work.json"
-    assert found.command("work") == f"{start}{path}"  # it would be run so
+    assert found.command("work") == f"{start}{path}"  # before the result is read
     found.facts("work")
     assert found.command("work") == f"{start}SIZE={SIZE} {path}"
     value = json.loads(path.read_text())

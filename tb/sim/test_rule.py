@@ -1,4 +1,4 @@
-"""`bench rule`: each row is what the whole golden model gives for a machine with that rule."""
+"""`bench rule`: each row equals the golden model's result for a machine with that rule."""
 
 import csv
 from dataclasses import replace
@@ -21,7 +21,7 @@ VIEWS = [View(scene, "", "96x54", quality="compact") for scene in ("needles", "f
 
 @pytest.fixture
 def three(monkeypatch):
-    """Three rules only."""
+    """Restrict the rules to three."""
     monkeypatch.setattr(rule, "rules", lambda: RULES)
 
 
@@ -51,14 +51,14 @@ def test_a_row_is_the_whole_machine_s(view, three):
 
 
 def made(name: str, scene: str, cycles: int, psnr: float | None, error: float = 0.02) -> dict:
-    """A row."""
+    """A result row with these values."""
     work = {"raster_cycles": cycles, "visited": 3 * cycles, "pairs": cycles}
     decibels = {"psnr_db_machine": psnr, "max_error_machine": error}
     return {"rule": name, "scene": scene, "camera": "0"} | work | decibels
 
 
 def test_summaries():
-    """Means of shares, each view counting as much; the front is of allowed rules alone."""
+    """Means of shares with equal weight per view; only allowed rules are on the front."""
     rows = [made("3DGS", "a", 100, 60.0), made("3DGS", "b", 1000, 58.0)]
     rows += [made("1", "a", 50, 59.0), made("1", "b", 900, 57.0)]
     rows += [made("2", "a", 40, 61.0, 0.2), made("2", "b", 400, 61.0)]  # one wrong pixel
@@ -75,7 +75,7 @@ def test_summaries():
 
 
 def test_every_view_has_its_column():
-    """Two files of one scene, too."""
+    """Every view has its own column, also two files of one scene."""
     rows = [made("3DGS", "a.ply", 1000, 60.0), made("3DGS", "a.sog", 3000, None)]
     facts = {"rules": rule.summaries(rows), "rows": rows}
     *_, last = rule.markdown(facts).splitlines()

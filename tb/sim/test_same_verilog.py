@@ -1,4 +1,4 @@
-"""Comparison of generated Verilog but for names: what passes, what does not."""
+"""`same_verilog`: renamed and reordered Verilog passes, any other change is found."""
 
 import re
 
@@ -77,7 +77,7 @@ def test_names_and_order_pass(name):
 
 
 @pytest.mark.parametrize("name", OTHER)
-def test_anything_else_is_seen(name):
+def test_other_changes_are_found(name):
     assert sorted(hashes([SOURCE]).values()) != sorted(hashes([changed(OTHER[name])]).values())
 
 

@@ -1,4 +1,4 @@
-"""Area and timing of components in a small library: by yosys, by OpenSTA; the whole machine."""
+"""Area and timing of components in a small library, against yosys and OpenSTA; the machine."""
 
 import re
 import shutil
@@ -40,13 +40,13 @@ from tb.helpers.liberty import (
 )
 
 SMALL_FO4_MAX, WHOLE_FO4_MAX = 70, 45.1
-"""FO4 of the longest path of `TINY` in the small library, 68.6 when this was written, and of
-`DEFAULT` in a user's, 45.0 in SG13G2, which leave room for 800 MHz. They may only shrink."""
+"""Limits in FO4 of the longest path: of `TINY` in the small library (measured: 68.6), and of
+`DEFAULT` in a user's library (measured: 45.0 in SG13G2), enough for 800 MHz. Never raise them."""
 
 
 @pytest.mark.slow
-def test_areas_are_those_that_yosys_counts(library):
-    """Of an adder: flip-flops, as many as its registers have bits, and all gates."""
+def test_areas_equal_yosys_s(library):
+    """Area of an adder and of its flip-flops equals yosys's count."""
     netlist = Netlist.of(Add(TINY.arithmetic, TINY.add_latency))
     found = silicon(Add(TINY.arithmetic, TINY.add_latency), library)
     area = found.facts["um2"]
@@ -72,7 +72,7 @@ def constraints_of(library) -> str:
 
 @pytest.mark.slow
 def test_few_gates_are_buffers(library):
-    """No fan-out is large, and no chain of buffers makes up for it."""
+    """Fan-out stays at 16 or less with under 10 % buffers."""
     found = silicon(Sorter(TINY), library)
     assert found.netlist.is_buffer.mean() < 0.1
     loads = found.timing.fanout[2:]
@@ -82,8 +82,8 @@ def test_few_gates_are_buffers(library):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("most", [0, 1000])
-def test_how_sums_are_made(library, monkeypatch, most):
-    """The smallest way is taken of those that are fast enough, the fastest if none is, of more."""
+def test_choice_of_adders(library, monkeypatch, most):
+    """The smallest fast-enough adder is chosen; if none is, the fastest of more ways."""
     netlist = Netlist.of(Multiply(TINY.arithmetic, TINY.multiply_latency))
     monkeypatch.setattr(module, "ALONE_FO4", most)
 
@@ -107,7 +107,7 @@ def test_how_sums_are_made(library, monkeypatch, most):
 
 
 def opensta(folder, name) -> tuple[float, float]:
-    """Arrival and slack by OpenSTA, ns, of the slowest path."""
+    """Run OpenSTA; return arrival and slack of the slowest path in ns."""
     done = subprocess.run(
         ["sta", "-no_splash", "-exit", f"{name}.tcl"],
         cwd=folder, capture_output=True, text=True, check=True,
@@ -127,8 +127,8 @@ LIBRARIES = [pytest.param(None, id="small")] + [
 @pytest.mark.skipif(not shutil.which("sta"), reason="needs OpenSTA: apt-get install opensta")
 @pytest.mark.parametrize("file", LIBRARIES)
 def test_opensta_finds_the_same(liberty_path, tmp_path, file):
-    """The path of a sorter, which begins at a memory, and that of an adder, without one; with the
-    clock's period as long as our longest path nothing is left of it."""
+    """OpenSTA's slack is 0 with our longest path as the clock period: for a sorter, whose path
+    begins at a memory, and for an adder."""
     file = file or liberty_path
     library = read_liberty(file)
     if file.suffix == ".gz":
@@ -144,7 +144,7 @@ def test_opensta_finds_the_same(liberty_path, tmp_path, file):
 
 
 def test_square_millimetres():
-    """By the paper's own area of a gate and of a kilobyte its machine has the area it prints."""
+    """With the paper's area per gate and per kilobyte its machine has the area it states."""
     found = area_28nm(sum(paper.GATES.values()), sum(paper.MEMORIES.values()))
     assert sum(found.values()) == pytest.approx(paper.AREA_ALL / 1e6, rel=1e-5)
     assert found["logic_mm2"] == pytest.approx(sum(paper.AREA.values()) / 1e6)
@@ -169,7 +169,7 @@ def test_command(liberty_path, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.verify
 def test_the_whole_machine(library):
-    """Its paths lead through several parts and are not too long; nothing is left out."""
+    """Parts sum to the whole machine; its longest path crosses parts and is within the limit."""
     hierarchy = machine_gates.netlist(TINY)
     parts, whole = machine_silicon(hierarchy, library, lambda *_: None)
     assert whole.netlist.area == pytest.approx(sum(each.um2 for each in parts))
@@ -185,7 +185,7 @@ def test_the_whole_machine(library):
 @needs_libraries
 @pytest.mark.verify
 def test_depth_of_the_whole_machine():
-    """The machine at full size, in the first library that there is."""
+    """The machine at full size, in the first installed library."""
     library = read_liberty(liberty_files()[0])
     _, whole = machine_silicon(machine_gates.netlist(DEFAULT), library, lambda *_: None)
     assert whole.facts["longest"]["fo4"] < WHOLE_FO4_MAX

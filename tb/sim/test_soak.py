@@ -1,4 +1,4 @@
-"""Random runs: the same ones again, right ones, and wrong ones that are found, kept and told."""
+"""Random runs: repeatable by number, right ones pass, wrong ones are found, kept and reported."""
 
 from dataclasses import replace
 
@@ -18,11 +18,11 @@ from tb.helpers.command import run as command
 
 SEED = 3
 TINY_RUNS = 0, len(MACHINES)
-"""Numbers of runs of frames on the first machine, which is TINY."""
+"""Numbers of two runs of frames on the first machine, TINY."""
 
 
 def test_machines_are_of_all_kinds():
-    """Every size of what is there several times, and the widest image."""
+    """The machines cover every number of rasterizers, sorters and so on, and the widest image."""
     for config in MACHINES.values():
         check_buildable(config)
     for name, values in {
@@ -56,7 +56,7 @@ def test_runs_are_right():
 
 
 class Wrong:
-    """A machine that renders the second frame before another background."""
+    """A machine that renders the second frame with a wrong background."""
 
     def __init__(self, machine):
         self.machine = machine
@@ -69,7 +69,7 @@ class Wrong:
 
 @pytest.fixture
 def wrong(monkeypatch):
-    """Frames that are wrong, runs in this process."""
+    """The machine renders wrong frames; tasks run in this process."""
     right = frame_runs.machine
     monkeypatch.setattr(frame_runs, "machine", lambda config: Wrong(right(config)))
 
@@ -80,12 +80,12 @@ def wrong(monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_is_wrong_is_told_and_kept(wrong, tmp_path, capsys):
+def test_wrong_runs_are_reported_and_kept(wrong, tmp_path, capsys):
     assert command(f"soak frames --seed {SEED} --only 0 -o {tmp_path}/out") == 1
-    told = capsys.readouterr()
+    printed = capsys.readouterr()
     again = f"splatcore soak frames --seed {SEED} --only 0 "
-    assert "frame 1: " in told.err and "pixels differ" in told.err and again in told.err
-    assert "1 runs, 8 frames" in told.out and "1 wrong" in told.out
+    assert "frame 1: " in printed.err and "pixels differ" in printed.err and again in printed.err
+    assert "1 runs, 8 frames" in printed.out and "1 wrong" in printed.out
     result = load(tmp_path / "out" / "frames.json")
     check_documented("## `splatcore soak frames`", result)
     assert result["machines"] == {"tiny": 1} and "frame 1: " in result["wrong"][0]["wrong"]

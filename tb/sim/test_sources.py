@@ -1,4 +1,4 @@
-"""Keys of results: each file that a result depends on changes its key, and no other file does."""
+"""Keys of results: editing a file changes the keys that depend on it, and no others."""
 
 import shutil
 
@@ -13,8 +13,7 @@ CAMPAIGNS = {
     "work": "bench/workload.py",
 }  # fmt: skip
 MEASURES = CAMPAIGNS | {"packing": "packing/choose.py"}
-"""Files with the functions of the tasks of campaigns, by what they measure; and with the one that
-packs what is simulated."""
+"""Measurement → the file of its task function; and the file of the function that packs."""
 
 DECIDES = {
     "spec/number.py": MEASURES,
@@ -32,7 +31,7 @@ DECIDES = {
     "sim/cli/scene.py": [],
     "sim/report/page.py": [],
 }
-"""A file → the results that depend on it."""
+"""Edited file → results whose key must change."""
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +69,7 @@ def test_keys_are_those_of_the_functions_modules(before):
 
 
 def test_imports_are_followed(tmp_path):
-    """At any depth of a file and of imports; in a circle; and a file that is no Python."""
+    """Imports within functions, indirect and circular imports, and files of other languages."""
 
     def write(name, text=""):
         path = tmp_path / name

@@ -1,4 +1,4 @@
-"""Static timing: times of a few cells that can be added up by hand; slow paths by parts."""
+"""Static timing: a few cells against sums computed here; slow paths by parts."""
 
 import re
 
@@ -36,8 +36,8 @@ from tb.helpers.liberty import (
 MEMORY = "splatcore_memory_4x1"
 
 
-def by_hand(memory: bool = False) -> Mapped:
-    """A flip-flop (net 2), or a memory, a NAND2 with a port, an inverter, two flip-flops."""
+def small_netlist(memory: bool = False) -> Mapped:
+    """A flip-flop or memory (net 2), a NAND2 with a port, an inverter, two flip-flops."""
     cells = [
         ("NAND2_1", "n", [2, 3, 4]), ("INV_1", "i", [4, 5]),
         ("DFF_1", "b", [9, 5, 6]), ("DFF_1", "c", [9, 4, 7]),
@@ -52,16 +52,16 @@ def by_hand(memory: bool = False) -> Mapped:
 
 
 def through_two_gates(begin: float, slew: float, wire: float) -> float:
-    """ns from a net with that arrival and slew through `by_hand`'s gates to its register."""
+    """End time in ns of a path through the gates of `small_netlist`, from its arrival and slew."""
     middle, end = INPUT + DATA + 2 * wire, DATA + wire
     time = begin + delay(slew, middle, 1.2)
     return time + delay(transition(middle), end) + SETUP
 
 
 @pytest.mark.parametrize("wires", [False, True])
-def test_times_by_hand(library, wires):
-    """Clock to output, gates by load and slew, setup."""
-    netlist = put_together(library, {"": by_hand()})
+def test_path_time(library, wires):
+    """Path time is clock to output, gate delays by load and slew, and setup."""
+    netlist = put_together(library, {"": small_netlist()})
     assumed = Assumed.of(library, wires)
     wire = WIRE_INVERTERS * INPUT * wires
     load = 1.2 * INPUT + wire
@@ -73,30 +73,30 @@ def test_times_by_hand(library, wires):
     assert [step[3] for step in found.steps] == [1, 2, 1]
     assert netlist.area == GATES["NAND2"][2] + GATES["INV"][2] + 3 * AREA_FF
 
-    begin = delay(0, 4 * INPUT, first=LAUNCH)  # of a port: a flip-flop with four inverters
+    begin = delay(0, 4 * INPUT, first=LAUNCH)  # a port acts as a flip-flop driving four inverters
     time = through_two_gates(begin, transition(4 * INPUT), wire)
     longest = Timing(netlist, assumed).longest
     assert longest.time == pytest.approx(time) and longest.begin == ("port", "i")
 
 
-def test_times_of_memories_by_hand(library):
-    """Their access time is the path's beginning, their setup its end."""
-    netlist = put_together(library, {"": by_hand(memory=True)})
+def test_path_times_of_memories(library):
+    """A path from a memory starts with its access time; a path into one ends with its setup."""
+    netlist = put_together(library, {"": small_netlist(memory=True)})
     unit = fo4(library)
     timing = Timing(netlist, Assumed.of(library))
     ends = {name: time for time, _, name, *_ in reversed(list(timing.worst()))}
     access, setup = MEMORY_ACCESS_FO4 * unit, MEMORY_SETUP_FO4 * unit
     assert unit > 0 and access > 5 * LAUNCH / 3
     load = INPUT + DATA
-    stage = through_two_gates(access, unit, 0) - SETUP  # the inverter has a memory's input more
+    stage = through_two_gates(access, unit, 0) - SETUP  # the inverter also drives a memory
     assert ends["b"] == pytest.approx(stage + 5 * DATA + SETUP)
     assert ends["m"] == pytest.approx(stage + 5 * DATA + setup)
     assert timing.longest.begin == ("memory", "m") and load
 
 
 def test_pieces_are_timed_as_one(library):
-    """A path through a block, and through it into the next one, as in one piece."""
-    flat = by_hand()
+    """A path through a separate block has the same time as in one flat netlist."""
+    flat = small_netlist()
     inner = Mapped(
         [flat.cells[1]], [], [("a", "input", [4]), ("y", "output", [5])], {"5": "inverted"}
     )
@@ -111,7 +111,7 @@ def test_pieces_are_timed_as_one(library):
 
 
 def test_a_register_that_is_read_inverted(tmp_path):
-    """Its name is that of the output that has one."""
+    """A register read by its inverted output is named after its other output."""
     text = small_library()
     output = re.search(r"    pin \(Q\) \{.*?\n    \}\n", text, re.S)[0]
     inverted = output.replace("(Q)", "(QN)").replace('"IQ"', '"IQN"')
@@ -123,14 +123,14 @@ def test_a_register_that_is_read_inverted(tmp_path):
     assert longest.begin == longest.end == ("register", "count[3]")
 
 
-def test_a_loop_is_told(library):
+def test_a_loop_is_refused(library):
     loop = Mapped([("INV_1", "x", [2, 3]), ("INV_1", "y", [3, 2])], [], [], {})
     with pytest.raises(ValueError, match="2 nets are in combinational loops"):
         Timing(put_together(library, {"": loop}), Assumed.of(library))
 
 
-def test_constants_and_what_is_open(library):
-    """A constant starts no path; a port that is one, and a pin that is open, are no fault."""
+def test_constants_and_open_pins(library):
+    """A constant starts no path; a constant port and an open pin are accepted."""
     cells = [("NAND2_1", "n", ["1", 2, 3]), ("INV_1", "i", ["x", 4])]
     ports = [("i", "input", [2]), ("o", "output", [3, "1"])]
     netlist = put_together(library, {"": Mapped(cells, [], ports, {})})
@@ -150,8 +150,8 @@ def test_parts_around():
 
 
 def test_long_paths(library):
-    """Ends beyond so many FO4, by parts: how many, and the longest."""
-    found = Silicon.of(put_together(library, {"": by_hand(memory=True)}))
+    """Rows of paths longer than a limit in FO4, by parts: number of ends, and the longest."""
+    found = Silicon.of(put_together(library, {"": small_netlist(memory=True)}))
     assert long_paths(found.timing, LONG_FO4) == []
     (row,) = long_paths(found.timing, 10)
     assert row["from"] == "memory m" and row["ends"] == 3

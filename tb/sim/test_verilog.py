@@ -1,4 +1,4 @@
-"""Generated Verilog: headers, names, memories, lint, soundness; the whole machine in parts."""
+"""Generated Verilog: headers, names, memories, lint, netlist checks; synthesis by parts."""
 
 import csv
 import re
@@ -24,7 +24,7 @@ from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
 from tb.helpers.command import run
 
 DEEP = ("sub_sorter", "merge", "prepare", "setup", "mark", "evaluate", "lane")
-"""Parts of the stages that take too long to synthesise."""
+"""Parts of the stages that take too long to synthesise whole."""
 
 FAULTY = """\
 module faulty(input clk, input [3:0] i, output reg [3:0] o, output p);
@@ -47,12 +47,12 @@ module unsound(input [3:0] i, output reg latch, output loop, output reg twice, o
 endmodule
 """
 
-SIZES = {n: getattr(TINY, n) for n in config.SIZES if n != "sh_degree"}  # of a small machine
+SIZES = {n: getattr(TINY, n) for n in config.SIZES if n != "sh_degree"}  # of TINY
 
 
 @pytest.mark.slow
 def test_stages_are_clean(tmp_path):
-    """As the command writes them, each on its own."""
+    """Each stage's file, as the command writes it, passes lint."""
     assert run("verilog", "--preset", "tiny", "--part", "stages", "-o", tmp_path) == 0
     for name in STAGES:
         path = tmp_path / f"splatcore_{name}.v"
@@ -71,21 +71,21 @@ def test_stages_are_clean(tmp_path):
     ids=["PAPER, small", "DEFAULT", "PAPER"],
 )
 def test_blocks_are_clean(machine, tmp_path):
-    """All stages are in blocks."""
+    """Every block passes lint; the blocks contain all stages."""
     for name in (block for block in WHOLE if block != "control"):
         path = tmp_path / f"splatcore_{name}.v"
         path.write_text(stage_source(name, STAGES[name](machine), machine))
         assert lint(path.stem, path) == []
 
 
-def test_lint_sees_faults(tmp_path):
+def test_lint_finds_faults(tmp_path):
     (tmp_path / "faulty.v").write_text(FAULTY)
     found = "\n".join(lint("faulty", tmp_path / "faulty.v"))
     assert "LATCH" in found and "UNDRIVEN" in found
 
 
 @pytest.mark.slow
-def test_faults_are_seen(tmp_path):
+def test_faults_are_found(tmp_path):
     (tmp_path / "unsound.v").write_text(UNSOUND)
     found = "\n".join(faults("unsound", tmp_path / "unsound.v"))
     for fault in ("latch ", "logic loop", "conflicting drivers", "nothing is used but has no"):
@@ -100,7 +100,7 @@ def test_every_waiver_has_a_reason():
             assert before.startswith(("// ", "lint_off"))
 
 
-def test_source_says_what_it_is():
+def test_source_has_a_header():
     text = stage_source("place", Place(DEFAULT), DEFAULT)
     assert "preset DEFAULT" in text and "hdl/points/place.py" in text and "Timing" in text
     assert "module splatcore_place(" in text and "module splatcore_place_array_pe1 (" in text
@@ -112,7 +112,7 @@ def test_source_says_what_it_is():
 
 @pytest.mark.slow
 def test_the_machine_is_clean(tmp_path):
-    """The whole of it: lint, latches, loops and drivers, names, the list of its memories."""
+    """The whole machine: lint, latches, loops, drivers, names, list of memories, constraints."""
     paths = write_top(TINY, tmp_path)
     names = {path.name for path in paths}
     assert {"splatcore.core", "splatcore.sdc", "memories.csv", WAIVERS.name} < names
@@ -139,7 +139,7 @@ def test_the_machine_is_clean(tmp_path):
 
 @pytest.mark.verify
 def test_the_machine_with_wide_addresses_is_clean(tmp_path):
-    """As the command writes it for a preset file."""
+    """Lint and 64-bit address ports of the machine written for a preset file."""
     (tmp_path / "wide.toml").write_text('base = "TINY"\naddress_bits = 64\n')
     assert run("verilog", "--preset", tmp_path / "wide.toml", "-o", tmp_path) == 0
     sources = [tmp_path / name for name in NAMES.sources]
@@ -158,8 +158,8 @@ def test_machines_of_full_size_are_clean(config, tmp_path):
 
 
 @pytest.mark.verify
-def test_parts_are_the_whole():
-    """Each flip-flop is in one part; parts of one kind are one piece."""
+def test_parts_add_up_to_the_whole():
+    """Each flip-flop is in exactly one part; equal parts share one netlist."""
     hierarchy = machine_gates.netlist(TINY)
     about = machine_gates.examined(machine_gates.whole(hierarchy))
     assert about["faults"] == []
@@ -179,7 +179,7 @@ def test_parts_are_the_whole():
 
 
 def test_table_of_the_machine(monkeypatch, capsys):
-    """Sums by stage and of all, beside the paper's; faults are told."""
+    """The table sums gates by stage and in all, next to the paper's; faults are reported."""
     found = [
         Size(part, 2, 3000.0, 20, 3200.0, 10 + k, 100, 110, ("splatcore_memory_4x25",))
         for k, part in enumerate(PARTS)
@@ -199,8 +199,8 @@ def test_table_of_the_machine(monkeypatch, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", [None, "read_enable"])
-def test_memories_are_amaranths(fault):
-    """A queue in a memory's module keeps order; in one that forgets what was read it does not."""
+def test_memory_modules_act_as_amaranth_s(fault):
+    """A queue works with the memory module; without the read enable its payload changes."""
     macros, queue = Macros(), Queue(24, 12, memory=True)
     text = converted(queue, platform=macros)
     (size,) = macros.sizes
@@ -217,13 +217,13 @@ def test_memories_are_amaranths(fault):
         assert np.array_equal(result.outputs["o"], rows)
 
 
-def parts_but(names: tuple[str, ...], *parts: str) -> list:
-    """Parts; those of these names take minutes."""
+def with_slow_marked(names: tuple[str, ...], *parts: str) -> list:
+    """Parts as parameters; the named ones take minutes and run in `make verify`."""
     marks = pytest.mark.verify
     return [pytest.param(name, marks=marks) if name in names else name for name in parts]
 
 
-BUT_THE_QUICK = (
+SLOW = (
     "points", "project", "setup", "sub_sorter", "merge", "mark", "bin", "prepare", "place"
 )  # fmt: skip
 
@@ -231,15 +231,15 @@ FLAT = [name for name in STAGES if name not in LARGE]  # stages that are synthes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", parts_but(("points", "project"), *FLAT, *DEEP, *CONTROL))
+@pytest.mark.parametrize("name", with_slow_marked(("points", "project"), *FLAT, *DEEP, *CONTROL))
 def test_no_path_is_too_deep(name):
-    """`points` holds all stages that work on points, once more."""
+    """No part is deeper than DEPTH_MAX; `points` contains all stages that work on points."""
     assert depth((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT)) <= DEPTH_MAX
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", parts_but(BUT_THE_QUICK, *FLAT, *DEEP))
-def test_speed_takes_few_gates(name):
+@pytest.mark.parametrize("name", with_slow_marked(SLOW, *FLAT, *DEEP))
+def test_speed_costs_few_gates(name):
     found = gates((STAGES | PRIMITIVES)[name](DEFAULT))
     least, most = (0.95, 1.15) if name in DEEP else (1, 1.1)
     assert least * found.nand2 < found.speed_nand2 < most * found.nand2
@@ -247,6 +247,6 @@ def test_speed_takes_few_gates(name):
 
 @pytest.mark.slow
 def test_memories_fit():
-    """All of DEFAULT's parts together stay within what the paper's machine has."""
+    """Memories of all parts of DEFAULT fit in the paper machine's capacity."""
     sizes = [size for parts in WHOLE.values() for make in parts for size in memories(make(DEFAULT))]
     assert 0 < sum(words * bits for words, bits in sizes) / 8 <= MEMORY_MAX

@@ -1,4 +1,4 @@
-"""Which way of mapping each part of a machine gets, by the longest path of the whole."""
+"""Choice of a mapping for each part of a machine, by the longest path of the whole."""
 
 from types import SimpleNamespace
 
@@ -20,7 +20,7 @@ def path(fo4: float, begin: str, end: str) -> Path:
 
 
 def settle(monkeypatch, path_of) -> tuple[dict, list]:
-    """Pieces that `settled` chooses of WAYS, all small at first; each whole that was tried."""
+    """Run `settled` from all parts small; return its choice, and every combination it tried."""
     tried = []
 
     def together(library, pieces):
@@ -40,14 +40,14 @@ def settle(monkeypatch, path_of) -> tuple[dict, list]:
 
 
 def test_a_path_through_several_parts(monkeypatch):
-    """Ways of the part at its end are tried first; of those that are as good the smallest stays."""
+    """Mappings of the part at the path's end are tried first; the smallest good one is kept."""
     depth = {"small": 47.0, "mid": 44.0, "large": 43.0}
     pieces, _ = settle(monkeypatch, lambda pieces: path(depth[pieces["a.b"]], "c.i", "a.b.o"))
     assert pieces == dict.fromkeys(NETLISTS, "small") | {"a.b": "mid"}
 
 
 def test_another_part_on_the_way(monkeypatch):
-    """Where the end's ways do not help those of the parts before it are tried; then the next."""
+    """If the end's mappings do not help, earlier parts are tried, then the next path."""
     first, second = {"small": 49, "mid": 50, "large": 44}, {"small": 46.0, "mid": 46.0, "large": 44}
 
     def longest(pieces):
@@ -63,7 +63,7 @@ def test_another_part_on_the_way(monkeypatch):
 
 @pytest.mark.parametrize("fo4, end", [(LONG_FO4, "a.o"), (60, "c.o")])
 def test_nothing_to_try(monkeypatch, fo4, end):
-    """No path is too long, or it is within one part, whose fastest way has been taken."""
+    """Nothing is tried if no path is too long, or if the path stays within one part."""
 
     def longest(pieces):
         steps = () if end == "c.o" else (("buf", "a.net", 1.0, 1),)
@@ -74,7 +74,7 @@ def test_nothing_to_try(monkeypatch, fo4, end):
 
 
 def test_where_a_path_leads():
-    """Instances by the names of nets, from the end on; the whole has all that is in none."""
+    """Parts on a path by net names, from its end; nets of no part belong to the top."""
     steps = (("inv", "a.b.x[3]", 1.0, 1), ("inv", "net 7", 1.0, 1), ("inv", "a.bx", 1.0, 1))
     found = Path(1.0, ("memory", "c.table"), ("port", "done"), steps)
     assert list(parts_of(found, NETLISTS)) == ["", "a", "a.b", "c"]
