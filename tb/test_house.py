@@ -31,7 +31,7 @@ FILE_BYTES = 1_000_000
 RESULTS = "splatcore.docs.results"  # kept results, installed with the rooms
 
 PACKAGES = sorted(path.parent for room in ROOMS[:-1] for path in (ROOT / room).rglob("__init__.py"))
-"""Folders of all installed packages, in all rooms but `tb`."""
+"""Folders of all installed packages, in all rooms except `tb`."""
 
 
 def sources(room: str) -> list[Path]:

@@ -59,6 +59,7 @@ def test_large_cameras(place, capsys, option):
 
 
 def test_large_cameras_resized(place, capsys):
+    """With `--size` a large camera gives the small camera's picture, without a warning."""
     for name in ("large", "small", "angle"):
         assert run(f"render scene.ply --camera {name} --size 60x40 -o {name}.png") == 0
         assert not [line for line in lines(capsys) if "stretched" in line]

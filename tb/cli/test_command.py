@@ -84,6 +84,7 @@ def test_the_default_camera_sees_the_scene(folder):
 
 
 def test_pack_render_compare(folder, capsys):
+    """`compare` of scene and model pictures gives the PSNR that `pack` reports."""
     assert run("pack scene.ply -o scene.splatcore --json pack.json --camera cameras.json") == 0
     report = load(folder / "pack.json")
     assert report["packed"] + report["transparent"] == 200 and report["psnr_db_packing"] > 30

@@ -70,6 +70,7 @@ def path(arguments: str) -> dict:
 
 
 def test_cycles_of_each_camera(here, capsys):
+    """Each row equals the result of its camera alone; least, mean and most are over the rows."""
     run("pack scene.ply -o m.splatcore --camera cameras.json")
     capsys.readouterr()
     found = path("cycles m.splatcore --cameras cameras.json:7,4")
@@ -141,6 +142,7 @@ def test_few_views_choose_the_packing(monkeypatch):
 
 
 def test_compare_each_camera(here, monkeypatch, capsys):
+    """`compare` and `cycles` give the same numbers for all cameras."""
     monkeypatch.setattr(choose, "quality_of", lambda *_: "faithful")
     found = path("compare reference golden --scene scene.ply --cameras 4,7")
     assert "SSIM, machine" in capsys.readouterr().out
@@ -234,6 +236,7 @@ def test_the_scale_of_errors():
 
 
 def test_numbers_of_rows():
+    """`folded` combines numbers, nested ones too, and drops text, truth values and None."""
     rows = [
         {"a": 1, "text": "x", "none": None, "db": None, "in": {"b": 2.0, "t": "y"}, "same": True},
         {"a": 4, "text": "y", "none": None, "db": 50.0, "in": {"b": 4.0, "t": "y"}, "same": True},

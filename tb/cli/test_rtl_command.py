@@ -45,6 +45,7 @@ def changed(frame, **arrays):
 
 @pytest.mark.slow
 def test_render(tmp_path, capsys):
+    """Three frames in RTL: pictures, cycles and JSON, each frame against the golden model."""
     picture, map_, file = (tmp_path / name for name in ("a.png", "e.png", "a.json"))
     options = "--frames", "3", "--timing", "ideal", "--error-map", map_, "--json", file
     assert run("render", "needles", *RTL, *options, "-o", picture) == 0

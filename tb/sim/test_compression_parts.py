@@ -93,7 +93,7 @@ def test_curve(fake, tmp_path, capsys):
     assert len(reached) == 3 and losses == sorted(losses, reverse=True)
     runs = [path for path in (tmp_path / "out" / "runs").iterdir() if path.is_dir()]
     kept = sorted(len(list(run.iterdir())) for run in runs)
-    assert kept == [2, 2, 2, 3, 3], "steps.json and the model stay, and what distillation left"
+    assert kept == [2, 2, 2, 3, 3], "steps.json, the model and the distilled scene stay"
     assert read_png("out/curve.png").std() > 5
     assert "reached" in capsys.readouterr().out
 
@@ -184,6 +184,7 @@ def test_budget_separates_model_and_machine(fake, tmp_path):
 
 
 def test_slim_keeps_the_last(tmp_path):
+    """`slim` deletes all checkpoints except the last."""
     kept = Checkpoints(tmp_path / "run", "key")
     scene = small(20)
     for name in ("original", "prune 0.4"):
@@ -195,6 +196,7 @@ def test_slim_keeps_the_last(tmp_path):
 
 
 def test_steps_of_a_recipe():
+    """Distillation steps scale with `--steps`."""
     recipe, default = Protocol(DEFAULT, steps=50, seed=7).recipe, Recipe()
     assert recipe.steps == 50 and recipe.seed == 7
     assert recipe.distill_steps / 50 == default.distill_steps / default.steps

@@ -30,7 +30,7 @@ class Still(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        at_time_0 = Signal(init=1)  # the converted text also names a register so
+        at_time_0 = Signal(init=1)  # the converter uses this name, too
         m.d.sync += at_time_0.eq(at_time_0 ^ self.turn)
         m.d.comb += self.chosen.eq(0x0F)
         with m.If(at_time_0):

@@ -33,13 +33,14 @@ def counting(tmp_path, monkeypatch):
 
 
 def reached(folder, items: int, stall: float) -> Counter[Arm]:
-    """Simulate a register; return the counts of all arms so far."""
+    """Simulate a register; return the accumulated counts of all arms."""
     rows = np.arange(items, dtype=np.uint8)[:, None]
     Simulation(Register(8)).run({"i": rows}, expected={"o": items}, stall=stall)
     return arms(folder)
 
 
 def test_taken_arms(counting, tmp_path, capsys):
+    """Without items no stall is counted; with items and stalls every arm is."""
     few = reached(counting, 0, 0.0)
     assert {arm.place.file for arm in few} == {"hdl/lib/stream.py"}
     stall = [arm for arm in few if arm.place.line == LINE and arm.arm.endswith("not taken")]

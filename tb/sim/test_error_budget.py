@@ -47,6 +47,7 @@ def square(db: float) -> float:
 
 
 def test_parts_and_sums(good):
+    """Squared errors of parts add up to the sums, which are close to the measured wholes."""
     names = [(row["of"], row["part"]) for row in good["parts"]]
     wanted = [("packing", part) for part in [*PACKING, SUM, TITLES["packing"]]]
     wanted += [("machine", part) for part in [*MACHINE, SUM, TITLES["machine"]]]
@@ -87,7 +88,7 @@ def shifted(name: str, amount: float):
     [("position", "positions"), ("factor", "shape"), ("opacity", "opacity"), ("sh", "colour")],
 )
 def test_a_fault_of_packing(good, monkeypatch, name, part):
-    """A fault of packing shows in its part and in the whole of packing, in no other part."""
+    """A fault of packing shows in its part (harmonics: in colour and degree 1) and in the whole."""
     of_model, change = choose.PackedModel.gaussians, shifted(name, 0.01)
     monkeypatch.setattr(choose.PackedModel, "gaussians", lambda model: change(of_model(model)))
     bad, before = decibels(budget(DEFAULT, VIEW)), decibels(good)
@@ -185,6 +186,7 @@ def test_sums_of_stage_3_round_to_its_pixels(exact):
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [PAPER, TINY], ids=lambda config: config.name)
 def test_other_machines(config):
+    """The parts also add up for PAPER and TINY."""
     found = budget(config, View("garden", size="64x48"))
     db = decibels(found)
     assert db["machine", SUM] == pytest.approx(db["machine", TITLES["machine"]], abs=3)

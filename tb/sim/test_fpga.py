@@ -252,7 +252,7 @@ class Elements(wiring.Component):
 
 @pytest.mark.slow
 def test_names_of_elements(monkeypatch, tmp_path):
-    """All registers survive: with brackets yosys would merge one with a bit of the wire."""
+    """All registers survive: with brackets yosys would take one for the wire's bit."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     (found,) = placed(Elements(), "25k")
     assert found.flip_flops == 7
@@ -260,7 +260,7 @@ def test_names_of_elements(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_small_part(monkeypatch, tmp_path):
-    """A multiplier's numbers equal the ones in nextpnr's log; a second run uses the cache."""
+    """A multiplier's numbers equal nextpnr's log; a second run uses the cache."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     part = fpga.PARTS["multiply"](TINY)
     (found,) = placed(part, "25k")

@@ -21,7 +21,7 @@ SIZE = 64, 48
 
 
 def arrays(count: int = 40) -> dict[str, np.ndarray]:
-    """A scene's arrays as float32, as training code has them."""
+    """A scene's arrays as float32, typical of training code."""
     scene = cloud(3, count)
     names = ("position", "scale", "quaternion", "opacity", "sh")
     return {name: getattr(scene, name).astype(np.float32) for name in names}
@@ -276,7 +276,7 @@ def test_cameras(tmp_path):
 
 
 def test_same_as_the_commands(tmp_path):
-    """Picture and cycles equal the ones of `render --engine golden` and `cycles --json`."""
+    """Picture and cycles are the same as by `render --engine golden` and `cycles --json`."""
     scene = splatcore.open_scene("needles")
     [camera] = splatcore.open_cameras("needles", 128, 72)
     model, _ = splatcore.pack(scene, cameras=[camera])

@@ -219,6 +219,7 @@ def test_the_worst_view_counts(scene):
 
 @pytest.mark.parametrize(("quality", "bits"), [("compact", 45), ("small", 27)])
 def test_bytes_that_a_frame_reads(scene, quality, bits):
+    """Bytes read: a header per chunk, a record per Gaussian, harmonics of visible ones."""
     model, _ = pack(scene, DEFAULT, 1, quality=quality)
     frame = pipeline.render(DEFAULT, model, CAMERA)
     points = frame.points

@@ -105,7 +105,7 @@ def test_the_repository_s_tables(name):
     assert "commit " in facts["version"] and "dirty" not in facts["version"]
     for path in present:
         assert path.stat().st_size < KEPT_BYTES
-        assert not re.search(r"""(^|[\s=,'"])/\w""", path.read_text()), "a path of somebody's"
+        assert not re.search(r"""(^|[\s=,'"])/\w""", path.read_text()), "an absolute path"
     texts = tables(name, facts, facts["command"], FOLDER)
     assert {path: path.read_text() for path in present} == texts
 

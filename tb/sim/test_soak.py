@@ -36,6 +36,7 @@ def test_machines_are_of_all_kinds():
 
 
 def test_a_number_is_a_run():
+    """The same seed and number draw the same run; another seed draws another."""
     for number in range(3):
         one, again = (frame_runs.drawn(SEED, number) for _ in range(2))
         other = frame_runs.drawn(SEED + 1, number)

@@ -31,6 +31,7 @@ def some(seed: int) -> Camera:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_there_and_back(page):
+    """A camera is the same after conversion to the page's pose and back."""
     for seed in range(20):
         camera = some(seed)
         found = camera_of(pose_of(camera, page), camera, (640, 360), "some")
@@ -86,6 +87,7 @@ BORDERS = [((64, 48), 0, 0), ((64, 96), 24, 0), ((256, 48), 0, 96), ((128, 96), 
 
 @pytest.mark.parametrize(("page", "top", "left"), BORDERS)
 def test_borders(page, top, left):
+    """`framed` centres a picture on a page of another shape, between borders."""
     pixels = np.random.default_rng(0).integers(100, 256, (48, 64, 3), np.uint8)
     whole = framed(pixels, page)
     height, width = whole.shape[:2]

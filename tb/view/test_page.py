@@ -180,6 +180,7 @@ def test_a_page_that_is_closed(opened):
 
 
 def test_splats(setting):
+    """The browser gets the scene's centres, covariances and colours, without broken Gaussians."""
     scene = generate("garden", 400)
     drawn = page.splats(scene.gaussians())
     assert len(drawn["centers"]) == len(scene)
