@@ -69,7 +69,7 @@ def unknown_words(words: list[str]) -> list[str]:
 
 
 @each_page
-def test_files_exist(page):
+def test_files_are_there(page):
     assert missing_files(page.read_text(), page) == []
 
 
