@@ -89,7 +89,7 @@ def point_record(config: Config, coordinates: str) -> Record:
     last: last point of the chunk
     kept: not dropped
     z_low: low bits of its depth (`spec.depth`)
-    coordinates: its camera coordinates so far, for example "x y z"
+    coordinates: its known camera coordinates, for example "x y z"
     ray_x, ray_y, ray_z: vector from the camera
     """
     flags = {"place": Bits(PLACE_BITS), "last": Bits(1), "kept": Bits(1)}

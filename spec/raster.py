@@ -45,8 +45,7 @@ BLOCKS = TILE // BLOCK
 
 STEPS = tuple(range(1 - BLOCKS, BLOCKS, 2))
 """−3, −1, 1, 3: centres of a tile's blocks in steps of 2 pixels, and of a block's pixels in steps
-of half a pixel.
-"""
+of half a pixel."""
 
 SHIFT = Bits(6)
 """k, m and the shifts that follow from them, minus `SHIFT_MIN`."""
@@ -99,10 +98,13 @@ def lean_unit(config: Config) -> int:
 def prepared_record(config: Config) -> Record:
     """A splat prepared for setup, the same for all tiles.
 
-    u, v, scale: its centre; across, along: normalised factors; k, m: their powers of two
+    u, v, scale: its centre
+    across, along: normalised factors
+    k, m: powers of two by which lengths are divided
     across_shift, along_shift: k − scale, m − scale
     shear, lean_shift: significand; right shift that makes its product with dy a length
-    slope: shear / 2^k; cxx, cxy, cyy: E's second differences
+    slope: shear / 2^k
+    cxx, cxy, cyy: E's second differences
     """
     factor = Bits(FACTOR_FRACTION + 1)
     fields = {"u": POSITION, "v": POSITION, "scale": Bits(SCALE_MAX.bit_length())}
@@ -134,13 +136,11 @@ def tile_format(config: Config) -> Bits:
 
 SUM_INTEGER = COLOUR_INTEGER + 1
 """Bits above the point of a pixel's colour, a mean of colours: rounding up adds less than
-2^(weight − sum_fraction).
-"""
+2^(weight − sum_fraction)."""
 
 GROUP_BITS = 6
 """Bits of a group's number by which parts of stage 3 compare their groups: enough for all ends of
-groups in flight between them.
-"""
+groups in flight between them."""
 
 COLOURS = CHANNELS
 """A splat's colour channels."""

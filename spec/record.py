@@ -57,8 +57,8 @@ class Array:
 class Record:
     """Named fields, the first in the least significant bits.
 
-    fields: a dict field → format, stored as a tuple of pairs, so that records can be compared (order
-        counts) and hashed
+    fields: a dict field → format, kept as a tuple of pairs, so that records can be compared
+        (order counts) and hashed
 
     `record[field]` is a field's format. Only nested records and arrays may be wider than 64 bits:
     no number format is.
@@ -149,7 +149,7 @@ Format = Bits | Fixed | Float | Array | Record
 
 
 def pack_bits(codes: np.ndarray, width: int) -> np.ndarray:
-    """Pack codes [N] of `width` (1 … 64) bits back to back, uint8 [⌈N·width/8⌉], zeros at the end."""
+    """Pack codes [N] of `width` (1 … 64) bits back to back: uint8 [⌈N·width/8⌉], padded with 0."""
     codes = checked_codes(codes, Bits(width).width, "pack_bits")
     if codes.ndim != 1:
         raise ValueError(f"pack_bits: codes of shape {codes.shape}, not [N]")

@@ -46,7 +46,8 @@ class Gaussians:
 class Scene:
     """A scene in the PLY frame of 3DGS with every activation applied (exp, sigmoid), float64.
 
-    quaternion: need not be normalised, as `gaussians` does it; zero is the identity, as in the original
+    quaternion: not necessarily normalised (`gaussians` normalises it); zero is the identity, as in
+        the original
     notes: lines about anything odd in the file, for the user
     antialiased: trained with opacity compensation, and rendered with it
     mark: the source of `antialiased`, empty if nothing states it

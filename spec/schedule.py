@@ -127,7 +127,7 @@ def colour_cycles(config: Config) -> int:
 
 
 def pes(config: Config, program: Program) -> int:
-    """Return the PEs of a program's array; polynomials have enough to keep up with the projection."""
+    """Return the PEs of a program's array; polynomials keep up with the projection."""
     if program.name.startswith("basis"):
         steps = sum(step.unit == "pe" for step in program.steps)
         return -(-steps // schedule(config, projection(config)).interval)
