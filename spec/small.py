@@ -43,7 +43,7 @@ FACTOR_MAX = np.ldexp(LARGEST + 0.5, EXPONENT_LAST + UNIT)
 
 
 def position_widths(config: Config) -> tuple[int, ...]:
-    """Return the widths of a stored coordinate: of whole models, then of small ones if different."""
+    """Return the widths of a stored coordinate: of whole models, then of small ones if other."""
     if config.position == "absolute":
         return (ABSOLUTE.width,)
     return (STORED_BITS, SMALL_STORED_BITS)[: 1 + config.small_models]

@@ -212,7 +212,7 @@ def _terms(path: Datapath, slope: int, curve: int, rest: np.ndarray) -> np.ndarr
 
 
 def _exact(function: Function, fraction: int, parity: int, value: int, below: int) -> int:
-    """Return ⌊(y − 1) · 2^(fraction + below)⌋ for the significand (2^fraction + value) · 2^parity."""
+    """Return ⌊(y − 1) · 2^(fraction + below)⌋; significand (2^fraction + value) · 2^parity."""
     scale = fraction + below
     significand = (1 << fraction) + value << parity
     if function == "reciprocal":
