@@ -1,4 +1,4 @@
 """The float64 reference renderer, and the golden model: each stage in the machine's own integers.
 
-Imports spec only.
+May import: spec.
 """

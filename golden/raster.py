@@ -35,7 +35,7 @@ far: pairs that setup found too far away
 empty: pairs without a marked block
 """
 
-AT_ONCE = 8
+GROUPS_PER_CHUNK = 8
 """Groups per chunk of parallel work; small, because list lengths vary."""
 
 FAINT, ENDED, BLENDED = range(3)
@@ -106,7 +106,7 @@ def rasterize(
     owners = np.array([owner(config, block)[0] for block in range(BLOCKS**2)])
     tiles = np.concatenate([[0], np.cumsum(np.bitwise_count(mask.astype(np.uint64)), dtype=int)])
     blocks = np.full(tiles[-1], -1, np.int64)
-    with parallel_chunksize(AT_ONCE):
+    with parallel_chunksize(GROUPS_PER_CHUNK):
         _rasterize_groups(
             prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
             np.array([columns, config.group]), owners, config.exponent_fraction,

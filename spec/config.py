@@ -86,7 +86,7 @@ class Config:
     # "beside": colours have integer units of their own, next to the projection's array
     # (`spec.colour`). "array": the array computes them in floats, up to degree 1.
     colours: Literal["beside", "array"] = "beside"
-    # "chunk": positions are integers relative to their chunk's origin. "absolute": FP16.
+    # "chunk": positions are integers relative to their chunk's origin. "absolute": FP16 floats.
     position: Literal["chunk", "absolute"] = "chunk"
     # Index bits of each stage of the colour codebook and of the SH codebook, for compact models
     # of degree 0 and degree 1.
@@ -166,7 +166,7 @@ class Config:
     # multiplier blocks and carry chains, which an FPGA has, replace these.
     logic: Literal["gates", "fpga"] = "gates"
     early_termination: bool = True  # a pixel ends when T is below a threshold
-    # Faintness rule (a, b, c) in powers of two (see `spec.raster`); () renders with 3DGS's rule.
+    # Faintness rule (a, b, c): thresholds 2^−a, 2^−b, 2^−c of `spec.raster`. () for 3DGS's rule.
     faint: tuple[int, ...] = (4, 11, 8)
 
     codebook: int = 8 * KB  # bytes of the codebook memory on chip

@@ -46,7 +46,7 @@ AREAS = 3
 BUCKET_BITS = 5
 """log2 of `BUCKETS`."""
 BUCKETS = 1 << BUCKET_BITS
-"""Buckets of an area: twice the number with which no bucket overflows, if base and shift are from
+"""Buckets of an area: twice the number needed so that no bucket overflows, with base and shift from
 the previous list (eleven views of trained scenes).
 """
 
@@ -75,7 +75,7 @@ def way_bits(config: Config) -> int:
 
 
 def half_entries(config: Config) -> int:
-    """Return the entries per job: half of the on-chip memory."""
+    """Return the maximum entries per job: half of the sorter's memory."""
     return 1 << way_bits(config) + index_bits(config)
 
 
