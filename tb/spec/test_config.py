@@ -21,7 +21,7 @@ from splatcore.spec.stages import BLOCKS, HALVES, NAMES, OF_POINTS
 def test_names():
     assert [config.name for config in PRESETS.values()] == list(PRESETS)
     assert find_preset("paper") is PAPER
-    with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
+    with pytest.raises(InputError, match=r"preset 'x': unknown; .*DEFAULT, PAPER, TINY"):
         find_preset("x")
 
 
