@@ -129,7 +129,7 @@ class Frame(wiring.Component):
             m.d.sync += working.eq(0)
         with m.If(failing):
             m.d.sync += quiet.eq(Mux(self.idle[half], quiet + 1, 0))
-            with m.If(reset):  # what the half offers until then is not taken
+            with m.If(reset):  # until then the half's offers are not taken
                 m.d.sync += [failing.eq(0), working.eq(0), quiet.eq(0)]
             with m.Elif(quiet.all() & self.idle[half]):
                 m.d.sync += reset.eq(1)

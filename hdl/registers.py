@@ -100,7 +100,7 @@ class Registers(wiring.Component):
         return self.taken & (self.word == self.address[name] // registers.WORD)
 
     def _take(self, m: Module) -> Value:
-        """Handle writes; return a bit: a write of a locked register is refused."""
+        """Handle writes; return whether a write of a locked register is refused."""
         s_axi = self.s_axi
         addressed, given = Signal(), Signal()
         with m.If(s_axi.awready):
@@ -127,7 +127,7 @@ class Registers(wiring.Component):
         return self.write & self.whole & of_frame & self.locked
 
     def _commands(self, m: Module) -> Value:
-        """Decode START and ABORT; return a bit: START is refused."""
+        """Decode START and ABORT; return whether START is refused."""
         start, abort, ready = Signal(), Signal(), Signal()
         control = self._at("CONTROL")
         m.d.comb += [
@@ -167,7 +167,7 @@ class Registers(wiring.Component):
         m.d.comb += self.interrupt.eq((self.events & self.enabled).any())
 
     def _values(self) -> dict[str, Value]:
-        """Values of registers by name, except constants and those that read as 0."""
+        """Values of registers by name, except constants and registers that read as 0."""
         values = {
             "STATUS": self.status,
             "INTERRUPT": self.events,

@@ -50,7 +50,7 @@ class Add(wiring.Component):
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
         """Cuts for registers: summands ordered by magnitude, smaller one aligned, sum computed, and
-        those of `Round`.
+        the cuts of `Round`.
         """
         rounding = Round.cuts(format, Add._zeros(format))
         return {"order": 14, "align": 18, "sum": 12} | rounding
@@ -78,7 +78,7 @@ class Add(wiring.Component):
         else:  # both differences are computed while the summands are compared
             ahead, behind = a.o.exponent - b.o.exponent, b.o.exponent - a.o.exponent
             m.d.comb += distance.eq(Mux(less, behind, ahead))
-        # A zero still has its fraction. That of the larger summand does no harm: its exponent is 0.
+        # A zero still has its fraction. In the larger summand it does no harm: its exponent is 0.
         significand = small.significand
         if not format.subnormal:
             significand = Mux(significand[-1], significand, 0)
@@ -129,8 +129,8 @@ class MultiplyAdd(wiring.Component):
         o: out, code of `format`
 
     **Timing**: one multiplier of `fraction` + 1 bits squared, one item per cycle, `latency` cycles:
-    any number, 0 is combinational. Registers are placed where they cut the whole path best; product
-    and sum need not be registered.
+    any number, 0 is combinational. Registers are placed so that they cut the whole path best;
+    product and sum need not be registered.
     """
 
     def __init__(self, format: Float, latency: int):

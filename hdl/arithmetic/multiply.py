@@ -42,7 +42,7 @@ class Multiply(wiring.Component):
 
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
-        """Cuts for registers: operands unpacked, product computed, and those of `Round`."""
+        """Cuts for registers: operands unpacked, product computed, and the cuts of `Round`."""
         # An operand may come through a multiplexer of a dozen sources.
         return {"operand": 6, "product": 30} | Round.cuts(format, Multiply._zeros(format))
 
@@ -82,7 +82,7 @@ class Multiply(wiring.Component):
         concatenated.
 
         Without subnormal values only their fractions are included: all integer bits are set except
-        those of zeros, and a product with a zero gets an exponent below every other.
+        in zeros, and a product with a zero gets an exponent below every other.
         """
         format = self.format
         both = Cat(a.significand, b.significand)

@@ -77,7 +77,7 @@ class Unary(wiring.Component):
     `REGISTERS`, further ones follow the output, for a tool that retimes.
 
     NAND2-equivalents without registers: Float(7, 16) 2.4 k, without subnormal values 2.3 k;
-    binary16 0.7 k. Those of 1/√x: 2.7 k, 2.4 k, 0.8 k.
+    binary16 0.7 k. For 1/√x: 2.7 k, 2.4 k, 0.8 k.
     """
 
     def __init__(self, function: Function, format: Float, latency: int):

@@ -33,8 +33,7 @@ class Unpack(wiring.Component):
 
     Members:
         a: in, code of `format`
-        significand: out, fraction below the leading one; for 1/√x with the exponent's parity on
-            top
+        significand: out, fraction below the leading one; for 1/√x with the exponent's parity on top
         result: out, `result_layout`
 
     **Timing**: no registers, no multipliers.
@@ -71,10 +70,10 @@ class Unpack(wiring.Component):
         return m
 
     def _normalised(self, significand: Value) -> tuple[Value, Value, Value]:
-        """Significand with its leading one on top, number of places shifted, and a bit: this
+        """Significand with its leading one on top, number of places shifted, and whether this
         failed.
 
-        It fails for a zero, or a value so small that its result overflows as that of a zero does.
+        It fails for a zero, or a value so small that its result overflows like a zero's.
         """
         limit = places_in(self.function, self.format)
         steps = [1 << bit for bit in reversed(range(limit.bit_length()))]

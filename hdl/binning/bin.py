@@ -38,8 +38,7 @@ SPLATS_INSIDE = 32  # splats whose tiles are not yet known
 
 
 class Bin(wiring.Component):
-    """Turns splats into features of those that touch a tile, bursts of list slots, and lists of
-    groups.
+    """Turns splats into features (if they touch a tile), bursts of list slots, and lists of groups.
 
     A splat that touches a tile gets the next number of the frame; its entries, one per group of
     tiles, carry that number. `spec.binning` defines the tiles that it touches and explains why none
@@ -62,7 +61,7 @@ class Bin(wiring.Component):
         counters: out, counts of `COUNTED`; `blocked` counts cycles in which an output is not taken
 
     **Timing**: one tile row, one entry or a third of a splat per cycle, whichever is slowest;
-    latency about 25 from a splat to its first entry. Multipliers: those of `hdl.binning.rows`.
+    latency about 25 from a splat to its first entry. Multipliers as in `hdl.binning.rows`.
     """
 
     def __init__(self, config: Config):
@@ -224,7 +223,7 @@ class Bin(wiring.Component):
         fine = steps[: width - 1]
         above = Mux(steps[width:-1].any(), coarse, Mux(steps[width - 1], middle, fine))
         above = Cat(above[:first], (above[first:] + 1)[: width - first])
-        down = steps[below_shift(config) :]  # negative: its lower bits are those of 2^first + down
+        down = steps[below_shift(config) :]  # negative: its lower bits are 2^first + down
         below = Mux(down[first:].all(), down[:first], 0)
         return Mux(steps < 0, below, above)
 
@@ -241,7 +240,7 @@ class Bin(wiring.Component):
     def _join(self, m: Module, splat: stream.Interface, group: Value) -> Value:
         """Parts of splats become entries, and with a splat's last part the splat becomes a feature.
 
-        A part is done when both are taken. Returns a bit: a kept splat is done.
+        A part is done when both are taken. Returns whether a kept splat is done.
         """
         part, entry, number = self.parts.o, self.entries.i, Signal(SPLAT_BITS)
         touched, had_entry, had_feature = Signal(), Signal(), Signal()

@@ -158,7 +158,7 @@ class Outline(wiring.Component):
     def _shifter(self, m: Module, phase: Signal, axis: str, names: tuple) -> data.View:
         """⌊value · 2^power⌋ of the number selected in each phase, and whether it fits.
 
-        The power is that of the axis' unit for lengths and positions; it scales a ratio to its own
+        For lengths and positions the power is given by the axis' unit; a ratio is scaled to its own
         normalised units. A position that does not fit gives 0, a lean or a ratio the maximum.
         """
         format = self.format

@@ -20,7 +20,7 @@ END_BITS = HALF_BITS + 5  # bits of an end with its sign
 class RowEnd(wiring.Component):
     """The right end of an outline within a band, from its centre (T, r and end of `spec.binning`).
 
-    The left end is that of the mirrored outline: lean and shear negated.
+    The left end is the right end of the mirrored outline: lean and shear negated.
 
     Members:
         low, high: in, the band, within ± half

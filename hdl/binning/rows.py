@@ -45,8 +45,7 @@ class Rows(wiring.Component):
         busy: out, something is inside
 
     **Timing**: one row per cycle, also from one outline to the next; latency `LATENCY` + 3, for
-    squares `SQUARE_LATENCY` + 3. Multipliers: those of two `RowEnd`; squares need none, and no
-    memories.
+    squares `SQUARE_LATENCY` + 3. Multipliers of two `RowEnd`; squares need none, and no memories.
     """
 
     def __init__(self, config: Config):
@@ -187,7 +186,7 @@ class Rows(wiring.Component):
         never_waits(m, "queue", self.queue.i, "a row: ROWS_WAITING")
 
     def _output(self, m: Module, full: Value) -> Value:
-        """The queue of rows; return a bit: it will have room for one more."""
+        """The queue of rows; return whether it will have room for one more."""
         m.submodules.queue = self.queue
         connect(m, flipped(self).o, self.queue.o)
         m.submodules.owed = owed = Credit(ROWS_WAITING, "rows in the queue or in flight")

@@ -1,4 +1,4 @@
-"""Credits: count the items in flight from what enters and leaves."""
+"""Credits: a count of the items in flight."""
 
 from amaranth.hdl import Elaboratable, Module, Value
 from amaranth.lib import wiring
@@ -8,7 +8,7 @@ from splatcore.hdl.lib.holds import holds
 
 
 class Credit(wiring.Component):
-    """Counts the items in flight, 0 … `most`: those that have come and not gone.
+    """Counts the items in flight, 0 … `most`: items that have come and not gone.
 
     A producer that ignores a queue's `ready` may send only while `room` is high, and pulses `goes`
     when an item leaves the queue. Every simulation and every proof stops (`hdl.lib.holds`) if the

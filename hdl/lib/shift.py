@@ -67,7 +67,7 @@ def sticky(value: Value, width: int) -> Value:
     """The highest `width` bits of `value`, and below them one bit that is the OR of all others.
 
     When a number is rounded, a sticky bit can stand for all bits that it replaces, provided that at
-    least one more bit lies between it and the bits that are kept.
+    least one more bit is between it and the bits that are kept.
     """
     rest = len(value) - width
     if rest < 0:
@@ -78,10 +78,10 @@ def sticky(value: Value, width: int) -> Value:
 def shift_right_sticky(m: Module, value: Value, amount: Value, width: int) -> Value:
     """The lowest `width` bits of `value` / 2^`amount`; the lowest of them is sticky as in `value`.
 
-    The bits above must be zero for every `amount` that occurs: they are not built.
+    The bits above must be zero for every `amount` that occurs: no logic is built for them.
     """
     stages = bits_for(len(value) - 1)
-    far = amount[stages:].any()  # so far that only the sticky bit is left
+    far = amount[stages:].any()  # only the sticky bit is left
     for power in reversed(range(min(stages, len(amount)))):
         distance = 1 << power
         rest = width + distance - 1  # bits that later stages can shift down

@@ -123,8 +123,8 @@ class Stage(wiring.Component):
 class Queue(wiring.Component):
     """A queue of exactly `depth` items, two or more, in flip-flops or in a synchronous memory.
 
-    With `memory` its rows are those of a memory with one write port and one read port that answers
-    a cycle later and holds its answer, like on-chip SRAM; no row is written and read in the same
+    With `memory` its rows are in a memory with one write port and one read port that answers a
+    cycle later and holds its answer, like on-chip SRAM; no row is written and read in the same
     cycle. Such a queue is at least `MEMORY_DEPTH_MIN` deep.
 
     Members:

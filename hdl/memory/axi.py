@@ -240,8 +240,8 @@ class Axi(wiring.Component):
     def _answers(self, m: Module) -> Value:
         """Answers to bursts written; return one bit per writer.
 
-        A writer's newest bursts may not have left: their address is in the register, or their last
-        beat is there or still to come."""
+        A writer's newest bursts may not have left: their address is in its register, or their last
+        beat is in its register or still to come."""
         m_axi = self.m_axi
         full, error = Signal(), Signal()
         client = Signal(spec.ID_BITS, reset_less=True)

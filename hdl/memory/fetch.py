@@ -28,9 +28,9 @@ class Fetch(wiring.Component):
     """Reads ranges of beats; returns the port's beats in order.
 
     A burst is requested when the queue has room for all of it in addition to the beats it holds and
-    those in flight, so that arriving beats never wait. Bursts end at multiples of `burst` beats.
-    The last burst's room is unused while the next one waits for room: short bursts hide more of the
-    memory's latency, long bursts need fewer requests.
+    the beats in flight, so that arriving beats never wait. Bursts end at multiples of `burst`
+    beats. The last burst's room is unused while the next one waits for room: short bursts hide more
+    of the memory's latency, long bursts need fewer requests.
 
     Parameters:
         depth: beats of the machine that the queue holds
@@ -204,7 +204,7 @@ class FetchBeats(wiring.Component):
         data: in, stream of `read_beat`, from the memory port
         o: out, stream of beats of the machine
 
-    **Timing**: that of `Fetch`.
+    **Timing**: as `Fetch`.
     """
 
     def __init__(self, config: Config, depth: int, count_bits: int):

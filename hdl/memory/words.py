@@ -80,7 +80,7 @@ class Words(wiring.Component):
             m.d.sync += end.eq(first + length + 1)
 
     def _give(self, m: Module, bursts: stream.Interface) -> Signal:
-        """Output the beats burst by burst; return a bit: a burst is current."""
+        """Output the beats burst by burst; return whether a burst is current."""
         busy, burst = Signal(), Signal(self.burst, reset_less=True)
         high, o, back = Signal(DATA_BITS, reset_less=True), self.o, self.data
         beat, fresh, fire = back.payload.beat, Signal(), Signal()

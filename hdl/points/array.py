@@ -45,11 +45,11 @@ class Array(wiring.Component):
             before its own
         constants: in, the program's constants; may change while no item is inside
         o: out, stream of {outputs, carried}, in the same order
-        phase: out, one bit per cycle of a round, that of the present cycle is set
+        phase: out, one-hot, the present cycle of the round
         rounds: out, {valid, carried} of the item in each round
 
     **Timing**: one item every `plan.interval` cycles, taken in the last phase of a round; its
-    outputs come `plan.length` + 1 cycles later, those in `plan.early` sooner. While `o` is not
+    outputs come `plan.length` + 1 cycles later, outputs in `plan.early` sooner. While `o` is not
     taken all registers hold.
     """
 

@@ -49,7 +49,7 @@ class Chunk(wiring.Component):
     Members:
         i: in, stream of `CHUNK_HEADER`, in the order of the model
         gaussians: in, number of Gaussians in the model, at least 1; with the last chunk a frame
-            ends, and the next header is that of chunk 0
+            ends, and the next header belongs to chunk 0
         camera, position_exponent, near_plane, constants: in, registers of the model and the frame
         o: out, stream of `chunk_record`
         taken: out, a header is done, kept or skipped, high for one cycle
@@ -99,7 +99,7 @@ class Chunk(wiring.Component):
         high = step[len(AXES) + CONVERT_LATENCY + 1 :].any()  # the converter outputs a high end
         origin = _chosen(low_ends | high_ends, header.origin).as_signed()
         eye = _chosen(low_ends | high_ends, self.camera).as_signed()
-        # The largest offset with this extent is below the next one's smallest.
+        # The largest offset with this extent is below the smallest offset with the next extent.
         end = (_chosen(high_ends, header.extent) + high_ends.any()) << EXTENT_SHIFT
         span = (end << _chosen(high_ends, header.shift))[: AWAY.width]
         m.d.sync += way.eq(origin + span - eye)

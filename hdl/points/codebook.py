@@ -30,7 +30,7 @@ from splatcore.spec.number import Fixed
 from splatcore.spec.programs import SLOPES
 
 FACTOR_BITS = model_format(Config(), 0).attribute_record.offset("colour0")
-"""Bits of the first beat of attributes below those of the colour: L and opacity."""
+"""Bits of the first beat of attributes below the colour: L and opacity."""
 
 INDEX_BITS = ATTRIBUTE_BITS - FACTOR_BITS
 
@@ -51,7 +51,7 @@ class Codebook(wiring.Component):
     """Looks up colours and harmonics (the matrix G of `spec.memory`) of Gaussians.
 
     The memory holds both codebooks as they are in DRAM. Each cycle reads the entry of one stage,
-    colour stages first. If colours are made beside the array (`Config.colours`), the memory also
+    colour stages first. If colours are not made in the array (`Config.colours`), the memory also
     holds beats of harmonics of models in steps.
 
     Members:
@@ -64,13 +64,13 @@ class Codebook(wiring.Component):
         sh: in, only if the machine has harmonics: the model has harmonics; stable for a frame
         g: out, only if the machine has harmonics: sums of the elements of G, row by row, held as
             long as `colour`; valid if the model has harmonics
-        codebooks: in, only if colours are made beside the array: the model has codebooks; stable
-            for a frame
-        beat: in, only if colours are made beside the array: {valid, address, word}, as `write`,
-            never in the same cycle
-        read: in, only if colours are made beside the array: {enable, address} of a word to be read,
+        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks; stable for
+            a frame
+        beat: in, only if `Config.colours` is not `array`: {valid, address, word}, as `write`, never
+            in the same cycle
+        read: in, only if `Config.colours` is not `array`: {enable, address} of a word to be read,
             for models without codebooks
-        word: out, only if colours are made beside the array: the word read, one cycle later; it is
+        word: out, only if `Config.colours` is not `array`: the word read, one cycle later; it is
             held
 
     **Timing**: one item every `interval` cycles (`DEFAULT`: 5), `latency` 6. No multiplier.

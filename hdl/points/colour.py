@@ -1,4 +1,4 @@
-"""Colours of Gaussians, made beside the projection's array in small integers (`spec.colour`)."""
+"""Colours of Gaussians in small integers, computed outside the array (`spec.colour`)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, signed
 from amaranth.lib import data, wiring
@@ -42,7 +42,7 @@ class Colour(wiring.Component):
     """Computes the colours of Gaussians from rays and attributes, with a fixed latency.
 
     The polynomials are computed by an array that runs in step with the projection's, whose `phase`
-    and `rounds` tell where each slot is. All other parts of a slot are read when they are needed.
+    and `rounds` show where each slot is. All other parts of a slot are read when they are needed.
 
     Parameters:
         rounds: layout of the projection's `rounds`, whose `carried` is the slot
@@ -215,7 +215,7 @@ class Colour(wiring.Component):
                 m.d.comb += self.sum.multiplicands[c][lane].eq(value)
 
     def _polynomials(self, m: Module):
-        """The array that computes the polynomials; each turn, those of a term as integers."""
+        """The array that computes the polynomials; each turn, a term's polynomials as integers."""
         m.submodules.basis = array = self.basis
         constants = array.constants
         m.d.comb += [

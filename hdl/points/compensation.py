@@ -163,7 +163,7 @@ class Minor(wiring.Component):
 
 
 class Log(wiring.Component):
-    """o = log2 |a|; for 0 that of 2^−bias.
+    """o = log2 |a|; for 0 that is −bias.
 
     Members:
         a: in, code of `Config.arithmetic`

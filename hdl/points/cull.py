@@ -18,9 +18,10 @@ from splatcore.spec.point import EXPONENT, PLACE_BITS, culling_record, point_rec
 
 
 class Cull(wiring.Component):
-    """Reads the points of the chunks that are kept; passes on those in front of the near plane.
+    """Reads the points of the chunks that are kept; passes on the points in front of the near
+    plane.
 
-    Numbers inside are those of `spec.depth.finer`.
+    Numbers inside have the formats of `spec.depth.finer`.
 
     Members:
         chunks: in, stream of `culling_record`, taken with the chunk's last point

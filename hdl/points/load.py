@@ -38,7 +38,7 @@ class Load(wiring.Component):
         loaded: out, header and codebooks (if any) have been read; until the next start
         error: out, `ErrorCode`; if it is not NONE, the header is invalid and nothing more happens
         detail: out, detail of the error
-        codebooks: out, only if colours are made beside the array: the model is compact (other
+        codebooks: out, only if `Config.colours` is not `array`: the model is compact (other
             machines render no other models)
         small: out, only if `Config.small_models`: the model has half a beat of attributes per
             Gaussian

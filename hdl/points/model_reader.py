@@ -43,11 +43,11 @@ class ModelReader(wiring.Component):
         start: in, read header and codebooks
         model: in, address of the model in beats; stable during the frame
         write: out, stream of {address, word}, words of the codebook memory
-        gaussians, sh, position_exponent, exponent, loaded, error, detail: out, those of
+        gaussians, sh, position_exponent, exponent, loaded, error, detail: out, as in
             `hdl.points.load.Load`
-        codebooks: out, only if colours are made beside the array: that of `Load`
-        small: out, only if `Config.small_models`: that of `Load`
-        antialiased: out, only if `Config.compensates`: that of `Load`
+        codebooks: out, only if `Config.colours` is not `array`: as in `Load`
+        small: out, only if `Config.small_models`: as in `Load`
+        antialiased: out, only if `Config.compensates`: as in `Load`
         run: in, once `loaded` is high: begin with the chunk headers
         headers: out, stream of `CHUNK_HEADER`
         fetch: in, stream of `FETCH`, chunks whose positions are to be read

@@ -62,7 +62,7 @@ class Points(wiring.Component):
     """Stages 0 and 1: turns chunk headers, positions and attributes into splats.
 
     Members:
-        headers: in, stream of `CHUNK_HEADER`, those of the whole model for each frame
+        headers: in, stream of `CHUNK_HEADER`, the whole model's headers for each frame
         fetch: out, stream of `FETCH`, chunks whose positions are to be read
         positions: in, stream of the beats of these positions
         wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
@@ -76,7 +76,7 @@ class Points(wiring.Component):
         gaussians, position_exponent, exponent: in, from the model's header; stable for a frame
         write: in, stream of {address, word}, words of the codebook memory, before the frame
         sh: in, only if the machine has harmonics: the model has harmonics
-        codebooks: in, only if colours are made beside the array: the model has codebooks
+        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks
         small: in, only if `Config.small_models`: the model has half a beat of attributes per
             Gaussian
 
@@ -146,7 +146,7 @@ class Points(wiring.Component):
         m.d.comb += [self.fetch.valid.eq(last.valid), last.ready.eq(self.fetch.ready)]
 
     def _splats(self, m: Module, splats):
-        """Output the splats; without culling, only those in front."""
+        """Output the splats; without culling, only splats in front."""
         if self.config.culling != "none":
             connect(m, splats, self.project.o)
             return

@@ -44,11 +44,11 @@ class Preprocess(wiring.Component):
         needed: out, list pages that the frame takes, while `counted` is high
         counted: out, `needed` is valid, for one cycle
         error: out, `ERROR`, the frame cannot be rendered; nothing more happens until reset
-        counters: out, those of `hdl.points.points` and `hdl.binning.bin`
-        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): those of
-            `reads` and `writes`
+        counters: out, counters of `hdl.points.points` and `hdl.binning.bin`
+        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
+            of `reads` and `writes`
 
-    **Timing**: that of its slowest part, one Gaussian in 6 cycles in `DEFAULT`, if memory keeps up.
+    **Timing**: as its slowest part, one Gaussian in 6 cycles in `DEFAULT`, if memory keeps up.
     """
 
     def __init__(self, config: Config):

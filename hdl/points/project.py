@@ -39,8 +39,8 @@ class Project(wiring.Component):
     so that no data travels through rounds that do not use it; its depth is read again for its
     splat. The array never stalls: a point enters if there will be room in the queue behind it.
 
-    Colours are computed beside the array, and wait in their own queue for the rest of their splats;
-    or they are computed in the array from values that are looked up (`Config.colours`).
+    Colours are computed by a separate unit, and wait in their own queue for the rest of their
+    splats; or they are computed in the array from values that are looked up (`Config.colours`).
 
     Members:
         i: in, stream of `point_record` with x, y and z
@@ -49,7 +49,7 @@ class Project(wiring.Component):
         attributes: in, stream of the beats of these attributes
         write: in, stream of {address, word}, words of the codebook memory
         sh: in, only if the machine has harmonics: the model has harmonics
-        codebooks: in, only if colours are made beside the array: the model has codebooks
+        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks
         exponent: in, E of each degree, from the model's header
         small: in, only if `Config.small_models`: the model has half a beat of attributes per
             Gaussian
@@ -134,7 +134,7 @@ class Project(wiring.Component):
         return m
 
     def _output(self, m: Module) -> Value:
-        """Queues of splats and of their colours; return a bit: they will have room for one more."""
+        """Queues of splats and of their colours; return whether they have room for one more."""
         depth, shape = self.splats_inside, layout(splat_record(self.config))
         found, names = self.array.o.payload.outputs, dict(shape.members)
         parts = {"splats": self.array.o.valid}

@@ -49,8 +49,8 @@ class Slots(wiring.Component):
         release: in, the oldest slot becomes free
         read: in, {slot, enable} for each of `parts`
         found: out, the parts read, one cycle later; held until the next reading
-        beat: out, only if colours are made beside the array: {valid, address, word}, a beat behind
-            a Gaussian's first, and its address in `hdl.points.colour`
+        beat: out, only if `Config.colours` is not `array`: {valid, address, word}, a beat behind a
+            Gaussian's first, and its address in `hdl.points.colour`
         small: in, only if `Config.small_models`: the model has half a beat of attributes per
             Gaussian; stable for a frame; the beat of two neighbours is requested once
 
@@ -176,7 +176,7 @@ class Slots(wiring.Component):
     def _taken(self, m: Module, waits: Register | None, taken: Signal, owed: Value) -> Value:
         """Take a beat of the oldest waiting Gaussian, or the kept half of the previous beat.
 
-        Returns the beat, or the one that the half stands for.
+        Returns the beat, or the expansion of the half.
         """
         whole, expected = self.attributes.payload, waits.o.valid if waits else owed
         if not self.config.small_models:

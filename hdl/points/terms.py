@@ -16,7 +16,7 @@ MULTIPLICAND = signed(7)
 SHIFT_BITS = 5
 
 PRODUCTS = signed(MULTIPLICAND.width + POLYNOMIAL.width + 1)
-"""A sum of `LANES` products: each is at most a quarter of what these bits hold."""
+"""A sum of `LANES` products: each is at most a quarter of their range."""
 
 
 def sums_of_products(a: list[Value], b: list[Value]) -> tuple[Value, Value]:
@@ -68,9 +68,9 @@ class Terms(wiring.Component):
             ago
         shift: in, only if the machine has harmonics: the term's shift
         three: in, only if the machine has harmonics: the term's factor is 3 instead of 4
-        multiplicands: in, only if the machine has harmonics: those of the term by channel and lane,
-            0 if there is no polynomial
-        polynomials: in, only if the machine has harmonics: those of the previous cycle's term
+        multiplicands: in, only if the machine has harmonics: the term's, by channel and lane, 0 if
+            there is no polynomial
+        polynomials: in, only if the machine has harmonics: polynomials of the previous cycle's term
 
     **Timing**: one term per cycle, latency 5. Nine multipliers of 7 × 13 bits, built of adders here
     or by synthesis (`Config.logic`).
@@ -79,6 +79,7 @@ class Terms(wiring.Component):
     latency = 5
 
     def __init__(self, config: Config, base: int):
+        """base: bits of the base."""
         self.config = config
         lanes = data.ArrayLayout(MULTIPLICAND, LANES)
         ports = {

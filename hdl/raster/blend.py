@@ -33,8 +33,8 @@ class Blend(wiring.Component):
     A pixel whose T would fall below the minimum terminates: it does not change any more. Invisible
     contributions are left out (`Config.faint`); then a pixel's last splat takes the rest of T. A
     block that is touched for the first time in a group begins with T of almost 1 and no colour.
-    Weights are differences of T truncated to few bits: what one weight lacks is in the next one,
-    and their sum is exactly what was taken from T.
+    Weights are differences of T truncated to few bits: the next weight includes what one weight
+    lacks, so that their sum is the decrease of T.
 
     Parameters:
         blocks: number of blocks in the memories

@@ -78,7 +78,7 @@ class Features(wiring.Component):
     def _ask(self, m: Module, order: stream.Interface, free: Value) -> Signal:
         """Request a splat's feature when there is room for it (`free`).
 
-        Returns a bit: one is requested.
+        Returns whether one is requested.
         """
         m.submodules.reads = register = Register(layout(read_record()))
         connect(m, register.o, flipped(self.reads))
@@ -121,7 +121,7 @@ class Features(wiring.Component):
         never_waits(m, "features", features, "a feature: FEATURES_WAITING")
 
     def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
-        """Output splats with their features; return a bit: one leaves."""
+        """Output splats with their features; return whether one leaves."""
         o, given = self.o, Signal()
         end = order.payload.end
         m.d.comb += [

@@ -19,7 +19,7 @@ def nth(config: Config, number: Value) -> Value:
 class Finished(wiring.Component):
     """A place for each of a rasterizer's blocks of a group.
 
-    Blocks come in any order, and leave in that of `spec.raster.nth_block`, group after group.
+    Blocks come in any order, and leave in the order of `spec.raster.nth_block`, group after group.
 
     Members:
         valid: in, a block comes; its place must be free

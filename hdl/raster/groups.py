@@ -81,7 +81,7 @@ class Groups(wiring.Component):
         data: in, stream of `read_beat`, from memory
 
     **Timing**: one group with entries per cycle; the other walk takes 4 cycles and memory's latency
-    per group. No multiplier except that of `groups`.
+    per group. One multiplier, for `groups`.
     """
 
     def __init__(self, config: Config):
@@ -114,7 +114,7 @@ class Groups(wiring.Component):
         return m
 
     def _grid(self, m: Module) -> Value:
-        """The two walks and the number of groups; return a bit: the number is valid now."""
+        """The two walks and the number of groups; return whether the number is valid now."""
         side = convention.TILE * self.config.group
         self.walk, self.search = Walk(self.config), Walk(self.config)
         m.submodules.walk, m.submodules.search = self.walk, self.search

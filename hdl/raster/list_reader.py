@@ -28,7 +28,7 @@ BURST, LONG_BURST = 8, 4
 
 
 class ListReader(wiring.Component):
-    """Reads lists: those of groups page by page, dealt lists (`spec.sort`) in one go.
+    """Reads lists: lists of groups page by page, dealt lists (`spec.sort`) in one go.
 
     Parameters:
         depth: beats that may wait

@@ -54,7 +54,7 @@ class Pixels(wiring.Component):
         width, height: in, of its image, pixels
         groups: in, number of its groups
         pixels_at, stride_beats: in, address of the image and distance of its rows, in beats
-        background: in, a colour (`spec.colour.colour_format`), that of groups without splats
+        background: in, a colour (`spec.colour.colour_format`), also for groups without splats
         positions, empty: in, streams of `position_record`, the groups with and without splats by
             rows
         i: in, streams of `pixels_record`, one per rasterizer: blocks of the groups with splats in
@@ -140,8 +140,8 @@ class Pixels(wiring.Component):
         return Cat(number, tile[:across], position.column), Cat(block_row, tile[across:])
 
     def _group_rows(self, m: Module) -> tuple[Value, Value]:
-        """Address of the present group's row of groups, in beats of the port, each computed from
-        that of the row above; and a bit: it is valid."""
+        """Address of the present group's row of groups, in beats of the port, and whether it is
+        valid; each address follows from the previous row's."""
         found = []
         for groups in (self.empty, self.positions):
             row, at = Signal.like(groups.payload.row), Signal.like(self.port_pixels_at)
@@ -160,7 +160,7 @@ class Pixels(wiring.Component):
         return [span[low:high] for low, high in pairwise(ends)]
 
     def _heads(self) -> tuple[list[Value], Value, list[Value]]:
-        """The present row of the span's blocks, for the group with splats; a bit: all blocks are
+        """The present row of the span's blocks, for the group with splats; whether all blocks are
         present; one bit per rasterizer: it owns one of them."""
         heads, present = [], []
         rows = [i.payload.pixels.as_value().word_select(self.pixel_row, ROW_BITS) for i in self.i]
@@ -223,7 +223,7 @@ class Pixels(wiring.Component):
         }  # fmt: skip
 
     def _beats(self, m: Module, heads: list[Value], work: dict[str, Value]) -> Value:
-        """Form the beats of a span's row; return a bit: the previous span's bytes are available."""
+        """Form a span's row of beats; return whether the previous span's bytes are available."""
         size, row = port_bytes(self.config), self.row
         skipped, behind = work["skipped"], work["behind"]
         segment, begin, tail_ok = Cat(heads) << (skipped * WORD * 8), skipped * WORD, Const(1)

@@ -22,7 +22,7 @@ SPLATS_WAITING = 16
 """Splats that may wait before stage 3: dead ones are dropped while others have many tiles."""
 
 GROUPS_APART = (1 << raster.GROUP_BITS) - 1
-"""Maximum number of groups by which the one that enters is ahead of a rasterizer's."""
+"""Maximum number of groups by which the entering group is ahead of a rasterizer's."""
 
 
 class Expand(wiring.Component):
@@ -36,7 +36,7 @@ class Expand(wiring.Component):
         o: out, stream of `pair_record`; a waiting pair stays, even if its tile has ended meanwhile
 
     **Timing**: one pair per cycle; a splat without live tiles takes one cycle. No registers except
-    those of the tiles done, and of the tile offered.
+    for the tiles done and the tile offered.
     """
 
     def __init__(self, config: Config):
@@ -166,7 +166,7 @@ class Raster(wiring.Component):
         connect(m, register.o, target)
 
     def _mark(self, m: Module):
-        """Pairs through setup and marking; each rasterizer gets those with blocks of its own."""
+        """Pairs through setup and marking; each rasterizer gets the pairs with its own blocks."""
         config = self.config
         m.submodules.setup, m.submodules.mark = setup, mark = Setup(config), Mark(config)
         m.submodules.pipe = pipe = Pipe(Setup.LATENCY + Mark.LATENCY)
@@ -190,7 +190,7 @@ class Raster(wiring.Component):
         with m.If(passes(marked) & pair.end):
             m.d.sync += self.arrived.eq(self.arrived + 1)
         takers = []
-        # Rasterizers to which the pair at the end is, or was, offered; those that have taken it.
+        # Rasterizers to which the last pair is, or was, offered; rasterizers that have taken it.
         offered, given = Signal(config.rasterizers), Signal(config.rasterizers)
         for number, part in enumerate(self.rasterizers):
             o = part.i.payload
@@ -223,7 +223,7 @@ class Raster(wiring.Component):
         for number, part in enumerate(self.rasterizers):
             within(
                 m, f"groups{number}", ends, passes(part.positions), GROUPS_APART,
-                "groups apart, more than GROUP_BITS can tell apart", begin=1,
+                "groups apart, too many for GROUP_BITS", begin=1,
             )  # fmt: skip
         m.d.comb += [
             self.live.eq(live),
@@ -237,7 +237,7 @@ class Raster(wiring.Component):
     def _live(self, m: Module, name: str, ends: Value) -> Signal:
         """Tiles with live pixels, as far as known, of the group at one place of the pipeline.
 
-        They are registered: within a group tiles only lose pixels, so the previous cycle's are
+        The tiles are registered: within a group they only lose pixels, so the previous cycle's are
         safe, except for the next group.
 
         ends: a group's end passes that place

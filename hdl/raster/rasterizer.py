@@ -53,8 +53,8 @@ class Rasterizer(wiring.Component):
         finished: the blocks that have been output by the lanes
 
     **Timing**: one marked block per cycle, except blocks in which no pixel reaches alpha 1/255 and
-    blocks that come again within `Blend.BUSY` cycles. A group takes at least one cycle per block,
-    for those of the previous group, and one more per block with a background.
+    blocks that come again within `Blend.BUSY` cycles. A group takes at least one cycle per block of
+    the previous group, and one more per block with a background.
     """
 
     def __init__(self, config: Config, number: int):
@@ -94,8 +94,8 @@ class Rasterizer(wiring.Component):
         self.visits, self.gives, self.rests = Signal(), Signal(), Signal()
         self.visiting, self.giving, self.resting = Signal(STAGES), Signal(STAGES), Signal(STAGES)
         self.tile, self.chosen = Signal(range(self.tiles)), Signal(len(self.own))  # of the block
-        # Blocks not yet output since their group ended; those of them whose place is still taken by
-        # the group before that one.
+        # Blocks not yet output since their group ended; of these, blocks whose place is still taken
+        # by the previous group.
         blocks = data.ArrayLayout(len(self.own), self.tiles)
         self.stale, self.blocked = Signal(blocks), Signal(blocks)
         self._begin(m)
@@ -190,7 +190,7 @@ class Rasterizer(wiring.Component):
         if there is one.
 
         end: the group's end is the present pair
-        Returns a block's tile, which block of the tile it is, and a bit: the group ends.
+        Returns a block's tile, which block of the tile it is, and whether the group ends.
         """
         own, bits = len(self.own), exact_log2(len(self.own))
         count, again = Signal(range(self.blocks + 1), init=self.blocks), Signal()

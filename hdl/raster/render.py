@@ -37,8 +37,8 @@ WRITING = ("buckets", "pixels")  # names of its readers and writers in `spec.axi
 def job_layout(config: Config) -> data.StructLayout:
     """Layout of a frame's parameters for this half.
 
-    Addresses and distances are in beats. `windows`, those of its areas, is left out if all memory
-    is one window.
+    Addresses and distances are in beats. `windows` (of its areas) is left out if all memory is one
+    window.
     """
     areas = area_windows(config, READING, WRITING)
     windows = data.StructLayout(dict.fromkeys(areas, window_bits(config)))
@@ -68,12 +68,12 @@ class Render(wiring.Component):
         settled: in, one bit for each of `WRITING`: all its written data is in memory
         patient: out, one bit for each of `WRITING`: its writes may wait for all others
         done: out, the frame's pixels are in memory
-        counters: out, those of `hdl.sorting.sort` and `hdl.raster.raster`
-        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): those of
-            `reads` and `writes`
+        counters: out, counters of `hdl.sorting.sort` and `hdl.raster.raster`
+        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
+            of `reads` and `writes`
 
-    **Timing**: that of its slowest part, if memory keeps up; a few hundred cycles more before the
-    first pair and after the last.
+    **Timing**: as its slowest part, if memory keeps up; a few hundred cycles more before the first
+    pair and after the last.
     """
 
     def __init__(self, config: Config):

@@ -42,9 +42,9 @@ class Pair(wiring.Component):
         over: for each run of the pair that leaves: it has left
         last: the second run ends its batch
 
-    **Timing**: one entry per cycle; a run's first entry leaves `latency` cycles after that of its
-    pair's second run, or after the end of an unpaired run. Two queues of `size` entries and those
-    that come meanwhile. No multiplier; no path from `o.ready` to `i.ready`.
+    **Timing**: one entry per cycle; a run's first entry leaves `latency` cycles after the first
+    entry of its pair's second run, or after the end of an unpaired run. Two queues of
+    `size` entries and entries that come meanwhile. No multiplier; no path from `o.ready` to `i.ready`.
     """
 
     def __init__(self, config: Config, size: int):

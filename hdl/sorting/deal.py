@@ -15,7 +15,7 @@ from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, entry_record
 
-JOBS_WAITING = 8  # jobs to be sorted; also lists ahead of those of the job being formed
+JOBS_WAITING = 8  # jobs to be sorted; also lists ahead of the lists of the job being formed
 JOBS_INSIDE = 16  # jobs that have been issued and are not over
 
 

@@ -1,4 +1,4 @@
-"""Merges sorted runs into one: the smallest head first, of equal heads that of the earliest run."""
+"""Merges sorted runs into one: the smallest head first, of equal heads the earliest run's."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, wiring

@@ -19,7 +19,7 @@ BATCHES_INSIDE = 4
 
 
 def target_layout(config: Config) -> data.StructLayout:
-    """Where a run is written: a way of a half."""
+    """The place where a run is written: a way of a half."""
     return data.StructLayout({"way": range(config.merge_ways), "half": 1})
 
 
@@ -38,7 +38,7 @@ class Sorter(wiring.Component):
     A cascade also has `begins` (the next entry begins a batch), `targets`, `inside` (batches of
     each half inside) and `drops` (how many of these are dropped), for proofs.
 
-    **Timing**: that of `hdl.sorting.subsort`, with one batch inside at a time, or that of
+    **Timing**: as `hdl.sorting.subsort`, with one batch inside at a time, or as
     `hdl.sorting.cascade`, in which dropped entries travel to the end.
     """
 

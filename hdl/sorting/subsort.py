@@ -78,8 +78,8 @@ class SubSorter(wiring.Component):
     """Sorts batches of up to `Config.sub_sorter_entries` entries, stably.
 
     Entries pass phases (`spec.sort.phases`) in rounds of two cycles. A phase has a set of entries
-    and finds those with the smallest value of its digits, a *cluster*; the next phase takes the
-    cluster and examines its own digits. The last phase outputs its entries one by one. A phase
+    and finds the entries with the smallest value of its digits, a *cluster*; the next phase takes
+    the cluster and examines its own digits. The last phase outputs its entries one by one. A phase
     takes a new cluster in the round in which it passes on its last entry, so a cluster is found
     while the previous one is used, and every round outputs an entry.
 
