@@ -100,7 +100,7 @@ class Add(wiring.Component):
         significand = shifted + (aligned ^ subtract.replicate(len(aligned))) + subtract
         carry = significand[len(aligned)] & ~subtract
         sign = large.sign
-        if self.format.overflow == "infinity":  # −0 differs from 0: x − x is +0
+        if self.format.overflow == "infinity":  # such a format has −0, but x − x is +0
             zero = large.significand == aligned[BELOW:]
             if not self.format.subnormal:
                 zero |= ~large.significand[-1]

@@ -52,7 +52,7 @@ class Credit(wiring.Component):
         then = count + comes - goes
         m.d.sync += count.eq(then)
         inside = (then >= 0) & (then <= self.most)
-        holds(m, "count", inside, f"less than nothing or more than {self.most}: {self.items}")
+        holds(m, "count", inside, f"below 0 or above {self.most}: {self.items}")
         return m
 
 

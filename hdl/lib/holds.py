@@ -59,7 +59,7 @@ def holds(m: Module, name: str, condition: Value, violation: str):
 
 def never_waits(m: Module, name: str, offered: stream.Interface, item: str):
     """Stop simulations in which an item is offered and not taken in the same cycle."""
-    holds(m, name, ~offered.valid | offered.ready, f"an item has no room, {item}")
+    holds(m, name, ~offered.valid | offered.ready, f"no room for {item}")
 
 
 def keeps(m: Module, name: str, offered: stream.Interface):

@@ -91,7 +91,7 @@ class Fetch(wiring.Component):
             queue.i.payload.eq(self.data.payload.beat),
             self.data.ready.eq(1),  # the queue has room
         ]
-        never_waits(m, "queue", queue.i, "a beat that was asked for")
+        never_waits(m, "queue", queue.i, "a requested beat")
         # The rest of the range; the next burst.
         rest, more, sized, beats = self.rest, Signal(), self.sized, self.size
         asks = self.reads.payload
@@ -137,7 +137,7 @@ class Fetch(wiring.Component):
             self.reads.valid.eq(fits),
         ]
         awaited = ~self.data.valid | (used.count != queue.level)
-        holds(m, "awaited", awaited, "a beat has come that was not asked for")
+        holds(m, "awaited", awaited, "a beat has come that was not requested")
         return m
 
 

@@ -60,7 +60,7 @@ class ModelReader(wiring.Component):
 
     **Timing**: a chunk header in four cycles; bursts of positions end at multiples of 16 beats; the
     attributes of a Gaussian are one burst every two cycles, or two bursts if they cross a multiple
-    of 4 KB; one cycle later, with a port of 256 bits two.
+    of 4 KB: the second one follows after one cycle, with a port of 256 bits after two.
     """
 
     def __init__(self, config: Config):

@@ -44,7 +44,8 @@ class Pair(wiring.Component):
 
     **Timing**: one entry per cycle; a run's first entry leaves `latency` cycles after the first
     entry of its pair's second run, or after the end of an unpaired run. Two queues of
-    `size` entries and entries that come meanwhile. No multiplier; no path from `o.ready` to `i.ready`.
+    `size` entries and entries that come meanwhile. No multiplier; no path from `o.ready` to
+    `i.ready`.
     """
 
     def __init__(self, config: Config, size: int):
