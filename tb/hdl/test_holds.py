@@ -44,7 +44,7 @@ class Relying(wiring.Component):
         m.d.comb += self.offer.ready.eq(self.taken)
         m.d.comb += [self.i.ready.eq(self.ready), self.o.valid.eq(self.i.valid & self.ready)]
         holds(inner, "odd", ~self.odd, "something odd")
-        never_waits(inner, "input", self.i, "whatever it is")
+        never_waits(inner, "input", self.i, "an item at i")
         keeps(inner, "offer", self.offer)
         within(inner, "count", self.up, self.down, MOST, "ups and downs", begin=1)
         return m
@@ -79,7 +79,7 @@ def test_what_holds_stops_nothing(inputs):
     "inputs, message",
     [
         ({"odd": [0, 0, 1, 0]}, "something odd"),
-        ({"count": 2, "ready": [0] * 8 + [1]}, "no room, whatever it is"),
+        ({"count": 2, "ready": [0] * 8 + [1]}, "no room for an item at i"),
         ({"up": [1, 0, 1, 0, 1, 0]}, "ups and downs"),
         ({"down": [1, 0, 1, 0]}, "ups and downs"),
         ({"offered": [1, 0], "taken": [0, 0]}, "not kept, offer"),
@@ -100,7 +100,7 @@ def test_nothing_of_it_is_built():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make, message", [(Fetch, "not asked for"), (Features, "a feature")])
+@pytest.mark.parametrize("make, message", [(Fetch, "not requested"), (Features, "a feature")])
 def test_beats_that_nobody_asked_for(make, message):
     """What is always taken has room only for what was asked for."""
     simulation = Simulation(make(TINY, 16, 8) if make is Fetch else make(TINY))
