@@ -168,12 +168,12 @@ def ablation(
         row["step"] = row.pop("point")
         measured = simulated.get((row["step"], row["scene"], row["camera"]), (None, None))
         row["rtl_cycles"], row["rtl_identical"] = measured
-    told = [
+    described = [
         {"name": name, "fields": change, "paper_fps": ABLATION.get(name)}
         for name, change in STEPS.items()
     ]  # fmt: skip
     about = {"preset": config.name, "size": views[0].size, "quality": views[0].quality}
-    return about | {"steps": told, "rows": rows, "failed": failed}
+    return about | {"steps": described, "rows": rows, "failed": failed}
 
 
 def confirmed(
@@ -184,17 +184,17 @@ def confirmed(
     Kept in the folder until the machine's Verilog is another. What cannot be simulated (None) or is
     wrong is added to `failed`.
     """
-    what = f"rtl {name} {view.name}"
-    path = folder / f"{what} {view.size}.json".replace(":", "-").replace("/", "-")
+    title = f"rtl {name} {view.name}"
+    path = folder / f"{title} {view.size}.json".replace(":", "-").replace("/", "-")
     try:
         row = Simulator(config).row(view, LPDDR4, path)
         if "cycles" not in row:
             raise InputError(f"{config.name}: {row['ended']}")
     except InputError as error:
-        failed.append({"what": what, "why": str(error)})
+        failed.append({"what": title, "why": str(error)})
         return None
     if not row["identical"]:
-        failed.append({"what": what, "why": "the picture is not the golden model's"})
+        failed.append({"what": title, "why": "the picture is not the golden model's"})
     return {
         "scene": row["scene"], "camera": row["camera"], "size": row["size"],
         "cycles": row["cycles"]["frame"], "model_cycles": row["model_cycles"]["frame"],

@@ -46,15 +46,15 @@ WAYS: dict[str, Callable[[PackedModel], bytes]] = {
 
 
 def coding(
-    config: Config, scenes: list[str], qualities: list[str], tell: Callable,
+    config: Config, scenes: list[str], qualities: list[str], progress: Callable,
     reading: Reading = AS_STATED,
 ) -> list[dict]:  # fmt: skip
-    """A row for each scene and quality; `tell(done, total, label)`."""
+    """A row for each scene and quality; `progress(done, total, label)`."""
     rows = []
     for scene in scenes:
         original = open_source(scene, reading).unpacked
         for quality in qualities:
-            tell(len(rows), len(scenes) * len(qualities), f"{scene} {quality}")
+            progress(len(rows), len(scenes) * len(qualities), f"{scene} {quality}")
             model = pack(original, config, quality=quality)[0]
             rows.append({"scene": Path(scene).name, "quality": quality} | measured(model))
     return rows

@@ -83,27 +83,27 @@ def measure(config: Config, view: View, tool: str, compressed: list[str], folder
     original = ply_bytes(len(scene), scene.sh_degree)
     about = {"scene": name, "camera": view.camera or camera.name}
 
-    def row(what: str, held: Gaussians, degree: int, stored: int, memory: int | None) -> dict:
+    def row(title: str, held: Gaussians, degree: int, stored: int, memory: int | None) -> dict:
         db = seen.psnr_db(held)
         return about | {
-            "format": what, "gaussians": len(held.position), "sh_degree": degree, "bytes": memory,
+            "format": title, "gaussians": len(held.position), "sh_degree": degree, "bytes": memory,
             "file_bytes": stored, "ratio": original / stored,
             "psnr_db": None if db == SAME_DB else db,
         }  # fmt: skip
 
-    def ours(what: str, model: PackedModel, stored: int) -> dict:
+    def ours(title: str, model: PackedModel, stored: int) -> dict:
         degree = model.format.sh_degree
-        return row(what, model.gaussians(), degree, stored, len(model.image))
+        return row(title, model.gaussians(), degree, stored, len(model.image))
 
     plain = stem.with_suffix(".formats.ply")
     write_ply(plain, scene)
     rows = []
-    for what, end in OTHERS.items():
+    for title, end in OTHERS.items():
         path = stem.with_name(stem.name + end)
-        actions = TURNED if what == "SPZ" else ()
+        actions = TURNED if title == "SPZ" else ()
         called(tool, "--quiet", "--overwrite", "--gpu", "cpu", str(plain), *actions, str(path))
         held = replace(open_source(str(path)).unpacked, antialiased=scene.antialiased)
-        rows.append(row(what, held.gaussians(), held.sh_degree, path.stat().st_size, None))
+        rows.append(row(title, held.gaussians(), held.sh_degree, path.stat().st_size, None))
     plain.unlink()
     for quality in UNLEARNED:
         model = pack(scene, config, quality=quality)[0]

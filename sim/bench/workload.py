@@ -34,8 +34,8 @@ def every_camera(views: list[View]) -> list[View]:
         name = read_camera(view.camera_text, shape_of(view.size)).name
         found.setdefault((view.scene, name), view)
     for view in {(view.scene, view.size): replace(view, camera="") for view in views}.values():
-        beside, shape = view.camera_text, shape_of(view.size)
-        for camera in read_cameras(beside, size=shape) if beside else ():
+        file, shape = view.camera_text, shape_of(view.size)
+        for camera in read_cameras(file, size=shape) if file else ():
             found.setdefault((view.scene, camera.name), replace(view, camera=camera.name))
     return list(found.values())
 

@@ -38,11 +38,11 @@ def progress(label: str):
     """A progress bar; yields the callback that training and compression take."""
     with progress_bar(label) as advance:
 
-        def tell(what: str, done: int, total: int, loss: float | None = None):
+        def report(phase: str, done: int, total: int, loss: float | None = None):
             shown = "" if loss is None else f", loss {loss:.5f}"
-            advance(done, total, f"{label}: {what}{shown}")
+            advance(done, total, f"{label}: {phase}{shown}")
 
-        yield tell
+        yield report
 
 
 def photographs(
@@ -69,8 +69,8 @@ def trained(
     """The baseline of a folder of photographs; `antialiased` is that of `train`."""
     from splatcore.model.compress.train import train
 
-    with progress(f"{label}: training") as tell:
-        return train(targets, read_points(path), steps, seed, folder, tell, antialiased)
+    with progress(f"{label}: training") as report:
+        return train(targets, read_points(path), steps, seed, folder, report, antialiased)
 
 
 def teacher(
@@ -112,8 +112,8 @@ def compressed(
         frames = [pipeline.render(config, model, camera) for camera in cameras]
         return CLOCK_HZ / mean(frame_cycles(config, frame).frame for frame in frames)
 
-    with progress(label) as tell:
-        *_, last = compress(scene, targets, recipe, checkpoints, config, tell, None, speed)
+    with progress(label) as report:
+        *_, last = compress(scene, targets, recipe, checkpoints, config, report, None, speed)
     return checkpoints.load(last)
 
 
@@ -148,10 +148,10 @@ class Run:
             from splatcore.model.compress.compress import compress, decide
 
             subject = self.subject
-            with progress(subject.name) as tell:
+            with progress(subject.name) as report:
                 about = [
                     subject.scene, subject.targets, self.recipe, self.checkpoints, self.config,
-                    tell, subject.ply_bytes,
+                    report, subject.ply_bytes,
                 ]  # fmt: skip
                 self._begin(decide(*about))
                 step = pick(compress(*about))

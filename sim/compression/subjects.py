@@ -141,8 +141,8 @@ class Subject:
     @cached_property
     def path_cameras(self) -> list[Camera]:
         """Cameras on whose path the teacher's views lie: those of the file beside the scene."""
-        beside = camera_beside(self.path)
-        return self.protocol.reading.seen(read_cameras(beside)) if beside else []
+        file = camera_beside(self.path)
+        return self.protocol.reading.seen(read_cameras(file)) if file else []
 
     @cached_property
     def views(self) -> tuple[Target, ...]:
@@ -192,9 +192,9 @@ def find(names: list[str]) -> list[str]:
         raise InputError(f"{place}: there is no such folder; name a SCENE or set {VARIABLE}")
     found = []
     for name in names or SCENES:
-        beside = place / name
-        path = name if os.path.exists(name) or name in GENERATORS else str(beside)
-        if path == str(beside) and not beside.exists():
+        shared = place / name
+        path = name if os.path.exists(name) or name in GENERATORS else str(shared)
+        if path == str(shared) and not shared.exists():
             raise InputError(f"{name}: there is no such file or folder, here or in {place}")
         if is_packed(path):
             raise InputError(f"{name}: is a packed model; compression begins with a scene")

@@ -3,7 +3,7 @@
 Errors of independent roundings add up as squares. So what a format with a bit less adds to a
 picture's mean squared error is measured once, alone; what a set of formats will do is their sum.
 Bits go one at a time, always the one that saves most gates for the decibels it costs, until no
-further one fits. Pictures of full size then tell the truth: the last bits come back if they have
+further one fits. Pictures of full size then progress the truth: the last bits come back if they have
 to, and single ones go until none can go any more.
 """
 
@@ -27,7 +27,7 @@ fewer show (docs/architecture.md)."""
 SEARCHED = 3  # views on which formats are tried one by one: those of the largest errors
 PIXELS = 480 * 270  # of these views meanwhile, if they have more: errors are the same, work is not
 
-Tell = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 def decibels(square: float) -> float:
@@ -52,8 +52,8 @@ class Search:
     built.
     """
 
-    def __init__(self, start: Config, views: list[View], psnr: float, sized: Config, tell: Tell):
-        self.start, self.views, self.sized, self.tell = start, views, sized, tell
+    def __init__(self, start: Config, views: list[View], psnr: float, sized: Config, progress: Progress):
+        self.start, self.views, self.sized, self.progress = start, views, sized, progress
         self.fields, self.psnr, self.bound = list(SHARES), psnr, 10 ** (-psnr / 10)
         self.small = [smaller(view) for view in views]
         self.base = self._squares(self.small, start)
@@ -72,7 +72,7 @@ class Search:
 
     def with_view(self, view: View) -> "Search":
         """The same from the start, with a view more."""
-        other = Search(self.start, [*self.views, view], self.psnr, self.sized, self.tell)
+        other = Search(self.start, [*self.views, view], self.psnr, self.sized, self.progress)
         other.fields = self.fields
         return other
 
@@ -97,7 +97,7 @@ class Search:
         while step := self._next():
             self.steps.append(step)
         while ((truth := self._squares(self.views, self.config)) > self.bound).any():
-            self.tell(f"taking some of {len(self.steps)} bits back")
+            self.progress(f"taking some of {len(self.steps)} bits back")
             self.offset += truth - self.forecast
             self.steps.pop()
             while self.steps and (self.forecast > self.bound).any():
@@ -113,7 +113,7 @@ class Search:
         self.less.pop(field, None)
         while step := self._step(field):
             self.steps.append(step)
-            self.tell(f"confirming {field} {step.bits}")
+            self.progress(f"confirming {field} {step.bits}")
             truth = self._squares(self.views, self.config)
             if (truth > self.bound).any():
                 self.steps.pop()
@@ -151,7 +151,7 @@ class Search:
         if bits == bits_of(self.start, field):
             return np.zeros(len(self.views))
         if (field, bits) not in self.added:
-            self.tell(f"trying {field} {bits}")
+            self.progress(f"trying {field} {bits}")
             if alone := built(self.start, field, bits):
                 added = self._squares(self.small, alone) - self.base
             else:

@@ -47,12 +47,12 @@ PARTS: dict[str, tuple[Build, Callable[[Config], int]]] = {
 adds to the first, the part before."""
 
 
-def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
-    """NAND2-equivalents of all of a machine's parts of a name together. tell: called with the name
+def part_gates(config: Config, progress: Callable[[str], None]) -> dict[str, float]:
+    """NAND2-equivalents of all of a machine's parts of a name together. progress: called with the name
     of the part that is next."""
     found, first = {}, 0.0
     for name, (build, count) in PARTS.items():
-        tell(name)
+        progress(name)
         one = area(build(config))
         found[name] = (one - first if name == "lanes" else one) * count(config)
         first = one

@@ -16,7 +16,7 @@ from splatcore.sim.fit.sizes import SIZES, Missed, Speed, budget, smaller
 from splatcore.sim.fit.views import View
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 
-Tell = Callable[[str], None]
+Progress = Callable[[str], None]
 
 OF_WORK = tuple(field for field, format in FORMATS.items() if format.in_work)
 """Formats with which pixels end later or sooner, and so the work changes."""
@@ -51,39 +51,39 @@ def fps_of(cycles: int) -> float:
     return budget(1.0) / cycles
 
 
-def fit(start: Config, views: list[View], fps: float, psnr: float | None, tell: Tell) -> Fit:
+def fit(start: Config, views: list[View], fps: float, psnr: float | None, progress: Progress) -> Fit:
     """The smallest machine from `start` on; Impossible if there is none."""
     most = budget(fps)
-    frames, errors = rendered(start, views, tell)
+    frames, errors = rendered(start, views, progress)
     if psnr is not None and worst(errors)[1] < psnr:
         start = wider(start)
-        frames, errors = rendered(start, views, tell)
+        frames, errors = rendered(start, views, progress)
         name, found = worst(errors)
         if found < psnr:
             raise Impossible(
                 f"--psnr {psnr:g}: {name} has {found:.2f} dB with the widest formats that are tried"
             )
-    speed, sized = sized_for(start, frames, most, fps, tell)
+    speed, sized = sized_for(start, frames, most, fps, progress)
     if psnr is None:
         return Fit(sized, speed, most, errors, psnr)
     hardest = sorted(views, key=lambda view: -errors[view.name][0])[:SEARCHED]
-    search = Search(start, hardest, psnr, sized, tell)
+    search = Search(start, hardest, psnr, sized, progress)
     for fixed in ((), OF_WORK):
         search, formats = narrowed(search.without(fixed), views)
-        frames, errors = rendered(formats, views, tell)
-        speed, found = sized_for(formats, frames, most, fps, tell)
+        frames, errors = rendered(formats, views, progress)
+        speed, found = sized_for(formats, frames, most, fps, progress)
         if found.rasterizers <= sized.rasterizers:
             break
     return Fit(found, speed, most, errors, psnr, search)
 
 
 def rendered(
-    config: Config, views: list[View], tell: Tell
+    config: Config, views: list[View], progress: Progress
 ) -> tuple[dict[str, Frame], dict[str, tuple[float, float]]]:
     """Frames, and errors of their pictures, by the views' names."""
     frames, errors = {}, {}
     for view in views:
-        tell(f"rendering {view.name}")
+        progress(f"rendering {view.name}")
         frames[view.name] = frame = view.frame(config)
         errors[view.name] = view.square(frame.pixels), view.largest(frame.pixels)
     return frames, errors
@@ -96,10 +96,10 @@ def worst(errors: dict[str, tuple[float, float]]) -> tuple[str, float]:
 
 
 def sized_for(
-    config: Config, frames: dict[str, Frame], most: int, fps: float, tell: Tell
+    config: Config, frames: dict[str, Frame], most: int, fps: float, progress: Progress
 ) -> tuple[Speed, Config]:
     """The smallest sizes for some frames."""
-    speed = Speed(frames, tell)
+    speed = Speed(frames, progress)
     try:
         return speed, speed.choose(config, most)
     except Missed as missed:

@@ -55,8 +55,8 @@ class Missed(Exception):
 class Speed:
     """Cycles of views' frames by machine. frames: by the views' names."""
 
-    def __init__(self, frames: dict[str, Frame], tell: Callable[[str], None]):
-        self.frames, self.tell = frames, tell
+    def __init__(self, frames: dict[str, Frame], progress: Callable[[str], None]):
+        self.frames, self.progress = frames, progress
         self.known: dict[tuple[Config, str], Cycles] = {}
 
     def cycles(self, config: Config, view: str) -> Cycles:
@@ -92,7 +92,7 @@ class Speed:
 
     def _smallest(self, config: Config, choices: list[Config], half: str, most: int) -> Config:
         """The first of choices, of which each is at least as fast as the one before."""
-        self.tell(half)
+        self.progress(half)
         if not self.fits(choices[-1], half, most):
             view, cycles = self.slowest(choices[-1], half)
             stages = asdict(self.cycles(choices[-1], view))
@@ -114,7 +114,7 @@ class Speed:
             sizes = choice.sub_sorters, choice.sub_sorter_entries, choice.merge_ways
             if any(all(a <= b for a, b in zip(sizes, slow, strict=True)) for slow in failed):
                 continue
-            self.tell(f"rendering with {sizes[0]} × {sizes[1]} entries, {sizes[2]} ways")
+            self.progress(f"rendering with {sizes[0]} × {sizes[1]} entries, {sizes[2]} ways")
             if self.fits(choice, "rendering", most):
                 return choice
             failed.append(sizes)

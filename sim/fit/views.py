@@ -87,12 +87,12 @@ def start_config(name: str, model: PackedModel, cameras: list[Camera]) -> Config
 
 
 def views_of(
-    scene: str, model: PackedModel, cameras: list[Camera], tell: Callable[[int, int], None]
+    scene: str, model: PackedModel, cameras: list[Camera], progress: Callable[[int, int], None]
 ) -> list[View]:
-    """Views of a model, called SCENE:CAMERA. tell: called with how many are done, of how many."""
+    """Views of a model, called SCENE:CAMERA. progress: called with how many are done, of how many."""
     views, scene = {}, Path(scene).name.split(".")[0]
     for number, camera in enumerate(cameras):
-        tell(number, len(cameras))
+        progress(number, len(cameras))
         name = scene if camera.name == scene else f"{scene}:{camera.name}"
         name = name if name not in views else f"{name} ({number})"
         views[name] = View(name, model, camera)

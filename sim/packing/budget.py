@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.model.pack.stored import stored_scene
-from splatcore.sim.packing.choose import SAME_DB, Tell, Views
+from splatcore.sim.packing.choose import SAME_DB, Progress, Views
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER
@@ -57,13 +57,13 @@ def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussi
 
 
 def psnr_by_part(
-    scene: Scene, model: PackedModel, cameras: Sequence[Camera] | Views, tell: Tell = str
+    scene: Scene, model: PackedModel, cameras: Sequence[Camera] | Views, progress: Progress = str
 ) -> dict[str, float | None]:
     """dB of the reference's pictures of the scene with one part at a time as it is packed against
     those of the scene as it is, the worst of the views; None for no error."""
     views, found = Views.of(scene, cameras), {}
     for name, gaussians in part_by_part(scene, model):
-        tell(f"error of {name}")
+        progress(f"error of {name}")
         db = views.psnr_db(gaussians)
         found[name] = None if db == SAME_DB else db
     return found

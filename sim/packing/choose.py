@@ -26,7 +26,7 @@ SAME_DB = 200.0
 
 ROUNDS = 7  # of bisection over the chunks that get more harmonics
 
-Tell = Callable[[str], None]  # called with the name of the step that begins
+Progress = Callable[[str], None]  # called with the name of the step that begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +129,12 @@ def packed_model(
 
 
 def packed(
-    source: Source, config: Config, camera: Camera, quality: str | None = None, tell: Tell = str
+    source: Source, config: Config, camera: Camera, quality: str | None = None, progress: Progress = str
 ) -> Packed:
     """A source's scene packed for a machine and a view, kept; what that loses is noted."""
     key = packable(config), (quality or (camera.name, camera.width, camera.height))
     if key not in source.packed:
-        source.packed[key] = choose(source.scene, config, [camera], quality, tell=tell)
+        source.packed[key] = choose(source.scene, config, [camera], quality, progress=progress)
         for line in source.packed[key].report.notes:
             source.note(line)
     return source.packed[key]
@@ -155,7 +155,7 @@ def finest(scene: Scene, config: Config) -> str:
 
 def choose(
     scene: Scene, config: Config, cameras: Sequence[Camera] | Views, quality: str | None = None,
-    least: float = LEAST_DB, tell: Tell = str,
+    least: float = LEAST_DB, progress: Progress = str,
 ) -> Packed:  # fmt: skip
     """The smallest of `UNLEARNED` with at least `least` dB in all views, or the best; or the one
     that is asked for."""
@@ -166,7 +166,7 @@ def choose(
         if views.psnr_db(cut) < least:  # codebooks can only be worse
             names.remove(COMPACT)
     for name in names:
-        tell(f"packing: {name}")
+        progress(f"packing: {name}")
         found = views.judged(*pack(scene, config, quality=name), name)
         if enough(found, least):
             break
@@ -174,7 +174,7 @@ def choose(
 
 
 def smallest(
-    scene: Scene, config: Config, cameras: Sequence[Camera] | Views, least: float, tell: Tell = str
+    scene: Scene, config: Config, cameras: Sequence[Camera] | Views, least: float, progress: Progress = str
 ) -> Packed:
     """The smallest model with at least `least` dB in all views, or the best that there is.
 
@@ -182,14 +182,14 @@ def smallest(
     beat takes off their error in these views; of that order the shortest beginning that suffices.
     """
     views = Views.of(scene, cameras)
-    first = choose(scene, config, views, candidates(scene, config)[0], least, tell)
+    first = choose(scene, config, views, candidates(scene, config)[0], least, progress)
     if enough(first, least) or config.colours == "array":
         return first
-    steps = upgrades(scene, config, views.cameras, tell)
+    steps = upgrades(scene, config, views.cameras, progress)
     plain = np.zeros(chunk_count(len(stepped(scene, config))), np.int64)
 
     def of(count: int) -> Packed:
-        tell(f"packing: {count} of {len(steps)} steps")
+        progress(f"packing: {count} of {len(steps)} steps")
         layouts = plain.copy()
         for chunk, layout in steps[:count]:
             layouts[chunk] = layout
@@ -214,7 +214,7 @@ def enough(packed: Packed, least: float) -> bool:
 
 
 def upgrades(
-    scene: Scene, config: Config, cameras: Sequence[Camera], tell: Tell
+    scene: Scene, config: Config, cameras: Sequence[Camera], progress: Progress
 ) -> list[tuple[int, int]]:
     """Chunks and the layouts that they get one after the other, what takes off most first.
 
@@ -226,12 +226,12 @@ def upgrades(
     kinds = {0: (), 3: (COARSE, FINE)}.get(degree, (SECOND,))
     of = np.arange(len(stored)) // CHUNK
     chunks = chunk_count(len(stored))
-    tell("weighing Gaussians")
+    progress("weighing Gaussians")
     exact = stored.gaussians()
     weights = list(blending_weights(exact, cameras))
     errors = []
     for kind in (0, *kinds):
-        tell(f"weighing chunks: {len(errors) + 1} of {1 + len(kinds)}")
+        progress(f"weighing chunks: {len(errors) + 1} of {1 + len(kinds)}")
         model, _ = pack(scene, config, quality=np.full(chunks, kind))
         error = seen_error(exact, model.gaussians(), weights, cameras)
         errors.append(np.bincount(of, error, chunks))

@@ -28,14 +28,14 @@ DOTS_PER_INCH = 100
 def write_kept(results: Results, folder: Path) -> list[Path]:
     """Write the tables and pictures of all results that are in their folder; others stay."""
     files: dict[Path, bytes] = {}
-    for name, what in TABLES.items():
+    for name, kept in TABLES.items():
         if not (results.folder / SOURCES[name][0]).exists():
             continue
         facts = _facts(results, name)
         found = tables(name, facts, command(name, facts), folder)
         files |= {path: text.encode() for path, text in found.items()}
-        for picture in what.pictures:
-            with Image.open(results.beside(name) / picture) as image:
+        for picture in kept.pictures:
+            with Image.open(results.folder_of(name) / picture) as image:
                 files[folder / picture] = shrunk(image.convert("RGB"), PICTURE_BYTES)
     for path, data in files.items():
         write(path, data)

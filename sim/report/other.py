@@ -82,7 +82,7 @@ def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
 
 def sheet(results: Results) -> Iterator[Item]:
     """All cases' pictures with their errors."""
-    path = results.beside("hard") / SHEET
+    path = results.folder_of("hard") / SHEET
     try:
         with Image.open(path) as image:
             data = shrunk(image.convert("RGB"))
@@ -129,10 +129,10 @@ def power(results: Results) -> Iterator[Item]:
     strong = {len(rows) - 1}
     rows.append(["DRAM, estimate, apart", None, None, facts["dram_w"] / MILLI, None])
     size = "×".join(map(str, facts["size"]))
-    what = f"{facts['scene']} at {size}, {fps:.1f} frames a second, preset {facts['preset']}"
+    setting = f"{facts['scene']} at {size}, {fps:.1f} frames a second, preset {facts['preset']}"
     yield Table(
         "power",
-        f"Estimated power of {what}; the paper's is of its own scenes at {FPS} frames a "
+        f"Estimated power of {setting}; the paper's is of its own scenes at {FPS} frames a "
         f"second, by gate-level simulation. Ours: {facts['power_w'] / fps / MILLI:.3f} mJ a frame, "
         f"{facts['pixels_per_j'] / MILLION:,.0f} Mpixels/J (an estimate) without DRAM.",
         [
@@ -145,7 +145,7 @@ def power(results: Results) -> Iterator[Item]:
     yield Card(
         "How large",
         f"≈ {facts['power_w'] / MILLI:,.0f} mW",
-        f"an estimate, first order: {what}; the paper: {paper['power_w'] / MILLI:.0f} mW at {FPS}",
+        f"an estimate, first order: {setting}; the paper: {paper['power_w'] / MILLI:.0f} mW at {FPS}",
     )
 
 

@@ -51,22 +51,22 @@ def operations(results: Results) -> Iterator[Item]:
         )  # fmt: skip
 
 
-def paper_row(what: str, pes: int, busy: float | None) -> list:
+def paper_row(products: str, pes: int, busy: float | None) -> list:
     """The paper's counts; it prints no clamps and no cycles."""
-    counts = paper.OPERATIONS[what]
+    counts = paper.OPERATIONS[products]
     return [
-        "the paper", what, counts["operations"], counts["multiply"],
+        "the paper", products, counts["operations"], counts["multiply"],
         counts["add"] + counts["subtract"], counts["divide"], None, pes, None,
         busy and 100 * busy,
     ]  # fmt: skip
 
 
-def own_row(facts: Facts, what: str, skip_zeros: bool) -> list:
+def own_row(facts: Facts, products: str, skip_zeros: bool) -> list:
     """Those of a machine's program for the harmonics that it has."""
     config = replace(find_preset(facts["preset"]), skip_zeros=skip_zeros)
     row = facts["programs"][projection(config).name]
     return [
-        facts["preset"], what, row["operations"], row["multiply"], row["add"],
+        facts["preset"], products, row["operations"], row["multiply"], row["add"],
         row["divide_or_root"], row["choose"], row["pes"], row["cycles_an_item"],
         100 * row["pes_busy"],
     ]  # fmt: skip

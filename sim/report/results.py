@@ -153,7 +153,7 @@ class Results:
         self._commands[name], self._versions[name] = found["command"], found["version"]
         return found
 
-    def beside(self, name: str) -> Path:
+    def folder_of(self, name: str) -> Path:
         """The folder of a result, where its pictures are."""
         self.used.append(name)
         return self.kept if self.is_kept(name) else self.path(name).parent

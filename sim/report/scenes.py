@@ -46,8 +46,8 @@ def views(results: Results) -> list[Facts]:
     for row in rows:
         results.check(row)
         if "cycles" not in row:
-            what = f"{row['scene']} {row['camera']}, {row['timing']['name']}"
-            results.troubles.append(f"{row.file}: {what}: {row['ended']}")
+            view = f"{row['scene']} {row['camera']}, {row['timing']['name']}"
+            results.troubles.append(f"{row.file}: {view}: {row['ended']}")
     done = [row for row in rows if "cycles" in row]
     if not done:
         raise InputError(f"{results.path('scenes').parent}: holds no finished view")

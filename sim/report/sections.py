@@ -51,9 +51,9 @@ def compose(name: str, results: Results) -> Part:
         except InputError as error:
             part.problems.append(str(error))
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            what = ", ".join(dict.fromkeys(results.used)) or "results"
+            names = ", ".join(dict.fromkeys(results.used)) or "results"
             kind = type(error).__name__
-            part.problems.append(f"{what}: not as they should be ({kind}: {error})")
+            part.problems.append(f"{names}: not as they should be ({kind}: {error})")
         part.problems += results.troubles
         results.troubles.clear()
     part.problems = list(dict.fromkeys(part.problems))

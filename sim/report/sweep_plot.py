@@ -21,13 +21,13 @@ PLANE_HEIGHT, ROW, BETWEEN = 3.7, 0.17, 0.36
 """Inches of a plot of one number over another; of a value in the plots of knobs, between two."""
 
 
-def values(points: Facts, what: str) -> dict[str, float]:
+def values(points: Facts, quantity: str) -> dict[str, float]:
     """One number of each point that has it."""
     key, unit = {
         "cycles": ("frame_cycles_max", MILLION), "gates": ("nand2", THOUSAND),
         "fps": ("fps_min", 1), "psnr": ("psnr_db_machine_mean", 1),
         "lowest": ("psnr_db_machine_min", 1),
-    }[what]  # fmt: skip
+    }[quantity]  # fmt: skip
     found = {name: point.get(key) for name, point in points.items()}
     return {name: value / unit for name, value in found.items() if value is not None}
 
@@ -70,7 +70,7 @@ def scatter(axes: Axes, points: Facts, across: str, up: str) -> dict[str, tuple[
 
 def whiskers(axes: Axes, points: Facts, across: str):
     """Lines from the mean PSNR down to the lowest."""
-    x, mean, lowest = (values(points, what) for what in (across, "psnr", "lowest"))
+    x, mean, lowest = (values(points, quantity) for quantity in (across, "psnr", "lowest"))
     for name in x:
         if name in mean and name in lowest:
             axes.plot([x[name]] * 2, [lowest[name], mean[name]], color=plot.GREY, lw=0.9, zorder=2)
@@ -89,9 +89,9 @@ def plane(key: str, caption: str, points: Facts, across: str, up: str, **lines: 
         if across == "gates" and up == "psnr":
             whiskers(axes, points, across)
         named = scatter(axes, points, across, up)
-        for what, value in lines.items():
+        for quantity, value in lines.items():
             style = {"color": plot.INK, "linestyle": "--", "linewidth": 0.9, "zorder": 1}
-            (axes.axvline if what == across else axes.axhline)(value, **style)
+            (axes.axvline if quantity == across else axes.axhline)(value, **style)
         axes.margins(0.1)
         axes.set_xlabel(LABELS[across])
         axes.set_ylabel(LABELS[up])
@@ -115,8 +115,8 @@ def knobs(key: str, points: Facts) -> str:
         )
         columns = ("cycles", "psnr", "gates")
         for row, (knob, names) in zip(grid, groups.items(), strict=True):
-            for axes, what in zip(row, columns, strict=True):
-                dots(axes, points, names, what)
+            for axes, quantity in zip(row, columns, strict=True):
+                dots(axes, points, names, quantity)
             row[0].set_yticks(range(len(names)), [str(points[name]["value"]) for name in names])
             for axes in row[1:]:
                 axes.set_yticks(range(len(names)), [""] * len(names))
@@ -127,13 +127,13 @@ def knobs(key: str, points: Facts) -> str:
     return plot.plot(key, sum(heights) + 0.4, draw)
 
 
-def dots(axes: Axes, points: Facts, names: list[str], what: str):
+def dots(axes: Axes, points: Facts, names: list[str], quantity: str):
     """One number of some points, a line each."""
-    found, lowest = values(points, what), values(points, "lowest")
+    found, lowest = values(points, quantity), values(points, "lowest")
     for place, name in enumerate(names):
         if name not in found:
             continue
-        if what == "psnr" and name in lowest:
+        if quantity == "psnr" and name in lowest:
             axes.plot([lowest[name], found[name]], [place] * 2, color=plot.GREY, linewidth=1)
         axes.plot(found[name], place, "o", color=plot.COLOURS[0])
     if "DEFAULT" in found:

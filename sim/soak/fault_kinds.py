@@ -141,7 +141,7 @@ def drawn_answer(config: Config, kind: str, seed: int, pair: bool, below: Below)
     way = kind if kind in ("read", "write") else ("read", "write")[below(2)]
     if kind == "missing":
         timing = {f"{way}_missing": one(way)}
-        return Fault(ErrorCode.NONE, timing=timing, told=False, stuck=True)
+        return Fault(ErrorCode.NONE, timing=timing, reported=False, stuck=True)
     if kind == "stray":
         nobody = (1 << ID_BITS) - 1
         detail = nobody + (1 << ID_BITS if way == "write" else 0)
@@ -165,7 +165,7 @@ def hand_over(config: Config, seed: int, pair: bool) -> list[Fault]:
 def aborted(cycles: int) -> Fault:
     """ABORT so many cycles after B's start."""
     after = cycles, "write", "CONTROL", registers.ABORT
-    return Fault(ErrorCode.NONE, after=after, told=False)
+    return Fault(ErrorCode.NONE, after=after, reported=False)
 
 
 def drawn_host(config: Config, kind: str, seed: int, pair: bool, below: Below) -> Fault:
@@ -173,7 +173,7 @@ def drawn_host(config: Config, kind: str, seed: int, pair: bool, below: Below) -
     times = timetable(config, seed, pair)
     whole, points = times.end - times.begin, times.ready - times.begin
     if kind == "reset":
-        return Fault(ErrorCode.NONE, after=(below(whole + 100) + 1, "reset"), told=False)
+        return Fault(ErrorCode.NONE, after=(below(whole + 100) + 1, "reset"), reported=False)
     if kind == "abort":
         return aborted(below(whole) + 1)
     wait = below(points - 300) + 1
@@ -192,8 +192,8 @@ def check_outcome(config: Config, fault: Fault, outcome: Outcome, pair: bool):
     frame, and so is each of A and B that the fault does not take."""
     code, detail, halves = registers.split_error(outcome.error)
     flight = [A, B] if pair else [B]
-    told = {fault.code} | ({ErrorCode.READ} if fault.twice else set())
-    assert code in told, f"told {code.name}, not {fault.code.name}"
+    expected = {fault.code} | ({ErrorCode.READ} if fault.twice else set())
+    assert code in expected, f"told {code.name}, not {fault.code.name}"
     if code in CLIENTS:
         half = [*CLIENTS[code].values()][detail]
         assert fault.twice or halves == 1 << half, f"half {half} failed, told of {halves:02b}"
@@ -205,7 +205,7 @@ def check_outcome(config: Config, fault: Fault, outcome: Outcome, pair: bool):
     right = {k: np.array_equal(outcome.images[k], golden(config, k).pixels) for k in flight}
     if fault.after and fault.after[1] == "reset":
         done = []
-    elif not (fault.told or fault.survives):  # each frame in flight is given up, or waits for ever
+    elif not (fault.reported or fault.survives):  # each frame in flight is given up, or waits for ever
         done = flight[: outcome.finished]
         assert not fault.stuck or len(done) < len(flight)
         assert fault.stuck or outcome.before == outcome.finished, "a frame outlives ABORT"

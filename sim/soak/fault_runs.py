@@ -47,7 +47,7 @@ class Fault:
 
     code, detail: of ERROR (None: any). values: registers of frame B. header: fields of its model's
     header. timing: memory's faults. after: cycles from B's start, and what the host does then.
-    survives: no frame is lost. told: there will be an error. twice: it and a read error. stuck: the
+    survives: no frame is lost. reported: there will be an error. twice: it and a read error. stuck: the
     machine waits for ever, and the host resets it.
     """
 
@@ -58,7 +58,7 @@ class Fault:
     timing: dict | None = None
     after: tuple | None = None
     survives: bool = False
-    told: bool = True
+    reported: bool = True
     twice: bool = False
     stuck: bool = False
 
@@ -172,7 +172,7 @@ def run_fault(config: Config, fault: Fault, seed: int, pair: bool) -> Outcome:
         cycles, command, *values = fault.after
         script.cycles(cycles)
         getattr(script, command)(*values)
-    if fault.told:
+    if fault.reported:
         script.wait(registers.INTERRUPT_ERROR)
     asked = {"before": script.read("FINISHED")}
     rest = timetable(config, seed, pair).end + QUIET

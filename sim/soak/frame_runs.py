@@ -89,10 +89,10 @@ def differences(made: Drawn, run: Run) -> str:
         golden = render(made.config, *job)
         if count := int((rendered.pixels != golden.pixels).any(axis=-1).sum()):
             return f"frame {k}: {count} of {job.camera.width * job.camera.height} pixels differ"
-        told = rendered.counters
+        counters = rendered.counters
         for name, right in counted(made.config, job.model, golden).items():
-            if name in told and told[name] != right:
-                return f"frame {k}: counter {name} is {told[name]}, not {right}"
+            if name in counters and counters[name] != right:
+                return f"frame {k}: counter {name} is {counters[name]}, not {right}"
     return ""
 
 
