@@ -232,7 +232,7 @@ def bench_compression(
 def why(error: Exception) -> str:
     """An error in a line."""
     if isinstance(error, MemoryError):
-        return "memory exhausted"
+        return "out of memory"
     text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
     return " ".join(text.split())
 
