@@ -75,7 +75,7 @@ def fit(
         name, found = worst(errors)
         if found < psnr:
             raise Impossible(
-                f"--psnr {psnr:g}: {name} has only {found:.2f} dB with the widest formats tried"
+                f"--psnr {psnr:g}: {name} has {found:.2f} dB with the widest formats tried"
             )
     speed, sized = sized_for(start, frames, most, fps, progress)
     if psnr is None:

@@ -236,9 +236,8 @@ def fitted(results: Results) -> Iterator[Item]:
         return
     yield Table(
         "fit",
-        "The machines by view: cycles and frames per second by the cycle model, PSNR of the golden "
-        "model against the reference on the same packed model (machine). The commands are derived "
-        "from the results, and may lack the cameras and sizes that were used.",
+        "The machines by view, by cycle model and golden model. PSNR: against the reference on the "
+        "same packed model. The commands may lack the cameras and sizes that were used.",
         [
             Column("machine"), Column("target"), Column("view"), Column("frame", "M cycles", 2),
             Column("FPS", "at 800 MHz", 1), Column("PSNR, machine", "dB", 2, none="exact"),

@@ -97,9 +97,8 @@ def gates(results: Results) -> Iterator[Item]:
 
     yield plotted(
         "gates-by-stage",
-        "Gates by stage (x axis: thousands of NAND2-equivalents), ours and the paper's. The paper "
-        "has no separate stage for binning. Its four sorters have 256 entries each and find the "
-        "maximum of all entries at once.",
+        "Gates by stage, ours and the paper's. The paper has no stage for binning; its four "
+        "sorters have 256 entries each and find the maximum of all entries at once.",
         "Bars of each stage, ours and the paper's.",
         1 + 0.34 * len(stages), draw, "synth",
     )  # fmt: skip
