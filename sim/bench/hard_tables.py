@@ -31,7 +31,7 @@ def table(outcomes: list[Outcome], title: str) -> Table:
         "dB, machine", "dB, own rule", "SSIM, machine", "max error, machine", "dB, scene",
         "dB, packing", "cycles",
     )  # fmt: skip
-    drawn = new_table("case", numbers, title, ("left out", "bound", ""))
+    drawn = new_table("case", numbers, title, ("dropped", "bound", ""))
     for outcome in outcomes:
         error, scene, packing = outcome.error, outcome.scene, outcome.packing
         values = outcome.psnr_db, outcome.psnr_db_rule
