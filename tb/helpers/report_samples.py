@@ -231,7 +231,7 @@ def others(folder: Path):
     whole = {"parts": {"whole": part}, "seeds": [part | {"fmax_mhz": 43.2}, part]}
     write(folder / "fpga-whole.json", facts | {"preset": "FPGA", "speed": "8"} | whole)
     view = halves(1_000_000) | {"fps": 800.0, "psnr_db_machine": None, "max_error_machine": 0.0}
-    field = {"default": 4, "chosen": 1, "reason": "there is no less"}
+    field = {"default": 4, "chosen": 1, "reason": "no smaller value exists"}
     write(folder / "fit/small.json", {
         "scene": "vase.ply", "fps": 60.0, "psnr_db_machine": 50.0, "fields": {"rasterizers": field},
         "views": {"vase.ply:0": view},

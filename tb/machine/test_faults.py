@@ -51,7 +51,7 @@ def test_exactly_enough(pair):
     """With as many list pages and features as the frame needs all is well; with one fewer not."""
     binned = golden(TINY, B).binned
     needed = {"LISTS_PAGES": binned.lists.needed, "FEATURES_MAX": len(binned.kept)}
-    enough = Fault(ErrorCode.NONE, values=needed, survives=True, told=False)
+    enough = Fault(ErrorCode.NONE, values=needed, survives=True, reported=False)
     check(TINY, [enough], 0, pair)
     for name, code in (("LISTS_PAGES", ErrorCode.PAGES), ("FEATURES_MAX", ErrorCode.FEATURES)):
         check(TINY, [Fault(code, values={name: needed[name] - 1})], 0, pair)

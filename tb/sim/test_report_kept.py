@@ -86,7 +86,7 @@ def test_the_repository_s_own_page(tmp_path):
     lines = done.stderr.splitlines()
     missing = set(SOURCES) - kept
     assert done.returncode == bool(lines), done.stderr
-    assert all("; made by: make " in line for line in lines), done.stderr
+    assert all("; create with: make " in line for line in lines), done.stderr
     for name in missing:
         assert any(SOURCES[name][0] in line for line in lines), name
     for section, key in (("quality", "quality"), ("published", "published")):
@@ -148,7 +148,7 @@ def test_views_that_were_not_simulated_are_named(kept, tmp_path, capsys):
     path.write_text("\n".join(line for line in lines if not line.startswith("vase.ply")) + "\n")
     found = page(tmp_path, capsys, "--section", "scenes")
     assert found.status == 1
-    assert "scenes: not simulated in RTL: vase 0; made by: make RESULTS=" in found.said
+    assert "scenes: not simulated in RTL: vase 0; create with: make RESULTS=" in found.said
     assert len(found.table("scenes", "scenes")) == 2
 
 
@@ -187,7 +187,7 @@ BROKEN = {
     "added": (lambda text: text.replace(",asked,", ",asked,seen,", 1), "column 'seen' is unknown"),
     "short": (lambda text: text.rpartition(",")[0], "line 15: has 26 cells, not 27"),
     "no number": (lambda text: text.replace("21.75", "many", 1),
-                  "line 7: bytes_per_gaussian: 'many' is no value"),
+                  "line 7: bytes_per_gaussian: 'many' is not a value"),
     "no version": (lambda text: text.replace("# version", "# made by", 1),
                    "has no line '# version: …'"),
     "empty": (lambda text: "", "has no line '# command: …'"),

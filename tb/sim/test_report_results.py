@@ -52,12 +52,12 @@ def broken(path: Path, what: str):
 @pytest.mark.parametrize(
     "what, named",
     {
-        "missing": "fpga.json: is not there; made by: make RESULTS=",
+        "missing": "fpga.json: does not exist; create with: make RESULTS=",
         "no JSON": "fpga.json: is not JSON",
-        "NaN": "fpga.json: is not JSON (NaN is no number)",
-        "no object": "fpga.json: holds no object",
+        "NaN": "fpga.json: is not JSON (NaN is not a number)",
+        "no object": "fpga.json: is not a JSON object",
         "no key": "fpga.json: parts.array has no key 'luts'",
-        "odd": "fpga: not as they should be (TypeError",
+        "odd": "fpga: invalid content (TypeError",
         "failed": "fpga.json: sub_sorter is not placed: does not fit",
     }.items(),
 )
@@ -107,7 +107,7 @@ def test_only_some_scenes(results, capsys, monkeypatch):
     scenes = [row["scene"] for row in found.table("work", "work")]
     assert "vase.ply" in scenes and "hall.spz" not in scenes
     found = report(results, capsys, *words, "--scene", "new.spz")
-    assert found.status == 1 and "work.json: has nothing about new.spz" in found.said
+    assert found.status == 1 and "work.json: has no rows of new.spz" in found.said
 
 
 def test_another_size_or_machine(results, capsys):
@@ -232,7 +232,7 @@ def test_make_report(tmp_path):
     row = found.table("paper", "operations")[3]
     assert row["all, operations"] == programs["operations"] != 100
     assert found.status and found.said.count("error: ") == 1 and "odd.ply" in found.said
-    assert f"power.json: is not there; made by: make RESULTS={place}" in found.text
+    assert f"power.json: does not exist; create with: make RESULTS={place}" in found.text
     assert found.table("paper", "gates") and not found.sections["power"]["tables"]
 
 
