@@ -185,10 +185,7 @@ class Forked(wiring.Component):
         m = Module()
         m.submodules.part = part = self.part
         m.d.comb += [part.i.payload.eq(self.payload), part.i.valid.eq(self.valid)]
-        had, taking = (
-            Signal(self.count),
-            Signal(self.count),
-        )  # outputs that had it, take it
+        had, taking = Signal(self.count), Signal(self.count)  # outputs that had it, take it
         offered = keeps_offers(m, part.i, Assume)
         for k, o in enumerate(part.o):
             m.d.comb += [o.ready.eq(self.ready[k]), taking[k].eq(o.valid & o.ready)]
