@@ -16,7 +16,7 @@ class Answers(Around):
     Asserts:
     - a response stays until it is taken;
     - each request has exactly one response; a write's request is an address and data;
-    - the response comes at most `LATENCY` cycles late, once the previous one is taken;
+    - with a request inside, at most `LATENCY` cycles pass without a response;
     - a write's address and data are accepted in any order: neither waits for the other;
     - a write is executed once, at its own address with its own data, and only with all strobes set;
       its response is OKAY exactly if it was executed.

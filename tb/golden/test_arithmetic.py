@@ -115,7 +115,7 @@ def test_float16_compare():
 @pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
 @pytest.mark.slow
 def test_exact(format):
-    """Products, sums and order against rationals: all pairs of small formats, hard ones of large."""
+    """Products, sums and order, by rationals: all pairs of small formats, hard ones of large."""
     small = format in SMALL
     a, b = every_pair(format.width) if small else pairs(format, np.random.default_rng(5), 20_000)
     codes = list(zip(a.tolist(), b.tolist(), strict=True))

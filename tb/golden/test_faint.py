@@ -51,7 +51,7 @@ def test_cases_are_hard(name):
 
 
 def test_fog():
-    """Behind T just below 1/32, all Gaussians are barely visible; together they change the image."""
+    """Behind T just below 1/32 all Gaussians are barely visible; together they change the image."""
     case = HARD["fog"](0)
     gaussians = case.scene.gaussians()
     assert (gaussians.opacity[2:] == 1.2 * ALPHA_MIN).all() and len(gaussians) == 5_002

@@ -203,7 +203,7 @@ def test_float_properties(format):
 
 @pytest.mark.parametrize("format", FIXED, ids=str)
 def test_fixed(format):
-    """Encoding rounds value / step (in rationals) and saturates; decoding multiplies by the step."""
+    """Encoding rounds value / step, by rationals, and saturates; decoding multiplies by step."""
     rounding = {"nearest-even": round, "floor": floor, "ceiling": ceil}[format.rounding]
     low = -(2 ** (format.width - 1)) if format.signed else 0
     high = low + 2**format.width - 1
@@ -244,7 +244,7 @@ def test_every_code_returns(format):
 
 @pytest.mark.parametrize("format", [FP16, FP24, Fixed(4, 4), Fixed(4, 20, True), Bits(9)], ids=str)
 def test_shapes(format):
-    """The result has the input's shape, also for scalars and empty arrays; the input is unchanged."""
+    """The result has the input's shape, even if scalar or empty; the input is unchanged."""
     for shape in ((), (0,), (3,), (2, 0), (2, 3, 4)):
         values = np.ones(shape, np.int64 if isinstance(format, Bits) else np.float64)
         for result in (format.encode(values), format.round(values)):
