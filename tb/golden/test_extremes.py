@@ -31,7 +31,7 @@ def test_reference(name, convention):
 
 @pytest.mark.parametrize("scale", HUGE)
 def test_gaussians_larger_than_any_integer_cover_the_picture(scale):
-    """They look like Gaussians of scale 1e9, which have the same alpha at every pixel."""
+    """They equal Gaussians of scale 1e9, with one alpha at every pixel, or are counted."""
     scene = cloud(2)
     huge, large = (replace(scene, scale=np.full((len(scene), 3), s)) for s in (np.exp(scale), 1e9))
     frame, expected = (render(s.gaussians(), camera()) for s in (huge, large))

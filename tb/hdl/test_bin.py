@@ -280,7 +280,7 @@ def test_too_few_pages(monkeypatch):
     simulation = Simulation(ListWriter(TINY), samples=("needed", "exceeded", "done"))
     for pages in (0, 1, most - 1, most):
         for wanted in sorted({1, pages, pages + 1, most, most + 1, most + 9} - {0}):
-            entries = wanted * (TINY.page - 1)  # all but a page's last slot; all of one group
+            entries = wanted * (TINY.page - 1)  # without a page's last slot; all of one group
             finish = np.repeat([0, 1, 0, 1], [groups + entries, room, 2, room]).astype(np.uint64)
             run = simulation.run(
                 {"i": np.zeros((entries, bin_entry_record(TINY).size), np.uint8)},

@@ -41,7 +41,7 @@ PROOFS = {
     "register": lambda: Followed(Register(WIDTH), in_register, latency=1, capacity=2),
     "slot": lambda: Followed(Slot(WIDTH), in_slot, latency=1, capacity=1),
     "stage": lambda: Followed(Stage(WIDTH), in_stage, latency=1, capacity=1),
-    **{f"queue_{depth}": partial(queue, depth) for depth in (2, 5)},  # 5: no power of two
+    **{f"queue_{depth}": partial(queue, depth) for depth in (2, 5)},  # 5: not a power of two
     **{f"memory_{depth}": partial(queue, depth, True) for depth in (3, 8)},
     **{f"pipe_{latency}": partial(pipe, latency) for latency in (1, 4)},
     "fork": lambda: Forked(Fork(WIDTH, 3)),

@@ -21,7 +21,7 @@ def given(most: int, step: int = 1) -> Given:
 PROOFS = {
     "one": lambda: given(1),
     "two": lambda: given(2),
-    "five": lambda: given(5),  # no power of two
+    "five": lambda: given(5),  # not a power of two
     "several": lambda: given(8, step=4),
     "queue": lambda: credited(2, latency=1),
     "short": lambda: credited(3, latency=5),  # the datapath is never full

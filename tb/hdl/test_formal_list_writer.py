@@ -35,8 +35,8 @@ FAULTS = {
     "a list twice": ("_handle", "flushing & ~had_group", "flushing"),
     "an entry behind a list": ("_handle", "Mux(flushing, 0, final)", "final"),
     "a row of the frame before": ("_handle", "Mux(self.taking, Val", "Mux(1, Val"),
-    "a row as it was": ("_present", "take & through & (held", "0 & (held"),
-    "an entry as it was": ("_present", "same & (slot == k)", "0"),
+    "a stale row": ("_present", "take & through & (held", "0 & (held"),
+    "a stale entry": ("_present", "same & (slot == k)", "0"),
     "a row from before the reset": ("elaborate", "self.count - 1", "self.count - 2"),
     "flushed with an entry inside": ("elaborate", "free & ~self.i.valid", "free"),
 }

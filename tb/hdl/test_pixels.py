@@ -116,19 +116,13 @@ class Frames(wiring.Component):
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A frame to write.
+    """A frame to write."""
 
-    pixels: [H, W, 3] uint8
-    empty: [groups] bool
-    at, stride: address and distance of rows, in beats
-    background: colour codes
-    """
-
-    pixels: np.ndarray
-    empty: np.ndarray
-    at: int
-    stride: int
-    background: tuple[int, ...]
+    pixels: np.ndarray  # [H, W, 3] uint8
+    empty: np.ndarray  # [groups] bool
+    at: int  # address, in beats
+    stride: int  # distance of rows, in beats
+    background: tuple[int, ...]  # colour codes
 
 
 def image(config: Config, size, empty: np.ndarray, seed: int = 0) -> Image:

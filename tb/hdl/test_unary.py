@@ -67,7 +67,7 @@ def assert_close(function, format: Float, codes: np.ndarray, bound=(3, 4)) -> No
     _, x, a = fields(format, codes)
     assert (x > 0).all()
     if function is reciprocal and not format.subnormal:
-        ends = (2**format.bias, 2 ** (format.bias - 1))  # from here on 0, min_normal
+        ends = (2**format.bias, 2 ** (format.bias - 1))  # with result 0, min_normal
         gone, least = (codes >= format.encode(float(end)) for end in ends)
         np.testing.assert_array_equal(results[gone], 0)
         np.testing.assert_array_equal(results[~gone & least], 1 << format.fraction)
