@@ -269,8 +269,6 @@ def headline() -> list[list[str]]:
 def test_the_headline_figures():
     """Each stands in the page's table as kept results have it, with a command that exists."""
     for page, figures in zip(PAGES, headline(), strict=True):
-        rows = re.findall(
-            r"^\| .* \| (.*) \| `make (?:.* )?out/report/results/(.*)` \|$", page, re.M
-        )
+        rows = re.findall(r"^\| .* \| (.*) \| `make (?:.* )?out/report/results/(.*)` \|$", page, re.M)
         assert [value for value, _ in rows] == figures
         assert {file for _, file in rows} <= {file for file, _ in SOURCES.values()}
