@@ -1,4 +1,4 @@
-"""The stream primitives under all stall patterns, their promises counted in cycles."""
+"""Stream primitives under all stall patterns: order, latency, capacity and throughput in cycles."""
 
 import gc
 
@@ -13,7 +13,7 @@ WIDTH = 16
 
 
 def part(component, latency: int, capacity: int, outputs: int = 1, pace: int = 1) -> tuple:
-    """A component and its docstring's promises; pace: cycles from one item to the next."""
+    """Return a component and its docstring's promises. pace: cycles per item"""
     level = hasattr(component, "level")
     promise = {"latency": latency, "capacity": capacity, "outputs": outputs, "level": level}
     promise["pace"] = pace
@@ -54,7 +54,7 @@ def test_under_verilator():
     ],
 )
 def test_broken_promise_is_named(name, promise, test):
-    """The testbench fails, and says where, if a part does not do what it is said to do."""
+    """The testbench fails, and names test and part, if a promise is off by one."""
     broken = PROMISES[name] | {promise: PROMISES[name][promise] - 1}
     with pytest.raises(AssertionError, match=rf"tb\.testbenches\.stream\.{test}/part={name}"):
         run("verilator", {name: broken, "fork": PROMISES["fork"]}, few=True)

@@ -1,4 +1,4 @@
-"""Preset files: what is written is read back equal, and what is wrong is told by file and key."""
+"""Preset files: a written machine reads back equal, and errors name the file and the key."""
 
 import re
 from dataclasses import replace
@@ -36,7 +36,7 @@ FIELDS = {
 
 @st.composite
 def machines(draw) -> tuple[Config, Config]:
-    """A machine that can be built, and the preset that it is described by."""
+    """Draw a base preset, and a buildable machine derived from it."""
     base = draw(st.sampled_from(list(PRESETS.values())))
     chosen = draw(st.lists(st.sampled_from(sorted(FIELDS)), unique=True))
     try:
@@ -49,14 +49,14 @@ def machines(draw) -> tuple[Config, Config]:
 
 @settings(max_examples=200, deadline=None)
 @given(machines())
-def test_what_is_written_is_read_back(tmp_path_factory, pair):
+def test_round_trip(tmp_path_factory, pair):
     base, config = pair
     path = tmp_path_factory.getbasetemp() / "machine.toml"
     write_preset(path, config, base, {"pes": "two\nlines # and a mark"}, about="head\nof two lines")
     assert find_preset(str(path)) == config
 
 
-def test_only_what_differs_is_written_under_its_reason():
+def test_file_holds_differences_with_their_reasons():
     config = replace(DEFAULT, name="small", pes=3, arithmetic=FP16)
     text = preset_text(config, DEFAULT, {"pes": "three\nwill do", "rasterizers": "no matter"})
     assert text.split("\n") == [
@@ -125,7 +125,7 @@ def test_names_and_files(tmp_path):
         ("colour_index = [[20, 20], [9]]", "colour_index or sh_index do not fit"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_by_file_and_key(tmp_path, text, error):
+def test_errors_name_file_and_key(tmp_path, text, error):
     path = write(tmp_path / "bad.toml", text)
     with pytest.raises(InputError, match=rf"^{re.escape(path)}: .*{re.escape(error)}") as found:
         find_preset(path)
@@ -150,6 +150,6 @@ def test_commands_take_files(tmp_path, capsys):
 
 
 def test_there_is_one_way_to_find_a_preset():
-    """No command knows names only."""
+    """No command looks presets up by name only, so all accept files."""
     for path in (ROOT / "sim").rglob("*.py"):
         assert not re.search(r"\bPRESETS(\[|\.get)", path.read_text()), path.name
