@@ -16,7 +16,7 @@ using Traced = VerilatedVcdC;
 constexpr const char* WAVES_FILE = "/waves.vcd";
 #endif
 
-// The file: signals of a module and of so many levels of modules in it, of all without.
+// The file: signals of `scope`, a module, down to a number of levels; of all modules without it.
 struct Waves : Traced {
     Waves(Vtop& top, Settings& s) {
         top.trace(this, 99);
@@ -28,7 +28,7 @@ struct Waves : Traced {
     }
 };
 
-// Writes down a window: given cycles, or from a read of an address until a rectangle's bytes of the
+// Records a window: given cycles, or from a read of an address until all bytes of a rectangle of the
 // image have been written.
 struct Window {
     Waves waves;

@@ -57,8 +57,8 @@ def test_find_scope():
     assert find_scope(NAMES, "raster.setup") == "TOP.top.raster.setup"
     assert find_scope(NAMES, "top") == "TOP.top"
     for wanted, message in (
-        ("setup", "is one of TOP.top.raster.setup, TOP.top.points.setup; say more"),
-        ("top.setap", "no such module; near it: setup"),
+        ("setup", "could be TOP.top.raster.setup, TOP.top.points.setup; give more"),
+        ("top.setap", "no such module; similar: setup"),
         ("aster.setup", "no such module"),
     ):
         with pytest.raises(InputError, match=f"--scope {wanted}: .*{message}"):
@@ -117,7 +117,7 @@ def test_lz4():
 
 def test_kinds(monkeypatch):
     assert check_kind(Path("w.vcd")) == check_kind(Path("w")) == "vcd"
-    with pytest.raises(InputError, match=r"w\.ghw: does not end with \.vcd or \.fst"):
+    with pytest.raises(InputError, match=r"w\.ghw: must end in \.vcd or \.fst"):
         check_kind(Path("w.ghw"))
     monkeypatch.setattr(wave_kind, "has_headers", lambda *names: "lz4.h" not in names)
     with pytest.raises(InputError, match=r"w\.fst: FST needs zlib\.h and lz4\.h .*liblz4-dev"):
