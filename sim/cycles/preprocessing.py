@@ -90,7 +90,7 @@ def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
                     placed = max(placed, place_left[inside % INSIDE])
                     pushed = max(placed + lengths[2], released[inside % slots])
                     entered = max(entered + steps[3], pushed, gone[splats % queue])
-                    entered = np.ceil(entered / steps[3]) * steps[3]  # aligned with the array's round
+                    entered = np.ceil(entered / steps[3]) * steps[3]  # the array's round
                     place_left[inside % INSIDE] = pushed - lengths[2]
                     released[inside % slots] = entered + lengths[3]
                     inside += 1

@@ -281,7 +281,7 @@ def test_what_cannot_be_run(join):
         ({"constants": {"key": 0}}, "constants .* are not"),
         ({"constants": constants | {"mask": 256}}, "mask: 256 does not fit in 8 bits"),
         ({"constants": constants | {"mask": np.array([1, 256])}}, "mask: a number does not fit"),
-        ({"constants": constants | {"key": np.array([1, 2])}}, "key: .* 100 bits; give rows"),
+        ({"constants": constants | {"key": np.array([1, 2])}}, "key: .* 100 bits; pass rows"),
         ({"inputs": rows | {"b": rows["b"][:, 1:]}}, r"b: .* is not uint8 \[N, 12\]"),
         ({"inputs": rows | {"b": rows["b"] | 0x80}}, "b: a row has bits above its 92"),
         ({"expected": {"p": 1}}, "no out stream p"),
