@@ -143,7 +143,7 @@ def names_of(machine: Machine) -> list[Signal]:
 
 
 def streams_of(names: list[Signal]) -> Iterator[tuple[str, dict[str, dict[str, int]]]]:
-    """Modules with streams, and for each stream its valid, ready, payload and fields with widths."""
+    """Modules with streams: for each stream its valid, ready, payload and fields, with widths."""
     modules = defaultdict(dict)
     for signal in names:
         modules[signal.scope][signal.name] = signal.width
