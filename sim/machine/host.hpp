@@ -1,8 +1,8 @@
 // The machine's host: runs a script over AXI4-Lite.
 //
-// A wait collects the bits of INTERRUPT in `pending`, with the cycle at which the interrupt rose, and
-// ends when one of its bits is set. FRAME may stand for two ends if the second comes before the bit
-// is cleared; FINISHED, read afterwards, counts them. An error outside of the wait's mask, or a
+// A wait collects the bits of INTERRUPT in `pending`, with the cycle at which the interrupt rose,
+// and ends when one of its bits is set. FRAME may stand for two ends if the second comes before the
+// bit is cleared; FINISHED, read afterwards, counts them. An error outside of the wait's mask, or a
 // machine without activity, ends the script; its last part, after `finally`, still runs.
 //
 // With `live`, lines of standard input follow the script, each read when the previous command is

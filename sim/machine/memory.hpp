@@ -1,17 +1,17 @@
 // The memory on the machine's AXI4 master: accessible regions anywhere in the address space, whose
 // bytes are stored in a memory-mapped file. Accesses outside of them, and writes to read-only
-// regions, are answered by a decode error and counted. Reads and writes have separate paths and share
-// the bandwidth; all answers come in the order of their requests.
+// regions, are answered by a decode error and counted. Reads and writes have separate paths and
+// share the bandwidth; all answers come in the order of their requests.
 //
 // A read returns the contents at its request, and a write takes effect with its answer: a machine
 // that relies on more gives wrong results here. A violation of AXI's rules ends the run: an offer
-// that is withdrawn or changed, a burst of partial beats, a burst across a boundary, or a WLAST that
-// is not at a burst's last beat.
+// that is withdrawn or changed, a burst of partial beats, a burst across a boundary, or a WLAST
+// that is not at a burst's last beat.
 //
 // Timing: `latency` cycles from accepting a request to its first beat, and from a burst's last beat
-// to its answer; at most `outstanding` requests of a path are in flight. `bandwidth` is in bytes per
-// cycle (0: unlimited); an access takes a whole `granule` for each one that it touches. With `stall`
-// each channel idles with that probability, in phases.
+// to its answer; at most `outstanding` requests of a path are in flight. `bandwidth` is in bytes
+// per cycle (0: unlimited); an access takes a whole `granule` for each one that it touches. With
+// `stall` each channel idles with that probability, in phases.
 
 #pragma once
 

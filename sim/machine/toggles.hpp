@@ -8,10 +8,10 @@
 #include "verilated_saif_c.h"
 
 // Counts how often each net changes and how long it is 1, sampled at the end of each cycle: in the
-// first of every `every` windows of `length` cycles. With `steady`, two bits of INTERRUPT, only from
-// when the first frame's points are ready until its tiles are finished and the second frame's points
-// are ready, as seen from the driver clearing INTERRUPT. The file's time is the number of sampled
-// cycles.
+// first of every `every` windows of `length` cycles. With `steady`, two bits of INTERRUPT, only
+// from when the first frame's points are ready until its tiles are finished and the second frame's
+// points are ready, as seen from the driver clearing INTERRUPT. The file's time is the number of
+// sampled cycles.
 struct Window {
     VerilatedSaifC saif;
     Vtop& top;

@@ -28,8 +28,8 @@ struct Waves : Traced {
     }
 };
 
-// Records a window: given cycles, or from a read of an address until all bytes of a rectangle of the
-// image have been written.
+// Records a window: given cycles, or from a read of an address until all bytes of a rectangle of
+// the image have been written.
 struct Window {
     Waves waves;
     uint64_t first = 0, last = UINT64_MAX, image = 0, stride = 1, x0 = 0, x1 = 0, y0 = 0, y1 = 0;
