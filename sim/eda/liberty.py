@@ -175,7 +175,7 @@ class Library:
 
     @cached_property
     def driver(self) -> Cell:
-        """The second-smallest buffer; with one buffer that one, without a buffer the inverter."""
+        """The second-smallest buffer; the smallest if there is only one; an inverter if none."""
         found = [cell for cell in self.usable if cell.computes(0, 1)] or [self.inverter]
         return sorted(found, key=lambda cell: cell.area)[min(1, len(found) - 1)]
 

@@ -122,7 +122,7 @@ class Run:
 
     @property
     def why(self) -> str:
-        """How the run ended, as text."""
+        """Outcome of the run, as text."""
         if self.error == ErrorCode.NONE:
             return self.report.why
         return f"{self.report.why}: ERROR {self.error.name}, detail {self.detail}"

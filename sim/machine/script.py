@@ -148,7 +148,7 @@ class Script:
         return self._add(f"read {self.addresses.get(register, register)}")
 
     def wait(self, mask: int) -> int:
-        """Wait for a bit of INTERRUPT in `mask`; bits that are set are cleared and remembered."""
+        """Wait until INTERRUPT has a bit in `mask`; set bits are cleared and remembered."""
         return self._add(f"wait {mask}")
 
     def cycles(self, count: int) -> int:
@@ -224,7 +224,7 @@ class Report:
 
     @property
     def why(self) -> str:
-        """How the run ended, as text."""
+        """Outcome of the run, as text."""
         text = f"{REASONS[self.result]}, cycle {self.cycles}, command {self.command}"
         text += f": {self.rule}" if self.rule else ""
         first = self.outside_shown[0] if self.outside else ""

@@ -73,7 +73,7 @@ def counted() -> bool:
 
 
 def arms(folder: Path) -> Counter[Arm]:
-    """How often each arm was taken, in all simulations that saved their counts in a folder."""
+    """Count how often each arm was taken, over all simulations that saved counts in a folder."""
     found: Counter[Arm] = Counter()
     known: dict[Path, list[Arm | None]] = {}
     for path in sorted(folder.glob("*.dat")):

@@ -32,7 +32,7 @@ Rows = dict[str, np.ndarray]  # packed payloads, uint8 [N, bytes], by name of th
 class StreamRuleError(AssertionError):
     """A component withdrew or changed an offer on a stream.
 
-    result: results of the run so far
+    result: results of the run until then
     """
 
     def __init__(self, message: str, result: "Result"):
