@@ -9,7 +9,7 @@ from amaranth.back import verilog
 
 from splatcore.sim.rtl import vectors
 from splatcore.spec.number import Float
-from tb.helpers.parts import Beside
+from tb.helpers.parts import SideBySide
 from tb.planted import mutate
 from tb.planted.fault import KINDS, Fault, draw, faults
 from tb.planted.judges import (
@@ -199,7 +199,7 @@ def missed(parts: dict[int, list], inputs: dict[str, np.ndarray]) -> set[int]:
     """Faults with which all products are what they are without."""
     flat = {f"part{n}_{k}": part for n, all in parts.items() for k, part in enumerate(all)}
     given = {f"{name}__{port}": codes for name in flat for port, codes in inputs.items()}
-    found = vectors.run(Beside(flat), given)
+    found = vectors.run(SideBySide(flat), given)
     products = {n: [found[f"part{n}_{k}__o"] for k in range(len(FORMATS))] for n in parts}
     return {n for n in parts if np.array_equal(products[n], products[0])}
 

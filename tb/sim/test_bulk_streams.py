@@ -10,7 +10,7 @@ from splatcore.hdl.lib.stream import Fork, Queue, Register
 from splatcore.sim.rtl.streams import TAIL, Simulation, SimulationError, StreamRuleError
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from tb.helpers.parts import Beside
+from tb.helpers.parts import SideBySide
 
 pytestmark = pytest.mark.slow
 
@@ -103,7 +103,7 @@ FAULTS = ("lost", "twice", "stuck", "falls", "changes", "asserts")
 def beside() -> Simulation:
     """All components in one simulation, each used by itself: nothing joins them."""
     parts = PARTS | {fault: Faulty(fault) for fault in FAULTS}
-    return Simulation(Beside(parts), samples=("queue_64__level", "queue_64__i__ready"))
+    return Simulation(SideBySide(parts), samples=("queue_64__level", "queue_64__i__ready"))
 
 
 @pytest.fixture(scope="module")
