@@ -16,11 +16,8 @@ from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
 
 IDLE_MAX = 200_000  # cycles without a transfer on the bus after which a run ends
-
 CYCLES_MAX = 1 << 62
-
 RESET_CYCLES = 4
-
 MAPPED = "memory"  # memory file in a run's folder
 
 REASONS = {
@@ -31,9 +28,8 @@ REASONS = {
     "rule": "a rule of AXI was broken",
 }
 
-
 FAULTS = tuple(
-    f"{way}_{what}" for what in ("errors", "strays", "missing") for way in ("read", "write")
+    f"{way}_{kind}" for kind in ("errors", "strays", "missing") for way in ("read", "write")
 )
 """Settings of memory that list injected faults (`Timing`)."""
 
@@ -48,10 +44,9 @@ class Timing:
     outstanding: requests in flight, for reads and for writes
     stall: probability that a channel of memory or host idles in a cycle
     seed: of the stalls, and of the initial values of the machine's registers and memories
-    read_errors, write_errors: numbers, from 0, of read beats and written bursts answered by an
-        error
-    read_strays, write_strays: numbers of those preceded by an answer without a request
-    read_missing, write_missing: numbers of those that are never answered
+    *_errors: read beats and written bursts, numbered from 0, that are answered by an error
+    *_strays: beats and bursts preceded by an answer without a request
+    *_missing: beats and bursts that are never answered
     """
 
     name: str
@@ -84,10 +79,9 @@ LPDDR4 = Timing("lpddr4", latency=80, bandwidth=32.0, granule=32)
 """64 bits of LPDDR4-3200 (JEDEC JESD209-4) at the paper's clock of 800 MHz.
 
 3200 million transfers per second of 8 bytes are 25.6 GB/s, or 32 bytes per cycle. The smallest
-access, a burst of 16 transfers on one of the four 16-bit channels, moves 32 bytes. The latency of
-100 ns = 80 cycles is a conservative estimate: 18 ns to open a row, 17.5 ns to read, 5 ns for the
-burst, and 60 ns for controller, physical interface and interconnect. Refresh, bus turnarounds and
-bank conflicts are not modelled: they would take 10 to 30 % of the bandwidth.
+access, a burst of 16 transfers on one of four 16-bit channels, moves 32 bytes. The latency, 100 ns
+or 80 cycles, is conservative: 18 ns to open a row, 17.5 ns to read, 5 ns for the burst, 60 ns for
+interconnect. Not modelled: refresh, bus turnarounds, bank conflicts (10 to 30 % of the bandwidth).
 """
 
 TIMINGS = {timing.name: timing for timing in (IDEAL, LPDDR4)}
@@ -102,12 +96,7 @@ def find_timing(name: str) -> Timing:
 
 @dataclass(frozen=True)
 class Region:
-    """A region of memory that the machine may read, and write if `writable`.
-
-    begin: address
-    size: bytes
-    at: offset in the memory file
-    """
+    """Memory that the machine may access. begin: address; at: offset in the memory file."""
 
     name: str
     begin: int
@@ -189,17 +178,15 @@ class Answer:
 class Report:
     """Report of a run.
 
-    config: the machine
     result: key of `REASONS`
-    command: number of the last command
     rule: the AXI rule that was broken
-    answers: by number of the command, of those that were done
+    answers: by number of the command; command: number of the last one
     events: cycle and bits of each interrupt
     read, written: beats by reader and by writer
     asked: read beats and write bursts requested, numbered as in `Timing`'s faults
     regions: bytes read and written by region
     outside: number of illegal accesses; outside_shown: the first few as text
-    window: first and last cycle that was recorded
+    window: first and last recorded cycle
     """
 
     config: Config
@@ -301,8 +288,6 @@ def execute(
     """Run a script on the memory file of a folder.
 
     progress: called twice per second with cycles and image bytes written
-    idle_max: cycles without a transfer after which the run ends
-    cycles_max: limit of cycles
     settings: further lines for the program
     Raises SimulationError if the program fails.
     """
