@@ -134,7 +134,7 @@ BAD = {
     "render scene.ply --engine rtl --window 1:2 -o a.png": "--waves",
     f"{WAVES} --window 2": "--window '2'",
     "render scene.ply --engine rtl --scope top -o a.png": "--scope: goes with --waves",
-    "render scene.ply --engine rtl --waves w.ghw --window 1:2 -o a.png": "w.ghw: does not end with",
+    "render scene.ply --engine rtl --waves w.ghw --window 1:2 -o a.png": "w.ghw: must end in",
     "render scene.ply --scope top -o a.png": "--scope: goes with --engine rtl",
     "render scene.ply --waves-max 9 -o a.png": "--waves-max: goes with --engine rtl",
     f"{WAVES} --tile 1,0": "--tile 1,0.*9x9",

@@ -16,7 +16,7 @@ from splatcore.spec.config import DEFAULT
 from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from tb.helpers.parts import Beside
+from tb.helpers.parts import SideBySide
 from tb.helpers.runs import check_run
 
 ITEMS = 300
@@ -61,7 +61,7 @@ def rows(name: str, count: int, **changed) -> tuple[np.ndarray, np.ndarray, np.n
 @cache
 def arrays() -> Simulation:
     return Simulation(
-        Beside({name: Array(DEFAULT, steps) for name, (steps, _) in PROGRAMS.items()})
+        SideBySide({name: Array(DEFAULT, steps) for name, (steps, _) in PROGRAMS.items()})
     )
 
 

@@ -21,7 +21,7 @@ from tb.formal.stream import (
     in_slot,
     in_stage,
 )
-from tb.helpers.parts import Beside, Piped
+from tb.helpers.parts import Piped, SideBySide
 from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
@@ -48,9 +48,9 @@ PROOFS = {
 }
 
 
-def beside(*names: str) -> Beside:
+def beside(*names: str) -> SideBySide:
     """Return parts side by side, so that one solver run covers them all."""
-    return Beside({name: PROOFS[name]() for name in names})
+    return SideBySide({name: PROOFS[name]() for name in names})
 
 
 def test_stream():

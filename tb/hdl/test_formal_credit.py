@@ -6,7 +6,7 @@ from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.memory.fetch import Fetch
 from splatcore.sim.rtl.formal import ProofError, cover, prove
 from tb.formal.credit import Credited, Fetching, Given, credited
-from tb.helpers.parts import Beside
+from tb.helpers.parts import SideBySide
 from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
@@ -30,9 +30,9 @@ PROOFS = {
 }
 
 
-def beside(*names: str) -> Beside:
+def beside(*names: str) -> SideBySide:
     """Return proofs side by side, so that one solver run covers them all."""
-    return Beside({name: PROOFS[name]() for name in names})
+    return SideBySide({name: PROOFS[name]() for name in names})
 
 
 def test_credits():

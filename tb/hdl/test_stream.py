@@ -6,7 +6,7 @@ import pytest
 
 from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register, Slot, Stage
 from splatcore.sim.rtl.cocotb_runner import run_testbench
-from tb.helpers.parts import Beside, Piped
+from tb.helpers.parts import Piped, SideBySide
 from tb.helpers.runs import needs_icarus
 
 WIDTH = 16
@@ -35,7 +35,7 @@ PROMISES = {name: promise for name, (_, promise) in PARTS.items()}
 
 
 def run(simulator: str, promises: dict, few: bool):
-    beside = Beside({name: component for name, (component, _) in PARTS.items()})
+    beside = SideBySide({name: component for name, (component, _) in PARTS.items()})
     run_testbench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
 
 

@@ -65,7 +65,7 @@ def content(sections: dict) -> dict:
 
 def test_the_same_page_from_what_is_kept(samples, kept, tmp_path, capsys):
     found = page(tmp_path, capsys)
-    assert found.status == 0, found.said
+    assert found.status == 0, found.messages
     measured = Report(samples / "measured", 0, "")
     assert content(found.sections) == content(measured.sections)
     assert sum(map(len, content(found.sections).values())) > 25
@@ -148,7 +148,7 @@ def test_views_that_were_not_simulated_are_named(kept, tmp_path, capsys):
     path.write_text("\n".join(line for line in lines if not line.startswith("vase.ply")) + "\n")
     found = page(tmp_path, capsys, "--section", "scenes")
     assert found.status == 1
-    assert "scenes: not simulated in RTL: vase 0; create with: make RESULTS=" in found.said
+    assert "scenes: not simulated in RTL: vase 0; create with: make RESULTS=" in found.messages
     assert len(found.table("scenes", "scenes")) == 2
 
 
@@ -163,7 +163,7 @@ def test_a_new_result_stands_for_the_kept_one(samples, kept, tmp_path, capsys):
     facts = json.loads((samples / "results" / "memories.json").read_text())
     write(tmp_path / "out/results/memories.json", facts | {"kilobytes": 7.0, "version": "new"})
     found = page(tmp_path, capsys, "--section", "paper")
-    assert found.status == 0, found.said
+    assert found.status == 0, found.messages
     memories = found.sections["paper"]["tables"]["memories"]
     assert memories["rows"][1][2] == 7.0 and memories["versions"] == ["new"]
     assert "out/results/memories.json" in memories["commands"][0]
@@ -199,8 +199,8 @@ def test_what_is_changed_is_refused(kept, tmp_path, capsys, how, named):
     path = kept / "quality.csv"
     path.write_text(how(path.read_text()))
     found = page(tmp_path, capsys, "--section", "quality", "--section", "work")
-    assert found.status == 1 and f"quality: {path}: {named}" in found.said.replace("\n", " ")
-    assert found.said.count("\n") == 1 and named in unescape(found.text)
+    assert found.status == 1 and f"quality: {path}: {named}" in found.messages.replace("\n", " ")
+    assert found.messages.count("\n") == 1 and named in unescape(found.text)
     assert found.table("work", "work") and not found.sections["quality"]["tables"]
 
 
