@@ -168,3 +168,45 @@ def test_the_picture_is_the_demo_s(tmp_path, monkeypatch):
                "--engine", "golden", "-o", "golden.png") == 0  # fmt: skip
     committed = read_png(ROOT / "docs" / "pictures" / "garden.png")
     assert np.array_equal(committed, read_png(tmp_path / "golden.png"))
+
+
+README_LINES = 150
+
+WORDS = 24_000  # of README.md and docs/*.md, generated pages left out
+
+GENERATED = ("registers.md", "commands.md")
+
+
+def test_the_docs_are_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= README_LINES
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    words = sum(len(page.read_text().split()) for page in pages if page.name not in GENERATED)
+    assert words <= WORDS
+
+
+FINDINGS = sorted((ROOT / "findings").glob("*.sh"))
+
+
+def wrong_finding(text: str) -> list[str]:
+    """Rules of findings/README.md that a script breaks."""
+    comment = re.match(r"#!/bin/bash\n((?:#.*\n)+)set -euo pipefail\nfolder=\$\(mktemp -d\)", text)
+    installs = re.findall(r"(?:pip|npm) install (.*)", text)
+    packages = [word for line in installs for word in line.split() if not word.startswith("-")]
+    rules = {
+        "comment, then a temporary folder": comment,
+        "the date on which it was seen": comment
+        and re.search(r"[Ss]een on\s(?:# )?\d{4}-", comment[1]),
+        "why it matters": comment and "It matters" in comment[1],
+        "pinned packages": packages and all(re.search(r"==\d|.@\d", each) for each in packages),
+        "as described": "as described" in text,
+        "no Splatcore": "import splatcore" not in text and "bin/splatcore" not in text,
+    }
+    return [rule for rule, holds in rules.items() if not holds]
+
+
+def test_findings():
+    listed = re.findall(r"^\| \[`([\w.]+)`\]", (ROOT / "findings/README.md").read_text(), re.M)
+    assert listed == [path.name for path in FINDINGS] and listed
+    for path in FINDINGS:
+        assert not wrong_finding(path.read_text()), path.name
+    assert len(wrong_finding("#!/bin/bash\npip install numpy\nimport splatcore\n")) == 6
