@@ -129,9 +129,7 @@ def test_equal_depths(case):
     assert most_in_a_tile(case, same) >= 2_000
     image = rendered(case).image
     backwards = HardCase(case.scene[::-1], case.camera, case.about)
-    assert (
-        np.abs(rendered(backwards).image - image).max() > 0.01
-    )  # storage order decides
+    assert np.abs(rendered(backwards).image - image).max() > 0.01  # storage order decides
 
 
 def test_long_list(case):
