@@ -192,7 +192,7 @@ def test_opacity_edge(case):
 
 
 def test_transmittance_edge(case):
-    """After four layers T is 1e-4 or within 2 % of it; a fifth would take it far below."""
+    """After four layers T is 1e-4 or within 1 % of it; a fifth would take it far below."""
     centre = on_screen(case)
     assert np.array_equal(centre, np.rint(centre))
     alpha = case.scene.opacity.reshape(5, -1)
